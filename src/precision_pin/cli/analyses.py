@@ -11,6 +11,7 @@ import click
 
 from precision_pin.analyses.declaration import Declaration, Option, load
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
@@ -75,8 +76,8 @@ def _shared_options(command: Decorated) -> Decorated:
     for option in (
         quiet_option,
         all_warnings_option,
-        click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
-        click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
+        output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
+        output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
         seed_option,
         target_option,
         chain_options,
@@ -129,7 +130,8 @@ def make_command(declaration: Declaration) -> click.Command:
 
 
 def _option(option: Option) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    return click.option(
+    make = output_option if option.is_of_table else sampling_option if option.is_of_sampling else click.option
+    return make(
         option.flag,
         option.argument,
         type=click.Choice(option.choices) if option.choices else option.kind,

@@ -10,6 +10,7 @@ import click
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.analyze_poses import FILES as FILES_OF_POSES
 from precision_pin.cli.analyze_poses import PosesJob, analyze_poses, refuse_of_one_pose
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
@@ -56,7 +57,7 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
 @chain_options
 @all_warnings_option
 @quiet_option
-@click.option(
+@sampling_option(
     "--samples",
     type=int,
     metavar="N",
@@ -77,11 +78,11 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until this precision is reached; repeats."
 )
 @worker_options
-@click.option(
+@output_option(
     "--all", "is_whole", is_flag=True, help="Print min, max, mode, tolerance bounds, and of many poses every one."
 )
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 def command(
     samples: int | None,
     seed: int,

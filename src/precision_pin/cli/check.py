@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Unpack
 import click
 
 from precision_pin.cli import EXIT_INPUT
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.options import ChainOptions, Command, chain_options
@@ -27,7 +28,7 @@ __all__ = ["command"]
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 @chain_options
 @quiet_option
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+@output_option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def command(as_json: bool, **arm: Unpack[ChainOptions]) -> int:
     """Check a URDF, or a sheet and the URDF it names, and list every finding with file and line.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
@@ -55,12 +56,12 @@ class _Options(ChainOptions, PoseOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Number of robots.")
+@sampling_option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Number of robots.")
 @seed_option
 @model_option
 @spec_option
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there.")
 @all_warnings_option
 @quiet_option
 def command(**options: Unpack[_Options]) -> int:

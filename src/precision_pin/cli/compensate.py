@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
@@ -64,11 +65,11 @@ class _Options(ChainOptions, PoseOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option(
+@output_option(
     "--csv", "csv_path", metavar="FILE", help="Write the corrected joint values there, with the input's columns."
 )
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option(
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option(
     "--out", metavar="DIR", help="Write a plot (PNG and SVG), the corrected joint values and the result there."
 )
 @all_warnings_option

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.notes import echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import Command, robot_options
 from precision_pin.cli.streams import echo_data
@@ -22,9 +23,9 @@ __all__ = ["command"]
 @click.command("init", cls=Command)
 @click.argument("robot", metavar="ROBOT.urdf")
 @robot_options
-@click.option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
+@output_option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
 @quiet_option
-@click.option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
+@output_option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
 def command(
     robot: str, tip: str | None, base: str | None, package_dirs: tuple[str, ...], out: str | None, force: bool
 ) -> None:

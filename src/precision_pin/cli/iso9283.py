@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, robot_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
@@ -58,7 +59,7 @@ class _Arm(ChainOptions, PoseOptions):
 )
 @click.option("--cycles", type=int, metavar="N", help="Cycles of a test: those measured, else 30.")
 @seed_option
-@click.option(
+@robot_option(
     "--target", "measured_point", metavar='"X Y Z mm"', help="The measured point in tool axes; the tip if left out."
 )
 @click.option("--load", metavar='"M kg"', help="Mass at the target, beside the loads of the sheet.")
@@ -69,8 +70,8 @@ class _Arm(ChainOptions, PoseOptions):
 @click.option(
     "--spec", "specs", multiple=True, metavar='"RP 0.1 mm @ 95 %"', help="A limit of a figure to judge; repeats."
 )
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write the plot (PNG and SVG) and the result there.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write the plot (PNG and SVG) and the result there.")
 def command(
     cube: bool,
     robots: int,

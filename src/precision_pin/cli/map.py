@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
@@ -57,7 +58,7 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option("--samples", type=int, metavar="N", help="Sample N robots at every pose; the closed form if left out.")
+@sampling_option("--samples", type=int, metavar="N", help="Sample N robots at every pose; the closed form if left out.")
 @click.option(
     "--verify",
     type=int,
@@ -74,9 +75,9 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
 @seed_option
 @spec_option
 @worker_options
-@click.option("--netcdf", metavar="FILE.nc", help="Write the map as netCDF, for xarray.")
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
+@output_option("--netcdf", metavar="FILE.nc", help="Write the map as netCDF, for xarray.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 @all_warnings_option
 @quiet_option
 def command(**options: Unpack[_Options]) -> int:

@@ -8,6 +8,7 @@ from typing import Unpack
 
 import click
 
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.notes import echo_warnings, quiet_option
 from precision_pin.cli.options import ChainOptions, Command, chain_options
@@ -22,7 +23,7 @@ __all__ = ["command"]
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 @chain_options
 @quiet_option
-@click.option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")
+@output_option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")
 def command(as_json: bool, **arm: Unpack[ChainOptions]) -> None:
     """Print the MCPC parameters of a chain, laid out as the paper's Table 1 (degrees and mm).
 

@@ -9,6 +9,7 @@ from typing import Final
 
 import click
 
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.streams import say
 from precision_pin.errors import Finding, is_note
 
@@ -22,7 +23,7 @@ def _remember(context: click.Context, option: click.Parameter, given: bool) -> N
     context.meta[f"{__name__}.{option.name}"] = given
 
 
-all_warnings_option: Final = click.option(
+all_warnings_option: Final = output_option(
     "--all-warnings",
     is_flag=True,
     expose_value=False,
@@ -30,7 +31,7 @@ all_warnings_option: Final = click.option(
     help="Print every warning about sheet and robot, not one of each code.",
 )
 
-quiet_option: Final = click.option(
+quiet_option: Final = output_option(
     "--quiet",
     is_flag=True,
     expose_value=False,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
@@ -61,7 +62,7 @@ class _Options(ChainOptions, PoseOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option(
+@sampling_option(
     "--samples",
     type=int,
     default=SAMPLES,
@@ -79,9 +80,9 @@ class _Options(ChainOptions, PoseOptions):
     metavar='"99.73 %"',
     help="Share of the robots that the bands are made for.",
 )
-@click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there.")
+@sampling_option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there.")
 @all_warnings_option
 @quiet_option
 def command(**options: Unpack[_Options]) -> int:

@@ -12,6 +12,7 @@ import click
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.calibrate import calibration_of
 from precision_pin.cli.compensate import compensation_of
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.map import map_of
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
@@ -63,7 +64,7 @@ class _Arm(ChainOptions, PoseOptions):
 @chain_options
 @all_warnings_option
 @quiet_option
-@click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
+@sampling_option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
 @seed_option
 @model_option
 @spec_option
@@ -80,7 +81,7 @@ class _Arm(ChainOptions, PoseOptions):
 @click.option(
     "--allocate", "is_allocated", is_flag=True, help="Choose the tolerances that the sheet's allocate: asks for."
 )
-@click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
+@output_option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
 def command(
     samples: int,
     seed: int,
