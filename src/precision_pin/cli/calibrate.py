@@ -85,6 +85,25 @@ class _CalibrateCommand(Command):
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml] [DATA.csv]...")
 @_ahead_option("--forecast", is_flag=True, help="What measuring will buy, before anything is measured.")
 @_ahead_option("--plan", "count", type=int, metavar="M", help="Choose the M best of many poses to measure.")
+@_ahead_option(
+    "--criterion",
+    type=click.Choice(["task", "D"]),
+    help="Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
+)
+@_ahead_option(
+    "--random",
+    type=int,
+    metavar="N",
+    help=f"N random poses within joint limits (of plane and socket: in contact); {_RANDOM}, {_CANDIDATES} for a plan.",
+)
+@_fit_option("--no-prior", is_flag=True, help="Maximum likelihood: the sheet's tolerances are no prior.")
+@_fit_option("--urdf", metavar="FILE", help="Write the calibrated robot as a URDF.")
+@_fit_option(
+    "--sheet",
+    "sheet_path",
+    metavar="FILE.yaml",
+    help="Write the sheet of the calibrated arm, for every other command, and the result beside it.",
+)
 @_several_option(
     "--population",
     is_flag=True,
@@ -94,29 +113,10 @@ class _CalibrateCommand(Command):
 @_factory_option(
     "--factory", metavar="FILE", help="Read UR's factory calibration: calibration.conf, or the YAML for ROS."
 )
-@_ahead_option(
-    "--criterion",
-    type=click.Choice(["task", "D"]),
-    help="Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
-)
 @measurement_options
 @pose_options
-@_ahead_option(
-    "--random",
-    type=int,
-    metavar="N",
-    help=f"N random poses within joint limits (of plane and socket: in contact); {_RANDOM}, {_CANDIDATES} for a plan.",
-)
 @pose_option(
     "--at", "at_names", multiple=True, metavar="NAME", help="A pose of the sheet to judge; all if left out; repeats."
-)
-@_fit_option("--no-prior", is_flag=True, help="Maximum likelihood: the sheet's tolerances are no prior.")
-@_fit_option("--urdf", metavar="FILE", help="Write the calibrated robot as a URDF.")
-@_fit_option(
-    "--sheet",
-    "sheet_path",
-    metavar="FILE.yaml",
-    help="Write the sheet of the calibrated arm, for every other command, and the result beside it.",
 )
 @target_option
 @chain_options

@@ -332,7 +332,8 @@ class ErrorModel:
         robot of a thousand) or 2 % (the farthest). ``W_TURNOVER``, equilibrium statics with an approach: single robots take
         up play on other sides.
         """
-        accepted = {} if self.sheet is None else self.sheet.accepted
+        # a sheet accepts what its statics leave out, not that single robots differ from equilibrium statics
+        accepted = {} if self.sheet is None or self.statics != "nominal" else self.sheet.accepted
         return tuple(one.accepted(accepted) for one in statics_findings(at, self.statics, self._make_terms))
 
     def __repr__(self) -> str:
