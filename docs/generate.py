@@ -20,7 +20,7 @@ import click
 from pydantic import BaseModel
 
 from precision_pin import units
-from precision_pin.cli.commands import list_commands, load_command
+from precision_pin.cli.commands import list_commands, list_groups, load_command
 from precision_pin.cli.explain import list_codes
 from precision_pin.draws.laws import Law, laws_of_sheets
 from precision_pin.draws.space import Scope
@@ -223,9 +223,12 @@ def _default(value: Any) -> str:
 
 def commands() -> str:
     """Return the list of commands."""
-    return table(
-        ("command", "what it does"), [(f"[`{name}`](#{name})", text) for name, text in list_commands().items()]
-    )
+    rows = [
+        (heading if k == 0 else "", f"[`{name}`](#{name})", text)
+        for heading, lines in list_groups().items()
+        for k, (name, text) in enumerate(lines.items())
+    ]
+    return table(("to", "command", "what it does"), rows)
 
 
 def codes(group: str) -> str:

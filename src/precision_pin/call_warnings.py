@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from functools import wraps
 from typing import Final, ParamSpec, TypeVar
 
-from precision_pin.errors import Finding, PrecisionPinWarning
+from precision_pin.errors import Finding, PrecisionPinWarning, is_note
 
 __all__ = ["add", "unheard", "warns_at_end"]
 
@@ -27,7 +27,7 @@ def add(findings: Iterable[Finding | str]) -> None:
     """Have the call under way warn of findings; without one, nothing is warned of."""
     lines = _added.get()
     if lines is not None:
-        lines.extend(map(str, findings))
+        lines.extend(line for line in map(str, findings) if not is_note(line))
 
 
 @contextmanager

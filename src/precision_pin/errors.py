@@ -13,13 +13,14 @@ The tree::
 
     PrecisionPinWarning(UserWarning)   an assumption is being stretched
 
-A *finding* is one line about the input: ``file:line: error|warning CODE: what, and what is allowed``.
+A *finding* is one line about the input: ``file:line: error|warning|note CODE: what, and what is allowed``.
 """
 
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -36,6 +37,7 @@ __all__ = [
     "UnitError",
     "UnknownNameError",
     "UrdfError",
+    "is_note",
     "nearest",
 ]
 
@@ -44,6 +46,7 @@ LONGEST_COMPARED: Final = 100
 """Names, and letters of a name, among which one that is meant is looked for."""
 
 _LONGEST_FILE: Final = 260
+_SEVERITY: Final = re.compile(r": (error|warning|note) [A-Z]_\w+: ")
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class Finding:
     Attributes
     ----------
     severity
-        ``"error"`` refuses the input, ``"warning"`` lets it pass.
+        ``"error"`` refuses the input, ``"warning"`` lets it pass; ``"note"``: nothing is wrong, or the sheet accepts it.
     code
         Stable identifier such as ``E_AXIS_ZERO`` or ``W_UNITS``.
     message
@@ -65,7 +68,7 @@ class Finding:
         message may leave some out.
     """
 
-    severity: Literal["error", "warning"]
+    severity: Literal["error", "warning", "note"]
     code: str
     message: str
     file: str | None = None
@@ -86,6 +89,18 @@ class Finding:
     def at(self, file: str | None, line: int | None) -> Finding:
         """Return the finding with a file and line, if it has none."""
         return replace(self, file=self.file or file, line=self.line if self.line is not None else line)
+
+    def accepted(self, reasons: Mapping[str, str]) -> Finding:
+        """Return a warning as a note with the reason for which a sheet accepts its code; any other finding as it is."""
+        if self.severity != "warning" or self.code not in reasons:
+            return self
+        return replace(self, severity="note", message=f"{self.message}; accepted: {reasons[self.code]}")
+
+
+def is_note(line: str) -> bool:
+    """Return whether a line is that of a note, which no command repeats and no call warns of."""
+    found = _SEVERITY.search(line)
+    return found is not None and found[1] == "note"
 
 
 class PrecisionPinError(Exception):

@@ -51,7 +51,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Add the output ``variances``: its file, and one line."""
     (tmp_path / "variances_output.py").write_text(OUTPUT)
     monkeypatch.syspath_prepend(tmp_path)
-    line = ("variances_output", "Write the variance of every random number.")
+    line = ("variances_output", commands.SHOW, "Write the variance of every random number.")
     monkeypatch.setattr(commands, "COMMANDS", {**commands.COMMANDS, "variances": line})
 
 

@@ -41,6 +41,8 @@ class Option(NamedTuple):
         True if the option may be given several times (the argument is then a tuple), and if it is required.
     is_of_table
         True if it is an argument of the table instead of the analysis.
+    is_of_sampling
+        True if it says how many samples are taken; the help lists it with the seed.
     check
         ``module:function`` that rejects a wrong value before any input is read.
     """
@@ -56,6 +58,7 @@ class Option(NamedTuple):
     is_needed: bool = False
     is_of_table: bool = False
     check: str = ""
+    is_of_sampling: bool = False
 
 
 class Declaration(NamedTuple):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import (
@@ -61,8 +62,8 @@ class _Options(ChainOptions):
     default=0,
     help="Find N points of the front of cost against accuracy: all limits wider or narrower by a factor.",
 )
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write the sheet with the chosen tolerances, a plot and the result there.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write the sheet with the chosen tolerances, a plot and the result there.")
 @all_warnings_option
 @quiet_option
 def command(**options: Unpack[_Options]) -> int:

@@ -11,8 +11,9 @@ import click
 
 from precision_pin.analyses.declaration import Declaration, Option, load
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -26,7 +27,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
@@ -76,8 +77,8 @@ def _shared_options(command: Decorated) -> Decorated:
     for option in (
         quiet_option,
         all_warnings_option,
-        click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
-        click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
+        output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
+        output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
         seed_option,
         target_option,
         chain_options,
@@ -132,7 +133,8 @@ def make_command(declaration: Declaration) -> click.Command:
 
 
 def _option(option: Option) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    return click.option(
+    make = output_option if option.is_of_table else sampling_option if option.is_of_sampling else click.option
+    return make(
         option.flag,
         option.argument,
         type=click.Choice(option.choices) if option.choices else option.kind,
@@ -166,8 +168,7 @@ def _run(declaration: Declaration, given: dict[str, Any]) -> int:
             progress=progress,
             **arguments,
         )
-    for line in () if declaration.has_warnings_in_table else result.new_warnings:
-        say(line)
+    echo_warning_lines(() if declaration.has_warnings_in_table else result.new_warnings)
     of_table = {option.argument: value for option, value in own.items() if option.is_of_table}
     _answer(declaration, shared, result, of_table)
     return 0 if result.met else EXIT_SPEC

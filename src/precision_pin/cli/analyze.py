@@ -10,8 +10,9 @@ import click
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.analyze_poses import FILES as FILES_OF_POSES
 from precision_pin.cli.analyze_poses import PosesJob, analyze_poses, refuse_of_one_pose
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -26,7 +27,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses, reference_pose
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.cli.workers import WorkerOptions, check_workers, worker_options, working
@@ -56,7 +57,7 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
 @chain_options
 @all_warnings_option
 @quiet_option
-@click.option(
+@sampling_option(
     "--samples",
     type=int,
     metavar="N",
@@ -77,8 +78,11 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until this precision is reached; repeats."
 )
 @worker_options
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
+@output_option(
+    "--all", "is_whole", is_flag=True, help="Print min, max, mode, tolerance bounds, and of many poses every one."
+)
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 def command(
     samples: int | None,
     seed: int,
@@ -87,6 +91,7 @@ def command(
     spec_everywhere: bool,
     relative_to: str | None,
     until: tuple[str, ...],
+    is_whole: bool,
     json_path: str | None,
     out: str | None,
     **arm: Unpack[_Options],
@@ -135,7 +140,7 @@ def command(
     if len(poses) > 1:
         for_one = {"--until": bool(until), "--relative-to": relative_to}
         refuse_of_one_pose([option for option, value in for_one.items() if value], len(poses))
-        job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, arm, json_path, out)
+        job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, arm, is_whole, json_path, out)
         return analyze_poses(error_model, sheet, poses, job)
     where = poses[0].where
     other = reference_pose(sheet, relative_to)
@@ -153,12 +158,11 @@ def command(
                 error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
                 until=until, findings=sheet.findings, files={"sheet": sheet.file}, progress=progress, **workers,
             )  # fmt: skip
-    for line in analysis.warnings[len(sheet.findings) :]:
-        say(line)
+    echo_warning_lines(analysis.warnings[len(sheet.findings) :])
     if json_path == "-":
         echo_data(analysis.to_json())
     else:
-        echo_table(analysis_table(analysis))
+        echo_table(analysis_table(analysis, is_whole=is_whole))
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), analysis.to_json() + "\n")
     if out is not None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Unpack
 
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import HeadedOption, output_option, pose_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options, stated_measurement
 from precision_pin.cli.notes import all_warnings_option, echo_frozen, echo_note, echo_warnings, quiet_option
@@ -71,63 +73,77 @@ class _Options(ChainOptions, PoseOptions, MeasurementOptions):
     out: str | None
 
 
+_fit_option: Final = partial(click.option, cls=HeadedOption, heading="Fit to readings")
+_ahead_option: Final = partial(click.option, cls=HeadedOption, heading="Before anything is measured")
+_several_option: Final = partial(click.option, cls=HeadedOption, heading="Several robots")
+_factory_option: Final = partial(click.option, cls=HeadedOption, heading="Factory calibration")
+
+
 class _CalibrateCommand(Command):
     data_suffixes = (".csv", ".json")
 
 
 @click.command("calibrate", cls=_CalibrateCommand)
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml] [DATA.csv]...")
-@click.option("--forecast", is_flag=True, help="What measuring will buy, before anything is measured.")
-@click.option("--plan", "count", type=int, metavar="M", help="Choose the M best of many poses to measure.")
-@click.option(
-    "--population",
-    is_flag=True,
-    help="Tolerances from several robots: give readings (CSV) or calibrations (JSON) of each.",
-)
-@click.option("--means-free", is_flag=True, help="With --population: the means are estimated too.")
-@click.option("--factory", metavar="FILE", help="Read UR's factory calibration: calibration.conf, or the YAML for ROS.")
-@click.option(
+@_ahead_option("--forecast", is_flag=True, help="What measuring will buy, before anything is measured.")
+@_ahead_option("--plan", "count", type=int, metavar="M", help="Choose the M best of many poses to measure.")
+@_ahead_option(
     "--criterion",
     type=click.Choice(["task", "D"]),
     help="Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
 )
-@click.option(
+@_ahead_option(
     "--csv", "csv_path", metavar="FILE", help="Of --plan: write the chosen poses, as --trajectory reads them."
 )
-@measurement_options
-@pose_options
-@click.option(
+@_ahead_option(
     "--random",
     type=int,
     metavar="N",
     help=f"N random poses within joint limits (of plane and socket: in contact); {_RANDOM}, {_CANDIDATES} for a plan.",
 )
-@click.option(
-    "--at", "at_names", multiple=True, metavar="NAME", help="A pose of the sheet to judge; all if left out; repeats."
-)
-@click.option("--no-prior", is_flag=True, help="Maximum likelihood: the sheet's tolerances are no prior.")
-@click.option("--urdf", metavar="FILE", help="Write the calibrated robot as a URDF.")
-@click.option(
+@_fit_option("--no-prior", is_flag=True, help="Maximum likelihood: the sheet's tolerances are no prior.")
+@_fit_option("--urdf", metavar="FILE", help="Write the calibrated robot as a URDF.")
+@_fit_option(
     "--sheet",
     "sheet_path",
     metavar="FILE.yaml",
     help="Write the sheet of the calibrated arm, for every other command, and the result beside it.",
 )
+@_several_option(
+    "--population",
+    is_flag=True,
+    help="Tolerances from several robots: give readings (CSV) or calibrations (JSON) of each.",
+)
+@_several_option("--means-free", is_flag=True, help="With --population: the means are estimated too.")
+@_factory_option(
+    "--factory", metavar="FILE", help="Read UR's factory calibration: calibration.conf, or the YAML for ROS."
+)
+@measurement_options
+@pose_options
+@pose_option(
+    "--at", "at_names", multiple=True, metavar="NAME", help="A pose of the sheet to judge; all if left out; repeats."
+)
 @target_option
 @chain_options
 @seed_option
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 @all_warnings_option
 @quiet_option
 def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> int:
-    """Calibrate an arm: forecast what measuring will buy, choose poses to measure, or fit the model to readings.
+    """Calibrate an arm, in one of three ways.
 
-    With DATA.csv the exact model is fitted to the readings, with the sheet's tolerances as the prior. With --forecast and
-    --plan nothing is measured yet: poses, or candidates, are those given, or random ones. With --no-prior the exit code is 1
-    where the readings do not determine every number. DATA.csv has a column for each
-    joint and each measured number, with units: "joint1 [deg], x [mm], y [mm], z [mm]".
-    """
+    \b
+    Before:  calibrate SHEET --forecast             what measuring will buy
+             calibrate SHEET --plan 20              which poses to measure
+    Fit:     calibrate SHEET DATA.csv               the robot that was measured
+    Others:  calibrate SHEET --factory FILE         what the factory measured
+             calibrate SHEET --population A.csv …   tolerances of many robots
+
+    Before: poses, or candidates, are those given, or random ones. Fit: the exact model is fitted to the readings, with the
+    sheet's tolerances as the prior; DATA.csv has a column for each joint and each measured number, with units:
+    "joint1 [deg], x [mm], y [mm], z [mm]". With --no-prior the exit code is 1 where the readings do not determine every number.
+    """  # noqa: D301 - a backspace, which tells click to keep the lines
     from precision_pin.analyses.calibration.forecast import forecast_calibration
     from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration
     from precision_pin.model.error_model import ErrorModel

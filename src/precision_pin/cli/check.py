@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Unpack
 
 import click
 
 from precision_pin.cli import EXIT_INPUT
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.options import ChainOptions, Command, chain_options
-from precision_pin.cli.streams import echo_data
+from precision_pin.cli.streams import echo_data, wrapped
 from precision_pin.errors import Finding, InputError
+from precision_pin.robot.examples import named_briefly
 
 if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
@@ -25,7 +28,7 @@ __all__ = ["command"]
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 @chain_options
 @quiet_option
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+@output_option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def command(as_json: bool, **arm: Unpack[ChainOptions]) -> int:
     """Check a URDF, or a sheet and the URDF it names, and list every finding with file and line.
 
@@ -33,21 +36,25 @@ def command(as_json: bool, **arm: Unpack[ChainOptions]) -> int:
 
     Exit code 2 if there is an error; warnings alone pass.
     """
-    findings = sorted(_findings(arm), key=lambda finding: finding.severity != "error")
-    errors = [finding for finding in findings if finding.severity == "error"]
+    groups: dict[str, list[Finding]] = {"errors": [], "warnings": [], "notes": []}
+    for finding in _findings(arm):
+        groups[f"{finding.severity}s"].append(finding)
+    errors, warnings, notes = groups.values()
     if as_json:
-        groups = {"errors": errors, "warnings": findings[len(errors) :]}
         echo_data(json.dumps({name: list(map(_entry, group)) for name, group in groups.items()}, ensure_ascii=False))
     else:
-        if findings:
-            echo_data("\n".join(map(str, findings)))
+        if errors or warnings:
+            echo_data("\n".join(wrapped(named_briefly(str(finding)), sys.stdout) for finding in (*errors, *warnings)))
+        for note in notes:
+            echo_note(str(note))
         if not errors:
-            echo_note(f"no errors, {len(findings)} warning{'' if len(findings) == 1 else 's'}")
+            echo_note(f"no errors, {len(warnings)} warning{'' if len(warnings) == 1 else 's'}")
     return EXIT_INPUT if errors else 0
 
 
 def _findings(arm: ChainOptions) -> tuple[Finding, ...]:
     from precision_pin.robot import urdf
+    from precision_pin.sheet.remarks import note_on_normal
 
     try:
         found = find_inputs(arm["inputs"], sheet_needed=False)
@@ -65,7 +72,8 @@ def _findings(arm: ChainOptions) -> tuple[Finding, ...]:
         sheet = read_inputs(found, arm)
     except InputError as error:
         return error.findings
-    return sheet.findings + _pose_findings(sheet) + _allocation_findings(sheet)
+    note = None if sheet.contents is None else note_on_normal(sheet.contents.text, sheet.file)
+    return (*sheet.findings, *_pose_findings(sheet), *_allocation_findings(sheet), *([note] if note else ()))
 
 
 def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:

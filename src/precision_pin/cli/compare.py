@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Literal, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -23,7 +24,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
@@ -55,12 +56,12 @@ class _Options(ChainOptions, PoseOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Number of robots.")
+@sampling_option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Number of robots.")
 @seed_option
 @model_option
 @spec_option
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there.")
 @all_warnings_option
 @quiet_option
 def command(**options: Unpack[_Options]) -> int:
@@ -101,8 +102,7 @@ def command(**options: Unpack[_Options]) -> int:
             specifications=specifications, findings=findings, progress=progress,
         )  # fmt: skip
         raise_if_interrupted()
-    for line in result.warnings[len(dict.fromkeys(map(str, findings))) :]:
-        say(line)
+    echo_warning_lines(result.warnings[len(dict.fromkeys(map(str, findings))) :])
     json_path, out = options["json_path"], options["out"]
     if json_path == "-":
         echo_data(result.to_json())

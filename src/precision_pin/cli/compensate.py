@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Literal, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     Command,
@@ -21,7 +22,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_way
 from precision_pin.cli.progress import progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
@@ -64,11 +65,11 @@ class _Options(ChainOptions, PoseOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option(
+@output_option(
     "--csv", "csv_path", metavar="FILE", help="Write the corrected joint values there, with the input's columns."
 )
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option(
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option(
     "--out", metavar="DIR", help="Write a plot (PNG and SVG), the corrected joint values and the result there."
 )
 @all_warnings_option
@@ -103,8 +104,7 @@ def command(**options: Unpack[_Options]) -> int:
             findings=sheet.findings,
             progress=progress,
         )
-    for line in result.warnings[len(sheet.findings) :]:
-        say(line)
+    echo_warning_lines(result.warnings[len(sheet.findings) :])
     if options["json_path"] == "-":
         echo_data(result.to_json())
     else:
@@ -119,8 +119,7 @@ def compensation_of(model: ErrorModel, poses: PoseSet) -> CompensationResult:
 
     with progress_bar(len(poses), "correcting", "poses") as progress:
         result = compensate(model, poses, progress=progress)
-    for line in result.warnings:
-        say(line)
+    echo_warning_lines(result.warnings)
     return result
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.resources
 import re
+import sys
 import textwrap
 import tomllib
 from typing import Final, NamedTuple
@@ -11,7 +12,7 @@ from typing import Final, NamedTuple
 import click
 
 from precision_pin.cli.options import Command
-from precision_pin.cli.streams import echo_data
+from precision_pin.cli.streams import count_columns, echo_data
 from precision_pin.errors import UnknownNameError
 
 __all__ = ["CodeGroup", "CodeMeaning", "command", "list_codes"]
@@ -79,4 +80,5 @@ def _explained(code: str, title: str, one: CodeMeaning) -> str:
 
 def _wrapped(first: str, others: str, markdown: str) -> list[str]:
     text = re.sub(r"\[([^]]*)\]\((\w[\w-]*)\.md(?:#[\w-]*)?\)", r"\1 (page \2 of the documentation)", markdown)
-    return textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=others, break_long_words=False)
+    columns = min(count_columns(sys.stdout) or WIDTH, WIDTH)
+    return textwrap.wrap(text, columns, initial_indent=first, subsequent_indent=others, break_long_words=False)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, Unpack
 
 import click
 
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
 from precision_pin.cli.notes import echo_frozen, echo_note
 from precision_pin.cli.options import Command, OnePoseOptions, one_pose_options, seed_option
@@ -47,7 +48,7 @@ HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"
 @click.option("--units", type=int, default=1, show_default=True, metavar="N", help="How many robots.")
 @click.option("--first", type=int, default=0, show_default=True, metavar="K", help="Number of the first unit.")
 @seed_option
-@click.option("--out", required=True, metavar="DIR", help="The folder to write to.")
+@output_option("--out", required=True, metavar="DIR", help="The folder to write to.")
 def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOptions]) -> None:
     """Write robots as they may be built, each sampled, as URDF files.
 

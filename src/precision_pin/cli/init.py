@@ -8,7 +8,8 @@ from pathlib import Path
 
 import click
 
-from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.headings import output_option
+from precision_pin.cli.notes import echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import Command, robot_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
@@ -22,9 +23,9 @@ __all__ = ["command"]
 @click.command("init", cls=Command)
 @click.argument("robot", metavar="ROBOT.urdf")
 @robot_options
-@click.option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
+@output_option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
 @quiet_option
-@click.option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
+@output_option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
 def command(
     robot: str, tip: str | None, base: str | None, package_dirs: tuple[str, ...], out: str | None, force: bool
 ) -> None:
@@ -35,6 +36,7 @@ def command(
     """
     from precision_pin.outputs.scaffold.sheet import scaffold
     from precision_pin.robot.chain import Chain
+    from precision_pin.robot.chain_findings import chain_findings
     from precision_pin.robot.examples import PREFIX, example_urdfs, resolve_robot, shipped_sheet, starting_sheet
     from precision_pin.robot.urdf import read
 
@@ -53,6 +55,7 @@ def command(
             chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
             named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
             text = scaffold(chain, named)
+            echo_warnings(chain_findings(chain))
             alike = f"{PREFIX}{chain.robot.name}"
             if shipped_sheet(alike) is not None and robot != alike and chain.robot.name in example_urdfs():
                 what += f" (with sources: precision-pin init {alike}, if this is such an arm)"

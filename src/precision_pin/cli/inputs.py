@@ -10,9 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, final
 
-import click
-
-from precision_pin.cli.notes import echo_note, echo_warnings
+from precision_pin.cli.notes import echo_note, echo_warning_lines, echo_warnings
 from precision_pin.cli.options import ChainOptions, describe_excess
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.files import noted_inputs
@@ -101,7 +99,7 @@ def _sheet_of(name: str, robot: Path) -> Path:
         return here
     shipped = shipped_sheet(name)
     if shipped is not None:
-        echo_note(f"{name}: with the sheet that comes with precision-pin, {shipped}")
+        echo_note(f"{name}: with the sheet that comes with precision-pin, {shipped.name}")
         return shipped
     leaves = urdf.read(robot).leaves
     branched = f" --tip TIP, with TIP one of {', '.join(leaves[:MOST_LEAVES])}" if len(leaves) > 1 else ""
@@ -123,7 +121,7 @@ def read_sheet(options: ChainOptions, outputs: Outputs | None = None) -> Sheet:
         sheet = read_inputs(find_inputs(options["inputs"], sheet_needed=True), options)
     if outputs is not None:
         outputs.refuse_inputs(inputs)
-    echo_warnings(sheet.findings)
+    echo_warnings(sheet.findings, sheet.chain.robot.file)
     return replace(sheet, beyond_limits=options.get("beyond_limits", False))
 
 
@@ -178,9 +176,8 @@ def _other_robot(found: Inputs) -> str | None:
 
 
 def echo_findings(findings: Sequence[Finding]) -> None:
-    """Print findings to stderr, one line each."""
-    for finding in findings:
-        click.echo(str(finding), err=True)
+    """Print findings to stderr, one line each, without notes."""
+    echo_warning_lines(map(str, findings))
 
 
 def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[np.float64] | None:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, robot_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -22,7 +23,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_pose_set
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
@@ -59,7 +60,7 @@ class _Arm(ChainOptions, PoseOptions):
 )
 @click.option("--cycles", type=int, metavar="N", help="Cycles of a test: those measured, else 30.")
 @seed_option
-@click.option(
+@robot_option(
     "--target", "measured_point", metavar='"X Y Z mm"', help="The measured point in tool axes; the tip if left out."
 )
 @click.option("--load", metavar='"M kg"', help="Mass at the target, beside the loads of the sheet.")
@@ -71,8 +72,8 @@ class _Arm(ChainOptions, PoseOptions):
 @click.option(
     "--spec", "specs", multiple=True, metavar='"RP 0.1 mm @ 95 %"', help="A limit of a figure to judge; repeats."
 )
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write the plot (PNG and SVG) and the result there.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write the plot (PNG and SVG) and the result there.")
 def command(
     cube: bool,
     robots: int,
@@ -141,8 +142,7 @@ def command(
         raise_if_interrupted()
     if attained is not None:
         result = result.compare(attained)
-    for line in result.warnings[len(sheet.findings) :]:
-        say(line)
+    echo_warning_lines(result.warnings[len(sheet.findings) :])
     if json_path == "-":
         echo_data(result.to_json())
     else:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -24,7 +25,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, reference_pose
 from precision_pin.cli.progress import progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.cli.workers import WorkerOptions, check_workers, worker_options, working
@@ -57,7 +58,7 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option(
+@sampling_option(
     "--samples", type=int, metavar="N", help="Sample N robots at every pose; if left out, as many as verdicts take."
 )
 @click.option(
@@ -76,9 +77,9 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
 @seed_option
 @spec_option
 @worker_options
-@click.option("--netcdf", metavar="FILE.nc", help="Write the map as netCDF, for xarray.")
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
+@output_option("--netcdf", metavar="FILE.nc", help="Write the map as netCDF, for xarray.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 @all_warnings_option
 @quiet_option
 def command(**options: Unpack[_Options]) -> int:
@@ -114,8 +115,7 @@ def command(**options: Unpack[_Options]) -> int:
             relative_to=reference, specifications=specifications, verify=options["verify"], findings=sheet.findings,
             files={"sheet": sheet.file}, progress=progress, **workers,
         )  # fmt: skip
-    for line in result.warnings[len(sheet.findings) :]:
-        say(line)
+    echo_warning_lines(result.warnings[len(sheet.findings) :])
     if options["json_path"] == "-":
         echo_data(result.to_json())
     else:
@@ -179,6 +179,5 @@ def map_of(
             verify=verify,
             progress=progress,
         )
-    for line in result.warnings:
-        say(line)
+    echo_warning_lines(result.warnings)
     return result

@@ -8,10 +8,12 @@ from typing import Unpack
 
 import click
 
-from precision_pin.cli.inputs import echo_findings, find_inputs, read_inputs
-from precision_pin.cli.notes import quiet_option
+from precision_pin.cli.headings import output_option
+from precision_pin.cli.inputs import find_inputs, read_inputs
+from precision_pin.cli.notes import echo_warnings, quiet_option
 from precision_pin.cli.options import ChainOptions, Command, chain_options
 from precision_pin.cli.streams import echo_data
+from precision_pin.cli.terminal import echo_table
 from precision_pin.errors import Finding, InputError
 
 __all__ = ["command"]
@@ -21,7 +23,7 @@ __all__ = ["command"]
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 @chain_options
 @quiet_option
-@click.option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")
+@output_option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")
 def command(as_json: bool, **arm: Unpack[ChainOptions]) -> None:
     """Print the MCPC parameters of a chain, laid out as the paper's Table 1 (degrees and mm).
 
@@ -43,10 +45,10 @@ def command(as_json: bool, **arm: Unpack[ChainOptions]) -> None:
         robot = urdf.read(found.robot, package_dirs=arm["package_dirs"])
         chain = Chain.from_robot(robot, arm["tip"], arm["base"])
         warnings = chain_findings(chain)
-    echo_findings(warnings)
+    echo_warnings(warnings, chain.robot.file)
     table = mcpc.from_chain(chain)
     if as_json:
         rows = [dataclasses.asdict(row) for row in table.table]
         echo_data(json.dumps({"base": chain.base, "tip": chain.tip, "links": rows}, ensure_ascii=False))
     else:
-        echo_data(mcpc_table(table))
+        echo_table(mcpc_table(table))

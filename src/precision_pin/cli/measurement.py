@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar
 
 import click
 
+from precision_pin.cli.headings import HeadedOption
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -34,30 +36,31 @@ class MeasurementOptions(TypedDict):
     anchor: str | None
 
 
+_option: Final = partial(click.option, cls=HeadedOption, heading="Instrument")
+
+
 def measurement_options(command: Decorated) -> Decorated:
     """Add the options of the instrument."""
     options = (
-        click.option(
+        _option(
             "--kind",
             type=click.Choice(["position", "pose", "distance", "plane", "socket"]),
             help="What the instrument measures; plane and sockets are given in the sheet.  [default: position]",
         ),
-        click.option("--std", help="Standard deviation of a measured length.  [default: 0.02 mm]"),
-        click.option(
+        _option("--std", help="Standard deviation of a measured length.  [default: 0.02 mm]"),
+        _option(
             "--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out."
         ),
-        click.option(
+        _option(
             "--point", metavar='"X Y Z mm"', help="The point that is measured, in the tip's axes; the tip if left out."
         ),
-        click.option(
-            "--point-free/--point-known", default=None, help="The place of this point on the tool is estimated."
-        ),
-        click.option(
+        _option("--point-free/--point-known", default=None, help="The place of this point on the tool is estimated."),
+        _option(
             "--base-free/--base-known",
             default=None,
             help="The base (or anchor, plane, sockets) is estimated. These options go before the sheet's measurement:.",
         ),
-        click.option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes."),
+        _option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes."),
     )
     for option in reversed(options):
         command = option(command)

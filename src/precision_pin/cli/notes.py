@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import click
 
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.streams import say
-from precision_pin.errors import Finding
+from precision_pin.errors import Finding, is_note
 
-__all__ = ["all_warnings_option", "echo_frozen", "echo_note", "echo_warnings", "is_quiet", "quiet_option"]
+__all__ = [
+    "all_warnings_option",
+    "echo_frozen",
+    "echo_note",
+    "echo_warning_lines",
+    "echo_warnings",
+    "is_quiet",
+    "quiet_option",
+]
 
 _QUIET: Final = f"{__name__}.quiet"
 _ALL_WARNINGS: Final = f"{__name__}.all_warnings"
@@ -21,7 +31,7 @@ def _remember(context: click.Context, option: click.Parameter, given: bool) -> N
     context.meta[f"{__name__}.{option.name}"] = given
 
 
-all_warnings_option: Final = click.option(
+all_warnings_option: Final = output_option(
     "--all-warnings",
     is_flag=True,
     expose_value=False,
@@ -29,7 +39,7 @@ all_warnings_option: Final = click.option(
     help="Print every warning about sheet and robot, not one of each code.",
 )
 
-quiet_option: Final = click.option(
+quiet_option: Final = output_option(
     "--quiet",
     is_flag=True,
     expose_value=False,
@@ -48,12 +58,27 @@ def _is_given(option: str) -> bool:
     return context is not None and bool(context.meta.get(option, False))
 
 
-def echo_warnings(findings: Sequence[Finding]) -> None:
-    """Print findings about sheet and robot on stderr: of several with one code the first, and how many more there are."""
+def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
+    """Print warnings about sheet and robot on stderr: of several with one code the first, and how many more there are.
+
+    Parameters
+    ----------
+    findings
+        Notes among them are left out.
+    urdf
+        The file of the robot, whose warnings are one line, as ``check`` and ``init`` list them.
+    """
+    findings = [finding for finding in findings if finding.severity != "note"]
     if _is_given(_ALL_WARNINGS):
         for finding in findings:
             say(str(finding))
         return
+    of_urdf = [finding.code for finding in findings if finding.file == urdf]
+    if urdf is not None and of_urdf:
+        warnings, them = ("warning", "it") if len(of_urdf) == 1 else ("warnings", "them")
+        codes = ", ".join(dict.fromkeys(of_urdf))
+        _say_once(f"{urdf}: {len(of_urdf)} {warnings} ({codes}); precision-pin check {shlex.quote(urdf)} lists {them}")
+        findings = [finding for finding in findings if finding.file != urdf]
     counts = Counter(finding.code for finding in findings)
     first: dict[str, Finding] = {}
     for finding in findings:
@@ -61,6 +86,22 @@ def echo_warnings(findings: Sequence[Finding]) -> None:
     for finding in first.values():
         more = counts[finding.code] - 1
         say(f"{finding}; and {more} more {finding.code}: --all-warnings" if more else str(finding))
+
+
+def _say_once(line: str) -> None:
+    """Print a line on stderr unless this command has; ``compare`` reads the same robot for every sheet."""
+    context = click.get_current_context(silent=True)
+    said = set() if context is None else context.meta.setdefault(f"{__name__}.said", set())
+    if line not in said:
+        said.add(line)
+        say(line)
+
+
+def echo_warning_lines(lines: Iterable[str]) -> None:
+    """Print a result's warnings on stderr, without what the sheet accepts."""
+    for line in dict.fromkeys(lines):
+        if not is_note(line):
+            say(line)
 
 
 def echo_note(line: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any, Final, NotRequired, TypedDict, TypeVar
 
 import click
 
+from precision_pin.cli.headings import pose_option, robot_option, sampling_option, write_options
 from precision_pin.cli.notes import all_warnings_option, quiet_option
 from precision_pin.cli.resources import require_resources
 from precision_pin.errors import PrecisionPinWarning
@@ -70,6 +71,10 @@ class Command(click.Command):
             raise click.UsageError(describe_excess(inputs), ctx)
         return left
 
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options under their headings."""
+        write_options(self, ctx, formatter)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command if the libraries can be loaded; ``doctor`` runs anyway and reports what is missing.
 
@@ -102,7 +107,7 @@ def spec_option(command: Decorated) -> Decorated:
 
 def chain_options(command: Decorated) -> Decorated:
     """Add the options that change a sheet and cut a chain out of its robot."""
-    changes = click.option(
+    changes = robot_option(
         "--set",
         "changes",
         multiple=True,
@@ -115,7 +120,7 @@ def chain_options(command: Decorated) -> Decorated:
 def robot_options(command: Decorated) -> Decorated:
     """Add the options that cut a chain out of a robot."""
     for option in (
-        click.option(
+        robot_option(
             "--package-dir",
             "package_dirs",
             multiple=True,
@@ -123,8 +128,8 @@ def robot_options(command: Decorated) -> Decorated:
             metavar="DIR",
             help="Where ROS packages of meshes lie.",
         ),
-        click.option("--base", metavar="LINK", help="The fixed link; the sheet's or the root if left out."),
-        click.option("--tip", metavar="FRAME", help="The end-effector; the sheet's or the only leaf if left out."),
+        robot_option("--base", metavar="LINK", help="The fixed link; the sheet's or the root if left out."),
+        robot_option("--tip", metavar="FRAME", help="The end-effector; the sheet's or the only leaf if left out."),
     ):
         command = option(command)
     return command
@@ -166,18 +171,18 @@ class OnePoseOptions(ChainOptions):
 _Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
 _APPROACH_HELP: Final = 'How joints moved last: "joint1 +, joint2 -"'
 inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-seed_option: Final = click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
-model_option: Final = click.option(
+seed_option: Final = sampling_option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
+model_option: Final = sampling_option(
     "--model",
     type=click.Choice(["exact", "linear"]),
     default="exact",
     show_default=True,
     help="The exact displaced chain, or superposition as in the paper.",
 )
-beyond_limits_option: Final = click.option(
+beyond_limits_option: Final = pose_option(
     "--beyond-limits", is_flag=True, help="Judge also where joints are outside their limits, or faster than these."
 )
-target_option: Final = click.option(
+target_option: Final = robot_option(
     "--target",
     metavar='"X Y Z mm"',
     help="The point that results are about, in the tip's axes; else the sheet's, or the tip.",
@@ -215,31 +220,31 @@ calibration_option: Final = click.option(
 def pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`PoseOptions`, which :func:`precision_pin.cli.poses.read_poses` turns into poses."""
     for option in (
-        click.option(
+        pose_option(
             "--approach",
             metavar="DIRECTIONS",
             help=f'{_APPROACH_HELP}, or "previous": from the pose before it.',
         ),
-        click.option(
+        pose_option(
             "--grid",
             metavar="FILE.yaml",
             help="Poses: a grid over joint values, or over places by inverse kinematics.",
         ),
-        click.option(
+        pose_option(
             "--trajectory",
             metavar="FILE.csv",
             help="Poses: a row of joint names and units, as joint1 [deg], and rows of values; times come first.",
         ),
-        click.option(
+        pose_option(
             "--step",
             "steps",
             multiple=True,
             metavar='"0.1 s"',
             help="Poses between the rows of a trajectory: largest step in s, deg or mm; repeats.",
         ),
-        click.option("--q", "qs", multiple=True, metavar="VALUES", help=f"{_Q_HELP[:-1]}; repeats."),
-        click.option("--all-poses", is_flag=True, help="All of the sheet's poses."),
-        click.option(
+        pose_option("--q", "qs", multiple=True, metavar="VALUES", help=f"{_Q_HELP[:-1]}; repeats."),
+        pose_option("--all-poses", is_flag=True, help="All of the sheet's poses."),
+        pose_option(
             "--pose",
             "pose_names",
             multiple=True,
@@ -253,9 +258,9 @@ def pose_options(command: Decorated) -> Decorated:
 
 def one_pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`OnePoseOptions`."""
-    pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-    q = click.option("--q", metavar="VALUES", help=_Q_HELP)
-    approach = click.option("--approach", metavar="DIRECTIONS", help=f"{_APPROACH_HELP}.")
+    pose = pose_option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
+    q = pose_option("--q", metavar="VALUES", help=_Q_HELP)
+    approach = pose_option("--approach", metavar="DIRECTIONS", help=f"{_APPROACH_HELP}.")
     for option in (quiet_option, all_warnings_option, chain_options, approach, q, pose, inputs_argument):
         command = option(command)
     return command

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Final, Literal, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -25,7 +26,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import MOST_ROWS, check_poses, pose_files, read_grid, read_pose_set
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
@@ -61,7 +62,7 @@ class _Options(ChainOptions, PoseOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option(
+@sampling_option(
     "--samples",
     type=int,
     default=SAMPLES,
@@ -79,9 +80,9 @@ class _Options(ChainOptions, PoseOptions):
     metavar='"99.73 %"',
     help="Share of the robots that the bands are made for.",
 )
-@click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there.")
+@sampling_option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
+@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@output_option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there.")
 @all_warnings_option
 @quiet_option
 def command(**options: Unpack[_Options]) -> int:
@@ -124,8 +125,7 @@ def command(**options: Unpack[_Options]) -> int:
             progress=progress,
         )
         raise_if_interrupted()
-    for line in result.warnings[len(sheet.findings) :]:
-        say(line)
+    echo_warning_lines(result.warnings[len(sheet.findings) :])
     json_path, out = options["json_path"], options["out"]
     if json_path == "-":
         echo_data(result.to_json())
@@ -179,6 +179,5 @@ def path_of(sheet: Sheet, poses: PoseSet, seed: int, specifications: Sequence[Sp
             ErrorModel.from_sheet(sheet), poses, samples=SAMPLES, seed=seed, specifications=specifications,
             progress=progress,
         )  # fmt: skip
-    for line in result.warnings:
-        say(line)
+    echo_warning_lines(result.warnings)
     return result

@@ -9,9 +9,9 @@ import click
 
 from precision_pin import interrupts
 from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL
-from precision_pin.cli.commands import list_commands, load_command
+from precision_pin.cli.commands import list_commands, list_groups, load_command
 from precision_pin.cli.resources import shortage
-from precision_pin.cli.streams import prepare_streams, raise_if_output_lost
+from precision_pin.cli.streams import messages, prepare_streams, raise_if_output_lost
 from precision_pin.errors import InputError, InternalError
 from precision_pin.visible import one_line, shown
 
@@ -48,9 +48,11 @@ class LateGroup(click.Group):
             raise _InterruptedError from None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands without importing them."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(list_commands().items()))
+        """List the commands under their headings without importing them."""
+        columns = max(map(len, list_commands()))
+        for heading, lines in list_groups().items():
+            with formatter.section(heading):
+                formatter.write_dl([(name.ljust(columns), line) for name, line in lines.items()])
 
 
 @click.group(cls=LateGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -120,5 +122,5 @@ def _usage_line(error: click.ClickException) -> str:
 
 
 def _say(message: str, code: int) -> int:
-    click.echo(message, err=True)
+    click.echo(messages(message), err=True)
     return code

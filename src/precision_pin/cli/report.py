@@ -12,9 +12,10 @@ import click
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.calibrate import calibration_of
 from precision_pin.cli.compensate import compensation_of
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.map import map_of
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -34,7 +35,6 @@ from precision_pin.cli.options import (
 from precision_pin.cli.path import path_of, read_path
 from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_grid, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import say
 from precision_pin.cli.targets import PageOutput
 from precision_pin.errors import InputError
 
@@ -64,7 +64,7 @@ class _Arm(ChainOptions, PoseOptions):
 @chain_options
 @all_warnings_option
 @quiet_option
-@click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
+@sampling_option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
 @seed_option
 @model_option
 @spec_option
@@ -81,7 +81,7 @@ class _Arm(ChainOptions, PoseOptions):
 @click.option(
     "--allocate", "is_allocated", is_flag=True, help="Choose the tolerances that the sheet's allocate: asks for."
 )
-@click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
+@output_option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
 def command(
     samples: int,
     seed: int,
@@ -201,8 +201,7 @@ def command(
     with step("drawing the page", 0):
         html = page(found, chapters)
     target.write(html)
-    for line in dict.fromkeys(line for one in found for line in one.analysis.warnings[len(sheet.findings) :]):
-        say(line)
+    echo_warning_lines(line for one in found for line in one.analysis.warnings[len(sheet.findings) :])
     echo_note(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")
     met = [result.met for one in found for result in one.analysis.summary.specifications]
     return 0 if all(met) and met_there else EXIT_SPEC
@@ -228,8 +227,7 @@ def _test(sheet: Sheet, poses: Sequence[object], test_at: str, seed: int) -> Iso
             ErrorModel.from_sheet(sheet), None if test_at == "cube" else at, robots=ROBOTS, seed=seed,
             progress=progress,
         )  # fmt: skip
-    for line in result.warnings:
-        say(line)
+    echo_warning_lines(result.warnings)
     return result
 
 

@@ -8,6 +8,7 @@ from typing import Final, Unpack
 
 import click
 
+from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
@@ -49,7 +50,7 @@ class _Options(ChainOptions, PoseOptions, MeasurementOptions):
     "--cycles", type=int, metavar="N", help="Visit each pose N times, and write a file for iso9283 --measured."
 )
 @seed_option
-@click.option("--out", required=True, metavar="FILE.csv", help="The file to write.")
+@output_option("--out", required=True, metavar="FILE.csv", help="The file to write.")
 @all_warnings_option
 @quiet_option
 def command(unit: int, cycles: int | None, seed: int, out: str, **options: Unpack[_Options]) -> None:

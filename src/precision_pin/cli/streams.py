@@ -9,17 +9,25 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import select
 import sys
+import textwrap
 from contextlib import suppress
-from typing import Any, final
+from typing import Any, Final, TextIO, final
 
 import click
 
 from precision_pin.errors import OutputError
 from precision_pin.visible import one_line
 
-__all__ = ["echo_data", "prepare_streams", "raise_if_output_lost", "say"]
+__all__ = ["count_columns", "echo_data", "messages", "prepare_streams", "raise_if_output_lost", "say", "wrapped"]
+
+_USUAL_COLUMNS: Final = 80
+"""Of a terminal that does not say."""
+
+_VALUE: Final = re.compile(r" (?=-?[\d.]+(?:°|[,)]| ?mm\b| ?m\b))|(?<=[\d.]) (?=(?:%|mm|mrad|m|°)(?:[^\w]|$))")
+"""The blank between a joint and its value, and between a number and its unit."""
 
 
 @final
@@ -67,7 +75,8 @@ def prepare_streams() -> None:
         elif type(stream) is io.TextIOWrapper and not isinstance(getattr(stream.buffer, "raw", None), _Tolerant):
             with suppress(OSError):
                 if stream.fileno() == descriptor:
-                    lines = stream.line_buffering
+                    # stderr at once, as it was: what clears a progress bar ends in no line feed
+                    lines = stream.line_buffering or name == "stderr"
                     raw = _Tolerant(descriptor)
                     setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(raw), stream.encoding, line_buffering=lines))
         if isinstance(getattr(sys, name), io.TextIOWrapper):
@@ -76,8 +85,37 @@ def prepare_streams() -> None:
 
 
 def say(line: str) -> None:
-    """Print a line on stderr; a name in it cannot make two of it."""
-    click.echo(one_line(line), err=True)
+    """Print a line on stderr; a name in it cannot make two of it, only the width of a terminal can."""
+    click.echo(messages(one_line(line)), err=True)
+
+
+def messages(text: str) -> str:
+    """Return lines as stderr shows them: short paths of what comes with a package, on a terminal wrapped at words."""
+    from precision_pin.robot.examples import named_briefly  # late: --help needs it not
+
+    return "\n".join(wrapped(line, sys.stderr) for line in named_briefly(text).split("\n"))
+
+
+def count_columns(stream: TextIO) -> int | None:
+    """Return how many columns the terminal of a stream has, None if the stream goes elsewhere."""
+    if not stream.isatty():
+        return None
+    with suppress(OSError, ValueError):
+        return os.get_terminal_size(stream.fileno()).columns or _USUAL_COLUMNS
+    return _USUAL_COLUMNS
+
+
+def wrapped(line: str, stream: TextIO, most: int | None = None) -> str:
+    """Return a line wrapped at words to the terminal of a stream, and to at most so many columns; a value keeps its unit."""
+    columns = min(count_columns(stream) or len(line), most or len(line))
+    if len(line) <= columns:
+        return line
+    indent = " " * (len(line) - len(line.lstrip()))
+    text = textwrap.fill(
+        _VALUE.sub("\N{NO-BREAK SPACE}", line), columns, subsequent_indent=f"{indent}  ", break_long_words=False,
+        break_on_hyphens=False,
+    )  # fmt: skip
+    return text.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def echo_data(text: str) -> None:

@@ -13,6 +13,7 @@ import click
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.calibrate import calibration_of
 from precision_pin.cli.compensate import compensation_of
+from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import echo_findings, read_sheet
 from precision_pin.cli.map import map_of
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
@@ -63,7 +64,9 @@ class _Arm(ChainOptions, PoseOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option("--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show at a pose.")
+@sampling_option(
+    "--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show at a pose."
+)
 @seed_option
 @model_option
 @spec_option
@@ -72,13 +75,13 @@ class _Arm(ChainOptions, PoseOptions):
 @compensation_option
 @calibration_option
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
-@click.option(
+@output_option(
     "--out",
     metavar="PAGE.html",
     help="The page to write, or its folder; served to this machine's browser if left out.",
 )
-@click.option("--port", type=int, metavar="P", help="Where to serve it; any free port if left out.")
-@click.option("--no-browser", is_flag=True, help="Serve it, but open no browser.")
+@output_option("--port", type=int, metavar="P", help="Where to serve it; any free port if left out.")
+@output_option("--no-browser", is_flag=True, help="Serve it, but open no browser.")
 @all_warnings_option
 @quiet_option
 def command(

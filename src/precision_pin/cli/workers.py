@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
 import click
 
+from precision_pin.cli.headings import sampling_option
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.streams import say
 from precision_pin.interrupts import raise_if_interrupted, unwinding
@@ -45,15 +46,15 @@ class Workers(TypedDict):
 def worker_options(command: Command) -> Command:
     """Add the options to a command."""
     for option in (
-        click.option("--resume", is_flag=True, help="Go on from the journal, if it is there."),
-        click.option(
+        sampling_option("--resume", is_flag=True, help="Go on from the journal, if it is there."),
+        sampling_option(
             "--journal", metavar="FILE", help="Keep the run in FILE on the way, so that it can be stopped and resumed."
         ),
-        click.option(
+        sampling_option(
             "--dask", metavar="ADDRESS", help="Sample on the Dask cluster of a scheduler, as tcp://host:8786."
         ),
-        click.option("--processes", type=int, metavar="N", help="Sample in N processes instead."),
-        click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out."),
+        sampling_option("--processes", type=int, metavar="N", help="Sample in N processes instead."),
+        sampling_option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out."),
     ):
         command = option(command)
     return command

@@ -118,19 +118,34 @@ def joint_value(joint: str, value: float, *, slides: bool) -> str:
 
 
 def joint_text(
-    q: Mapping[str, float], sliding_joints: Collection[str], approach: Mapping[str, str] | None = None
+    q: Mapping[str, float],
+    sliding_joints: Collection[str],
+    approach: Mapping[str, str] | None = None,
+    *,
+    is_named: bool = True,
 ) -> str:
-    """Return the values of joints, as :func:`joint_value` has each, with ``(+)`` or ``(-)`` where the last motion is known."""
+    """Return the values of joints, as :func:`joint_value` has each, with ``(+)`` or ``(-)`` where the last motion is known.
+
+    Without the joints' names if ``is_named`` is False.
+    """
     signs = {joint: f" ({sign})" for joint, sign in (approach or {}).items()}
     return ", ".join(
-        joint_value(joint, value, slides=joint in sliding_joints) + signs.get(joint, "") for joint, value in q.items()
+        joint_value(joint if is_named else "", value, slides=joint in sliding_joints).lstrip() + signs.get(joint, "")
+        for joint, value in q.items()
     )
 
 
 def resting_on(
-    assumed: Sequence[str], sources: int, origins: Mapping[str, tuple[float, float]] | None = None, where: str = ""
+    assumed: Sequence[str],
+    sources: int,
+    origins: Mapping[str, tuple[float, float]] | None = None,
+    where: str = "",
+    *,
+    is_brief: bool = False,
 ) -> list[str]:
     """Return lines that say how much rests on assumptions, and where the other numbers come from; none where it is not said.
+
+    If ``is_brief``, one line on the assumptions.
 
     Parameters
     ----------
@@ -147,14 +162,17 @@ def resting_on(
     shares = {kind: share for kind, share in (origins or {}).items() if max(share) > 0}
     at = f" at {where}" if where else ""
     if assumed:
-        kinds = ", ".join(dict.fromkeys(label.partition("[")[0] for label in assumed))
+        kinds = f" ({', '.join(dict.fromkeys(label.partition('[')[0] for label in assumed))})"
         lines.append(
-            f"rests on assumptions: {len(assumed):,} of {sources:,} sources are marked as assumed in the sheet ({kinds})"
+            f"rests on assumptions: {len(assumed):,} of {sources:,} sources are marked as assumed in the sheet"
+            f"{'' if is_brief else kinds}"
         )
     if "assumed" in shares:
         position, attitude = map(_percent, shares["assumed"])
         head = "they cause" if assumed else "rests on assumptions: they cause"
         lines.append(f"{head} {position} of the variance of the position, {attitude} of the attitude{at}")
+    if is_brief:
+        return ["; ".join(lines)] if lines else []
     if set(shares) - {"assumed", "not stated"}:
         listed = ", ".join(f"{_percent(position)} {kind}" for kind, (position, _) in shares.items())
         lines.append(f"variance of the position by provenance{at}: {listed}")

@@ -356,7 +356,9 @@ class ErrorModel:
         robot of a thousand) or 2 % (the farthest). ``W_TURNOVER``, equilibrium statics with an approach: single robots take
         up play on other sides.
         """
-        return statics_findings(at, self.statics, self._make_terms)
+        # a sheet accepts what its statics leave out, not that single robots differ from equilibrium statics
+        accepted = {} if self.sheet is None or self.statics != "nominal" else self.sheet.accepted
+        return tuple(one.accepted(accepted) for one in statics_findings(at, self.statics, self._make_terms))
 
     def __repr__(self) -> str:
         counts = f"sources {len(self.sources)}, draws {len(self.space.draws)}, poses {len(self.poses)}"

@@ -44,7 +44,8 @@ def _nominal_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ..
     try:
         rest_state = settle(at.posture, at.space, make_terms, within=1e-3 * negligible)
     except InputError as error:
-        return (Finding("warning", "W_STATICS", f"{error.findings[0].message}; nominal statics hide it"),)
+        # a code of its own: whoever accepts that the arm at rest is elsewhere does not accept that there is none
+        return (Finding("warning", "W_NO_REST", f"{error.findings[0].message}; nominal statics hide it"),)
     rest = PoseModel(at.posture, at.space, rest_state.table, rest_state.terms)
     gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
     if gap <= negligible:

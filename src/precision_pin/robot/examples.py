@@ -14,6 +14,7 @@ from precision_pin.errors import Finding, InputError, UnknownNameError
 __all__ = [
     "PAPER_SHEET",
     "example_urdfs",
+    "named_briefly",
     "resolve_robot",
     "shipped_sheet",
     "shipped_sheets",
@@ -26,6 +27,7 @@ ROBOTS: Final = Path(__file__).parents[1] / "robots"
 SUFFIX: Final = ".errors.yaml"
 ROBOT_SUFFIXES: Final = (".urdf", ".xml")
 MOST_FILES: Final = 1000
+_EXAMPLES: Final = f"{os.sep}example-robot-data{os.sep}"
 PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
 """The sheet of the paper's arm, beside its URDF."""
 
@@ -130,3 +132,11 @@ def shipped_sheets() -> dict[str, Path]:
 def shipped_sheet(text: str) -> Path | None:
     """Return the sheet that comes with this package for a robot given as ``example:NAME``, None if there is none."""
     return shipped_sheets().get(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else None
+
+
+def named_briefly(text: str) -> str:
+    """Return a text with ``example:NAME`` for the path of an example robot, and paths of this package from its name on."""
+    if _EXAMPLES in text:
+        for name, path in example_urdfs().items():
+            text = text.replace(str(path), PREFIX + name)
+    return text.replace(f"{ROBOTS.parents[1]}{os.sep}", "")

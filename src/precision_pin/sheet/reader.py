@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
@@ -83,6 +84,8 @@ class Sheet:
         The sheet before any :meth:`with_changes`; ``None`` for one without changes.
     beyond_limits
         Whether verdicts are given at joint values and speeds beyond the URDF's limits too.
+    accepted
+        Reasons for which warnings are accepted, by code.
     """
 
     file: str
@@ -100,6 +103,7 @@ class Sheet:
     origins: Mapping[str, Origin] = field(default_factory=dict)
     unchanged: Sheet | None = None
     beyond_limits: bool = False
+    accepted: Mapping[str, str] = field(default_factory=dict)
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
@@ -232,11 +236,16 @@ def _read(contents: Contents) -> Sheet:
         for setting, origin in stated.get(k, {}).items()
     }
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
+    for code, reason in document.accept.items():
+        if not re.fullmatch(r"W_[A-Z_]+", code) or not reason.strip():
+            findings.error(
+                ("accept", code), f"accept: expected the code of a warning and the reason, got {code!r}: {reason!r}"
+            )
     findings.refuse()
     remark_on_sources(document, space, sources, findings)
     remark_on_poses(document, chain, findings)
     found = (*chain_findings(chain), *findings.found)
-    warnings = tuple(finding for finding in found if finding.severity == "warning")
+    warnings = tuple(finding.accepted(document.accept) for finding in found if finding.severity != "error")
     marked = tuple(rank for rank, k in enumerate(sources) if k in stated and ASSUMED in map(_kind, stated[k].values()))
     return Sheet(
         file,
@@ -252,6 +261,7 @@ def _read(contents: Contents) -> Sheet:
         estimates=estimates,
         measurement=measurement,
         origins=origins,
+        accepted=document.accept,
     )
 
 

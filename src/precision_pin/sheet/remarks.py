@@ -12,17 +12,17 @@ from precision_pin import units
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Draw, LabelledSpace, Space
-from precision_pin.errors import InputError
+from precision_pin.errors import Finding, InputError
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.poses import split_pose
 from precision_pin.sheet.schema import Document
-from precision_pin.sheet.text import Path
+from precision_pin.sheet.text import Path, Text
 from precision_pin.terms.labelled_sources import labels, own_draws
 from precision_pin.terms.source import Source
 
-__all__ = ["FEW", "few_samples", "pose_remark", "remark_on_poses", "remark_on_sources"]
+__all__ = ["FEW", "few_samples", "note_on_normal", "pose_remark", "remark_on_poses", "remark_on_sources"]
 
 FEW: Final = 30
 """Fewer measured samples than this cause a warning about the spread of the draws from them."""
@@ -120,6 +120,31 @@ def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> Non
         remark = pose_remark(split_pose(value, chain)[0], chain)
         if remark is not None:
             findings.warning(("poses", name), f"pose {name!r}: {remark}", "W_ANGLE_UNIT")
+
+
+def note_on_normal(text: Text, file: str) -> Finding | None:
+    """Return a note on the first ``normal:`` of a sheet whose number is three standard deviations by default."""
+    found = [one for key in ("parameters", "sources") for one in _plain_normals(text.data.get(key), (key,))]
+    if not found:
+        return None
+    path, half_width = found[0]
+    message = (
+        f"normal: {half_width} is a tolerance of ±3σ{_more(found)}; a standard deviation is written "
+        f"normal: {{std: {half_width.lstrip(' ±')}}}"
+    )
+    return Finding("note", "N_NORMAL", message, file, text.line(path))
+
+
+def _plain_normals(value: object, below: Path) -> Iterator[tuple[Path, str]]:
+    """Yield the path and half-width of each normal law without ``std`` and ``k``."""
+    if isinstance(value, Mapping):
+        if isinstance(value.get("normal"), str) and "k" not in value:
+            yield (*below, "normal"), value["normal"]
+        for key, entry in value.items():
+            yield from _plain_normals(entry, (*below, key))
+    elif isinstance(value, list):
+        for k, entry in enumerate(value):
+            yield from _plain_normals(entry, (*below, k))
 
 
 def pose_remark(value: str | list[str] | Mapping[str, str], chain: Chain) -> str | None:

@@ -116,6 +116,10 @@ class Document(BaseModel):
         default_factory=dict,
         description="Where numbers come from, by path: assumed, data sheet, measured, drawing, or {word: text}.",
     )
+    accept: dict[str, str] = Field(
+        default_factory=dict,
+        description="Warnings of URDF, sheet and statics that are accepted, by code, with the reason; results list them.",
+    )
     allocate: dict[str, Any] | None = Field(
         None, description="What precision-pin allocate solves: tolerances with their costs, specs, poses."
     )

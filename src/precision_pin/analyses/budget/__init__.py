@@ -16,7 +16,7 @@ DECLARATION = Declaration(
     options=(
         Option(
             "--samples", "samples", "Points a set: 32 × a power of two.", int, 16_384, "N",
-            check=f"{__name__}.budget:check_points",
+            check=f"{__name__}.budget:check_points", is_of_sampling=True,
         ),
         Option("--k", "k", "Unbounded laws reach k standard deviations in the share of the worst case.", float, 3.0),
         Option(

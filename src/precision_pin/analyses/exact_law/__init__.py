@@ -13,7 +13,7 @@ DECLARATION = Declaration(
     heading="Exact law against sampling",
     summary="Compute the law of every component of the first-order error, tails included, without sampling.",
     description="Compute the law of every component of the first-order error, tails included, without sampling.",
-    options=(Option("--samples", "samples", "Samples to compare with.", int, 100_000, "N"),),
+    options=(Option("--samples", "samples", "Samples to compare with.", int, 100_000, "N", is_of_sampling=True),),
     steps=f"{__name__}.exact_law:count_steps",
     has_warnings_in_table=True,
 )

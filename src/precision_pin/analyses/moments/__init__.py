@@ -19,7 +19,8 @@ DECLARATION = Declaration(
             choices=("control", "sobol", "sobol-control", "plain", "closed"),
         ),
         Option(
-            "--samples", "samples", "32 × a power of two.", int, 65_536, "N", check=f"{__name__}.moments:check_samples",
+            "--samples", "samples", "32 × a power of two.", int, 65_536, "N",
+            check=f"{__name__}.moments:check_samples", is_of_sampling=True,
         ),
     ),
     steps=f"{__name__}.moments:count_steps",

@@ -20,7 +20,7 @@ DECLARATION = Declaration(
         ),
         Option(
             "--samples", "samples", "Plain samples.", int, 100_000, "N",
-            check="precision_pin.sampling.blocks:check_samples",
+            check="precision_pin.sampling.blocks:check_samples", is_of_sampling=True,
         ),
     ),
     report_settings=("samples", "specifications"),

@@ -17,7 +17,7 @@ DECLARATION = Declaration(
         Option("--k", "k", "Cut unbounded laws at k standard deviations.", float, 3.0),
         Option(
             "--samples", "samples", "Samples for comparison.", int, 100_000, "N",
-            check="precision_pin.sampling.blocks:check_samples",
+            check="precision_pin.sampling.blocks:check_samples", is_of_sampling=True,
         ),
     ),
     report_settings=("samples",),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Final, Literal, final
 
 import numpy as np
 
+from precision_pin.display.units import WrittenUnit
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law, take_number, take_size
@@ -27,7 +28,13 @@ _NOT_NEGATIVE: Final = "zero or more and finite"
 @final
 @dataclass(frozen=True)
 class Normal(SymmetricLaw):
-    """Normal of standard deviation ``std``."""
+    """Normal of standard deviation ``std``.
+
+    Attributes
+    ----------
+    k
+        Standard deviations in the half-width that it was made from; ``None`` where it was made from ``std``.
+    """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
     is_normal: ClassVar[bool] = True
@@ -44,6 +51,7 @@ class Normal(SymmetricLaw):
     )
     std: float
     mean: float = 0.0
+    k: float | None = field(default=None, kw_only=True, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         take_size(self, "std", "the standard deviation of a normal law")
@@ -67,13 +75,15 @@ class Normal(SymmetricLaw):
             raise reader.error(
                 ("k",), "k has no effect here: {std: …} is the standard deviation itself, and the law is not truncated"
             )
-        return TruncatedNormal(std, mean, k) if truncated else cls(std, mean)
+        return (
+            TruncatedNormal(std, mean, k) if truncated else cls(std, mean, k=None if isinstance(value, Mapping) else k)
+        )
 
     @classmethod
     def from_half_width(cls, half_width: float, mean: float = 0.0, *, k: float = 3.0) -> Normal:
         """Return the law whose half-width is k standard deviations."""
         half = check_number("the half-width of a normal law", half_width, _NOT_NEGATIVE, lambda value: value >= 0)
-        return cls(half / check_number("k", k, "positive and finite", lambda value: value > 0), mean)
+        return cls(half / check_number("k", k, "positive and finite", lambda value: value > 0), mean, k=k)
 
     @property
     def variance(self) -> float:
@@ -107,6 +117,15 @@ class Normal(SymmetricLaw):
         """Return the law in words."""
         (quantity,) = quantities
         return f"normal, standard deviation {write_number(self.std, quantity)}{mean_beside(self.mean, quantity)}"
+
+    def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return the half-width with the standard deviation, ``±0.01° (σ 0.0033°)``; without a half-width ``σ 0.1 mm``."""
+        deviation = super().tolerance(quantities)
+        if self.k is None or not deviation:
+            return deviation
+        unit = WrittenUnit.suiting(quantities[0], [self.k * self.std])
+        sizes = unit.short(self.k * self.std), f"{self.std * unit.per_si:.2g} {unit.name}"
+        return "±{} (σ {})".format(*sizes).replace(" deg", "°")
 
     def kernel_row(self) -> KernelRow:
         """Return mean and standard deviation."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import Final
 
 from precision_pin.analyses.calibration.population import Population
@@ -11,7 +10,6 @@ from precision_pin.visible import shortened, visible
 
 __all__ = ["population_table"]
 
-_WIDTH: Final = 100
 _NAME: Final = 44
 _ROWS: Final = 60
 
@@ -40,4 +38,4 @@ def population_table(result: Population) -> str:
     if result.unseen:
         lines.append(f"no reading shows {', '.join(map(visible, result.unseen))}")
     lines += [f"hardly more than a joint tolerance of {', '.join(group.names)}" for group in result.groups]
-    return "\n".join(part for line in lines for part in (textwrap.wrap(line, _WIDTH) if len(line) > _WIDTH else [line]))
+    return "\n".join(lines)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -29,7 +28,6 @@ __all__ = [
     "MOST_READINGS",
     "NO_PRIOR",
     "SEEN",
-    "WIDTH",
     "calibration_table",
     "chi_square_text",
     "describe_measurement",
@@ -48,7 +46,6 @@ __all__ = [
     "set_up_lines",
 ]
 
-WIDTH: Final = 100
 MOST_NUMBERS: Final = 15
 """Numbers in the table of what is learned."""
 MOST_READINGS: Final = 8
@@ -97,12 +94,13 @@ def forecast_table(result: CalibrationForecast) -> str:
         "",
         "rms position error over these poses, mm, against ...",
         *_curve("number of readings", result.by_count, 1.0),
+        "",
         *_curve("std of the instrument, µm", result.by_instrument, 1e6),
         "",
         EXPLANATION,
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
-    return "\n".join(_wrap(lines))
+    return "\n".join(lines)
 
 
 def calibration_table(result: CalibrationResult) -> str:
@@ -127,7 +125,7 @@ def calibration_table(result: CalibrationResult) -> str:
         "",
         EXPLANATION,
     ]
-    return "\n".join(_wrap(lines))
+    return "\n".join(lines)
 
 
 def plan_table(result: CalibrationPlan) -> str:
@@ -166,7 +164,7 @@ def plan_table(result: CalibrationPlan) -> str:
         EXPLANATION,
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
-    return "\n".join(_wrap(lines))
+    return "\n".join(lines)
 
 
 def describe_measurement(measurement: Measurement) -> str:
@@ -181,10 +179,6 @@ def describe_measurement(measurement: Measurement) -> str:
         carried = " + ".join(f"{payload.mass:.4g} kg at {visible(payload.at)}" for payload in measurement.load)
         words.append(f"load {carried or 'none'}")
     return ", ".join(words)
-
-
-def _wrap(lines: Iterable[str]) -> list[str]:
-    return [part for line in lines for part in (textwrap.wrap(line, WIDTH) if len(line) > WIDTH else [line])]
 
 
 def headline(result: CalibrationResult) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import TYPE_CHECKING, Final
 
@@ -36,14 +36,56 @@ NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so n
 
 _LARGE_ANGLE: Final = 0.1
 
-_COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
+_BRIEF: Final = ("mean", "std", 0.5, 0.95, 0.99, 0.9973)
+_COLUMNS: Final = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
 
-def analysis_table(analysis: MonteCarloResult) -> str:
-    """Return the table of an analysis: error statistics in mm and mrad.
+def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str:
+    """Return the table of an analysis: error statistics in mm and mrad, the answer first and last.
 
     Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
+
+    Parameters
+    ----------
+    analysis
+        The result.
+    is_whole
+        Everything, not what fits a terminal of 80 columns and 24 rows.
     """
+    return "\n".join([*(_whole(analysis) if is_whole else _brief(analysis)), *_answer(analysis)])
+
+
+def _brief(analysis: MonteCarloResult) -> list[str]:
+    cells = [_header(_BRIEF), *_rows(analysis, _BRIEF)]
+    others = "--all: min, max, mode, tolerance bounds, error at the means" + ", correlations" * bool(
+        analysis.correlations
+    )
+    unresolved = "; - is not resolved by this many samples" * any("-" in row for row in cells)
+    return [
+        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose "
+        + pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach, is_named=False),
+        *_relative(analysis, is_named=False),
+        f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}, "
+        f"base axes, {analysis.summary.confidence:.0%} confidence",
+        f"{_share(0.95)} of robots within {_within(analysis, 0.95)}; {_share(0.9973)} within {_within(analysis, 0.9973)}",
+        *map(_verdict, analysis.summary.specifications),
+        "",
+        *aligned(cells),
+        "",
+        f"{others}{unresolved}",
+        *resting_on(analysis.assumed, analysis.sources, analysis.origins, is_brief=True),
+    ]
+
+
+def _answer(analysis: MonteCarloResult) -> list[str]:
+    """Return the lines that end the table: each verdict, or the sizes that most robots keep."""
+    given = analysis.summary.specifications
+    if not given:
+        return [f"{_share(0.95)} of robots within {_within(analysis, 0.95)}"]
+    return [_verdict(one, is_brief=True) for one in given]
+
+
+def _whole(analysis: MonteCarloResult) -> list[str]:
     pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach)
     lines = [
         f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose {pose}",
@@ -55,7 +97,7 @@ def analysis_table(analysis: MonteCarloResult) -> str:
         f"{_share(0.95)} of robots within {_within(analysis, 0.95)}; {_share(0.9973)} within {_within(analysis, 0.9973)}",
         *map(_verdict, analysis.summary.specifications),
         "",
-        *aligned([_header(), *_rows(analysis)]),
+        *aligned([_header(_COLUMNS), *_rows(analysis, _COLUMNS)]),
         "",
         "tolerance bounds: so many of all robots lie between them, of |d| and |δ| below, "
         f"{analysis.summary.confidence:.0%} sure",
@@ -68,16 +110,15 @@ def analysis_table(analysis: MonteCarloResult) -> str:
         f"δ = ({', '.join(map(_thousandfold, analysis.nominal[3:]))}) mrad",
     ]
     lines += [line for group in analysis.correlations for line in _pairs(group)]
-    lines += resting_on(analysis.assumed, analysis.sources, analysis.origins)
-    return "\n".join(lines)
+    return [*lines, *resting_on(analysis.assumed, analysis.sources, analysis.origins)]
 
 
-def _relative(analysis: MonteCarloResult) -> list[str]:
+def _relative(analysis: MonteCarloResult, *, is_named: bool = True) -> list[str]:
     """Return the line that names the other pose, if there is one."""
     other = analysis.relative_to
     if other is None:
         return []
-    where = pose_text(other.name, other.q, analysis.sliding_joints, other.approach)
+    where = pose_text(other.name, other.q, analysis.sliding_joints, other.approach, is_named=is_named)
     return [f"relative to the same robots at pose {where}"]
 
 
@@ -92,12 +133,23 @@ def _share(level: float) -> str:
     return f"{100 * level:.4g} %"
 
 
-def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str], approach: Mapping[str, str]) -> str:
-    """Return a pose's name and joint values, in degrees and mm, with the direction of each joint's last motion if known."""
+def pose_text(
+    name: str,
+    q: Mapping[str, float],
+    sliding_joints: Collection[str],
+    approach: Mapping[str, str],
+    *,
+    is_named: bool = True,
+) -> str:
+    """Return a pose's name and joint values, in degrees and mm, with the direction of each joint's last motion if known.
+
+    Without the joints' names if ``is_named`` is False.
+    """
     values = joint_text(
         {visible(joint): value for joint, value in q.items()},
         [*map(visible, sliding_joints)],
         {visible(joint): sign for joint, sign in approach.items()},
+        is_named=is_named,
     )
     return f"{shown(name)} ({values})" if name else f"({values})"
 
@@ -108,15 +160,15 @@ def subject(provenance: Provenance, pose: PoseLabel) -> str:
     return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {where}"
 
 
-def _header() -> list[str]:
-    return ["", "", *(column if isinstance(column, str) else f"{100 * column:.4g} %" for column in _COLUMNS)]
+def _header(columns: Sequence[str | float]) -> list[str]:
+    return ["", "", *(column if isinstance(column, str) else f"{100 * column:.4g} %" for column in columns)]
 
 
-def _rows(analysis: MonteCarloResult) -> list[list[str]]:
+def _rows(analysis: MonteCarloResult, columns: Sequence[str | float]) -> list[list[str]]:
     rows = []
     for vector in (analysis.position, analysis.attitude):
         for part in (vector.norm, vector.x, vector.y, vector.z):
-            rows.append([symbol(part.quantity), unit(part.quantity), *(statistic(part, column) for column in _COLUMNS)])
+            rows.append([symbol(part.quantity), unit(part.quantity), *(statistic(part, column) for column in columns)])
     return rows
 
 
@@ -186,13 +238,15 @@ def demanded(specification: Specification | SpecificationResult) -> str:
     return f"{absolute(of)} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
 
 
-def _verdict(result: SpecificationResult) -> str:
-    demand = f"spec {demanded(result)}: {result.said}"
+def _verdict(result: SpecificationResult, *, is_brief: bool = False) -> str:
+    demand = f"{'' if is_brief else 'spec '}{demanded(result)}: {result.said}"
     if result.verdict == "not judged":
         return demand
     if result.verdict == "nothing to judge":
         return f"{demand} - {NOTHING_VARIES}"
     share, low, high = format_share(result.probability, result.interval, result.required)
+    if is_brief:
+        return f"{demand} - {share} % inside"
     index = f", Cpk {result.cpk:.2f}" if math.isfinite(result.cpk) else ""
     more = ": more samples decide it" if result.verdict == "undecided" else ""
     return f"{demand} - {share} % inside, interval {low} to {high} %{index}{more}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -18,31 +19,43 @@ from precision_pin.visible import shown, visible
 
 __all__ = ["poses_table"]
 
-_HEADINGS: Final = ("median", "95 %", "interval", "99.73 %", "interval")
-_MOST_ROWS: Final = 12
+_MOST_ROWS: Final = 8
 """Poses of which all are listed."""
-_WORST_ROWS: Final = 10
+_WORST_ROWS: Final = 6
 """Poses listed of more than that, the worst first."""
 
 
-def poses_table(result: PosesResult) -> str:
-    """Return what a designer wants to read of several poses: the worst pose and the verdicts, then a row for each pose."""
-    lines = [
-        f"{visible(result.robot)}: {visible(result.base)} to {visible(result.tip)}, {result.poses:,} poses",
-        f"{result.samples:,} samples at each, seed {result.seed}, {result.model} model, statics {result.statics}; "
-        f"the same robots at every pose; intervals and digits at {result.confidence:.0%} confidence",
-        "",
-        _worst(result),
-        *(_verdict(result, specification) for specification in result.specification_results),
-        "",
-        *aligned([_header(result), *_rows(result)]),
-        *_left_out(result),
-        "",
-        "quantiles of |d| in mm with their intervals, shares inside each spec; - is not resolved by this many samples",
-    ]
+def poses_table(result: PosesResult, *, is_whole: bool = False) -> str:
+    """Return what a designer wants to read of several poses: the worst pose and the verdicts, then a row for each pose.
+
+    Parameters
+    ----------
+    result
+        The result.
+    is_whole
+        All poses, not what fits a terminal of 80 columns and 24 rows.
+    """
+    listed = list(range(result.poses))
+    if result.poses > _MOST_ROWS and not is_whole:
+        listed = result.worst_first[:_WORST_ROWS]
+    left_out = result.poses - len(listed)
+    specifications = result.specification_results
     model = result.error_model
     shares = origin_shares(model.origins, next(model.at_columns(result.q[:, [0]])))
-    lines += resting_on(model.assumed, len(model.sources), shares, pose_labels(result.names)[0])
+    lines = [
+        f"{visible(result.robot)}: {visible(result.base)} to {visible(result.tip)}, {result.poses:,} poses with the same robots",
+        f"{result.samples:,} samples at each, seed {result.seed}, {result.model} model, statics {result.statics}, "
+        f"{result.confidence:.0%} confidence",
+        _worst(result),
+        *(_verdict(result, specification) for specification in specifications),
+        "",
+        *aligned(_rows(result, listed, is_whole)),
+        *([f"and {left_out:,} more poses: --all"] if left_out else []),
+        "",
+        "quantiles of |d| in mm, shares inside each spec; - is not resolved",
+        *resting_on(model.assumed, len(model.sources), shares, pose_labels(result.names)[0], is_brief=not is_whole),
+        *([_verdict(result, one, is_brief=True) for one in specifications] or [_worst(result)]),
+    ]
     return "\n".join(lines)
 
 
@@ -57,15 +70,17 @@ def _name(result: PosesResult, pose: int) -> str:
     return f"pose {shown(name)}" if name else pose_labels(result.names)[pose]
 
 
-def _verdict(result: PosesResult, specification: PosesSpecification) -> str:
+def _verdict(result: PosesResult, specification: PosesSpecification, *, is_brief: bool = False) -> str:
     worst = specification.results[specification.worst]
     pose = _name(result, specification.worst)
-    demand = f"spec {demanded(worst)} at every pose: {specification.said}"
+    demand = f"{'' if is_brief else 'spec '}{demanded(worst)} at every pose: {specification.said}"
     if specification.verdict == "not judged":
         return demand
     if specification.verdict == "nothing to judge" and worst.verdict == specification.verdict:
         return f"{demand} - {pose}: {NOTHING_VARIES}"
     share, low, high = format_share(worst.probability, worst.interval, worst.required)
+    if is_brief:
+        return f"{demand} - worst {pose}, {share} % inside"
     kept = sum(of.met for of in specification.results)
     together = ""
     if specification.everywhere is not None:
@@ -79,35 +94,24 @@ def _verdict(result: PosesResult, specification: PosesSpecification) -> str:
     )
 
 
-def _header(result: PosesResult) -> list[str]:
-    return ["pose", *_HEADINGS, *(f"spec {rank}" for rank in range(1, len(result.specifications) + 1))]
-
-
-def _rows(result: PosesResult) -> list[list[str]]:
-    rows, labels = [], pose_labels(result.names)
-    for pose in _listed(result):
-        cells = [cell for rank in range(len(LEVELS)) for cell in _quantile(result, rank, pose)]
+def _rows(result: PosesResult, listed: Sequence[int], has_intervals: bool) -> list[list[str]]:
+    """Return the heading and a row for each pose; the median's interval is left out, so that the row fits a terminal."""
+    levels = range(len(LEVELS))
+    rows, labels = [["pose", "median"]], pose_labels(result.names)
+    for level in LEVELS[1:]:
+        rows[0] += [f"{100 * level:.4g} %", *["interval"] * has_intervals]
+    rows[0] += [f"spec {rank}" for rank in range(1, len(result.specifications) + 1)]
+    for pose in listed:
+        (median, _), *others = (_quantile(result, rank, pose) for rank in levels)
         judged = [specification.results[pose] for specification in result.specification_results]
         shares = [
             f"{format_share(of.probability, of.interval, of.required)[0]} %{'' if of.met else f' {of.verdict}'}"
             for of in judged
         ]
         worst = " (worst)" if pose == result.worst_pose else ""
-        # the median's interval is left out: the row must fit a terminal
-        rows.append([labels[pose] + worst, cells[0], *cells[2:], *shares])
+        quantiles = [cell for pair in others for cell in pair[: 1 + has_intervals]]
+        rows.append([labels[pose] + worst, median, *quantiles, *shares])
     return rows
-
-
-def _listed(result: PosesResult) -> list[int]:
-    """Return the poses of the table: all in their order, or of many the worst, that one first."""
-    if result.poses <= _MOST_ROWS:
-        return list(range(result.poses))
-    return result.worst_first[:_WORST_ROWS]
-
-
-def _left_out(result: PosesResult) -> list[str]:
-    more = result.poses - len(_listed(result))
-    return [f"and {more:,} more poses: --json FILE writes all"] if more else []
 
 
 def _quantile(result: PosesResult, rank: int, pose: int) -> tuple[str, str]:

@@ -110,7 +110,8 @@ def _head(chain: Chain, robot_text: str) -> Lines:
         "# It runs unedited: precision-pin analyze THIS_FILE",
         '# No number here was measured on this robot. What is marked "assumption" is a starting tolerance: replace it by',
         "# what a drawing, a data sheet or a calibration says, and delete its 'assumed: true': until then every verdict says",
-        "# that it rests on assumptions. A tolerance is a half-width, ± about the mean.",
+        "# that it rests on assumptions. A tolerance is a half-width, ± about the mean: {normal: t} is ±3σ. Whoever has σ",
+        "# in hand writes {normal: {std: σ}}; {normal: σ} would make the robot three times too good.",
         "precision-pin: 1",
         f"robot: {quoted(robot_text)}",
         f"tip: {quoted(chain.tip)}" + (f"    # other leaves: {some}" if others else ""),
@@ -237,7 +238,7 @@ def _parameters() -> Lines:
         "#   set_up: {uniform: 0.05 mm}",
         "#   tool_mass: {normal: 0.06 kg, mean: 1 kg, scope: visit}",
         "# A source takes them in place of a tolerance:  parameters: [set_up, {uniform: 0.02 mm}]",
-        f"# A law has one of these keys and, as it allows, {', '.join(law_options())}; normal: t has the deviation t/3.",
+        f"# A law has one of these keys and, as it allows, {', '.join(law_options())}; normal: t is ±3σ.",
     ]
     for key, law in laws_of_sheets().items():
         lines += _comment(f"{key}: {_first_line(law)}", "#   ", "#       ")
