@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
 from precision_pin.display.tables import milli, symbol, unit
 from precision_pin.outputs.kit.causes import assumed_share, rank_causes
-from precision_pin.outputs.kit.html import Child, Html, element, joined, paragraph, section, table
+from precision_pin.outputs.kit.html import Child, Html, element, items, joined, paragraph, section, table
 from precision_pin.outputs.kit.picture import Cloud, Picture, draw_picture
 from precision_pin.outputs.kit.svg import figure
 from precision_pin.outputs.monte_carlo.verdict import describe_verdict, specifications, verdict
+from precision_pin.outputs.report.changes import changes, constant_part
 from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.numbers import MISSING, milli_interval, statistic
 from precision_pin.statistics import Distribution
@@ -23,28 +22,35 @@ __all__ = ["causes_in_words", "name_pose", "picture", "summary"]
 
 _NAMED: Final = 3
 _MARKED: Final = (0.95, 0.9973)
-# errors of the arm without any tolerance are said from this share of the 95 % quantile on
-_NOTABLE: Final = 0.1
 
 
-def summary(poses: Sequence[Results]) -> Html:
-    """Return the first section: of several poses the worst, and a table of all.
+def summary(poses: Sequence[Results], answers: Sequence[str] = (), missed: Sequence[str] = ()) -> Html:
+    """Return the first section: the verdict, of several poses on the worst, a table of all, and what to change.
 
     Parameters
     ----------
     poses
         The worst first.
+    answers
+        Of what the page has beside its poses.
+    missed
+        Where else a specification is not met.
     """
     worst = poses[0]
-    words = element("div", verdict(worst), _causes(worst), class_="words")
-    asked = bool(worst.analysis.summary.specifications)
+    words = element("div", verdict(worst, missed), _causes(worst), class_="words")
+    asked = worst.analysis.summary.specifications
     parts: list[Child] = [element("div", words, picture(worst), class_="first")]
     if len(poses) > 1:
-        parts.insert(0, _by_pose(poses))
+        parts.append(_by_pose(poses))
+    if answers:
+        parts.append(items(answers, "answers"))
+    if len(asked) != 1:
+        # the first sentence has all of a single one
+        parts.append(specifications(worst))
     heading = "Verdict" if asked else "Result"
     if len(poses) > 1:
         heading += f", worst of {len(poses)} poses: {name_pose(worst)}"
-    return section("verdict", heading, *parts, specifications(worst))
+    return section("verdict", heading, *parts, changes(worst), folded=False)
 
 
 def name_pose(results: Results) -> str:
@@ -122,13 +128,9 @@ def _resting(results: Results, pose: PoseBudget | None) -> list[Html]:
 
 def _always(results: Results) -> list[Html]:
     """Return a line on the error at the means, where it is a large part of the error."""
-    size = float(np.linalg.norm(results.analysis.nominal[:3]))
-    norm = results.analysis.position.norm
-    marked = norm.quantile(0.95) or norm.max
-    if size <= _NOTABLE * marked:
-        return []
-    text = f"{milli(size, 3)} {unit(norm.quantity)} is the error before anything varies, from mean values and loads."
-    return [paragraph(text)]
+    size = constant_part(results)
+    text = f"{milli(size, 3)} mm is the error before anything varies, from mean values and loads."
+    return [paragraph(text)] if size > 0 else []
 
 
 def _percent(share: float) -> str:
