@@ -86,12 +86,12 @@ def page(
         summary(poses, [line for chapter in chapters for line in chapter.answers], missed),
         _contents(poses, chapters),
         assumptions(poses),
-        *([] if full else [paragraph(_NOT_PRINTED, class_="note paper")]),
         *details,
         scene(poses, [chapter.layer for chapter in chapters if chapter.layer is not None]),
         *last,
     ]
-    header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"))
+    on_paper = [] if full else [paragraph(_NOT_PRINTED, class_="note paper")]
+    header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"), *on_paper)
     main = element("main", *sections, id="main", tabindex="-1")
     footer = element("footer", paragraph("Written by precision-pin."))
     body = joined([element("a", "Skip to the result", class_="skip", href="#main"), header, main, footer])

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
 from precision_pin.display.tables import milli, symbol, unit
 from precision_pin.outputs.kit.causes import assumed_share, rank_causes
@@ -16,7 +18,10 @@ from precision_pin.outputs.monte_carlo.verdict import describe_verdict, specific
 from precision_pin.outputs.report.changes import changes, constant_part
 from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.numbers import MISSING, milli_interval, statistic
+from precision_pin.outputs.view.headline import quantile
+from precision_pin.outputs.view.scales import middle_of
 from precision_pin.statistics import Distribution
+from precision_pin.statistics.digits import format_inside
 
 __all__ = ["causes_in_words", "name_pose", "picture", "summary"]
 
@@ -82,23 +87,48 @@ def _draw(results: Results) -> Picture:
     norm = results.analysis.position.norm
     limits = [one for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
     limit = min(limits, key=lambda one: one.limit) if limits else None
+    is_apart = _is_apart(results)
+    within = norm.quantile(0.95)
+    if is_apart:
+        found = _about_mean(results)
+        within = None if found is None else found[0]
     cloud = Cloud(
         results.cloud[:3],
-        norm.quantile(0.95),
+        within,
         None if limit is None else limit.limit,
         limit is None or limit.met,
+        tuple(results.analysis.nominal[:3].tolist()) if is_apart else (0.0, 0.0, 0.0),
     )
     return draw_picture(results.at.posture, cloud, [Path(folder) for folder in results.package_dirs])
+
+
+def _is_apart(results: Results) -> bool:
+    """Return whether the errors of the picture are so far from zero that they are drawn from the error at the means."""
+    return bool(middle_of(results.cloud[:3]).any())
+
+
+def _about_mean(results: Results) -> tuple[float, tuple[float, float]] | None:
+    """Return within how much of the error at the means 95 % of the errors in the picture are, m, with its interval."""
+    return quantile(np.linalg.norm(results.cloud[:3] - results.analysis.nominal[:3, None], axis=0), 0.95)
 
 
 def _caption(results: Results, drawn: Picture) -> str:
     norm = results.analysis.position.norm
     limited = [one.limit for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
+    is_apart = _is_apart(results)
     parts = [f"{drawn.points:,} sampled robots, errors ×{drawn.factor:g} about the tip (+)"]
-    if norm.quantile(0.95) is not None:
+    if is_apart:
+        constant = f"the constant part of {milli(constant_part(results), 3)} mm"
+        parts = [f"{drawn.points:,} sampled robots, errors without {constant} ×{drawn.factor:g} about the tip (+)"]
+        found = _about_mean(results)
+        if found is not None:
+            within = format_inside(1e3 * found[0], (1e3 * found[1][0], 1e3 * found[1][1]))
+            parts.append(f"dashed: 95 % within {within} mm")
+    elif norm.quantile(0.95) is not None:
         parts.append(f"dashed: 95 % within {statistic(norm, 0.95)} {unit(norm.quantity)}")
     if limited:
-        where = "limit" if drawn.shows_limit else "outside the picture: the limit"
+        beyond = "not drawn" if is_apart else "outside the picture"
+        where = "limit" if drawn.shows_limit else f"{beyond}: the limit"
         parts.append(f"{where} {milli(min(limited), 6)} {unit(norm.quantity)}")
     return "; ".join(parts) + "."
 
