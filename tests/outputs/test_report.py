@@ -30,11 +30,13 @@ from precision_pin.analyses.budget.budget import budget
 from precision_pin.analyses.exact_law.exact_law import exact_law
 from precision_pin.analyses.worst_case.worst_case import worst_case
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.kit.html import element
 from precision_pin.outputs.monte_carlo.section import distributions
 from precision_pin.outputs.monte_carlo.verdict import specifications, verdict
 from precision_pin.outputs.report.assumptions import assumptions
+from precision_pin.outputs.report.changes import changes
 from precision_pin.outputs.report.collect import collect_poses
-from precision_pin.outputs.report.page import page
+from precision_pin.outputs.report.page import _opened, page
 from precision_pin.outputs.report.summary import summary
 from precision_pin.outputs.view import script_hashes
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
@@ -44,7 +46,7 @@ from precision_pin.statistics import SpecificationResult
 from precision_pin.statistics.specification import specification
 
 SECTIONS = (
-    "verdict", "distributions", "budget", "worst-case", "exact-law", "moments", "view", "assumptions", "mcpc", "parameters",
+    "verdict", "assumptions", "distributions", "budget", "worst-case", "exact-law", "moments", "view", "mcpc", "parameters",
     "reproduce",
 )  # fmt: skip
 LARGEST = 6_000_000
@@ -87,6 +89,74 @@ def test_sections_stand_in_order_and_the_contents_lead_to_them(reader):
     assert tuple(tag.attributes["id"] for tag in reader.named("section")) == SECTIONS
     assert [tag.attributes["href"] for tag in reader.named("a")] == ["#main", *(f"#{name}" for name in SECTIONS)]
     assert next(tag for tag in reader.tags if tag.attributes.get("id") == "main").name == "main"
+
+
+def test_all_but_the_decision_is_folded_and_a_link_leads_into_the_fold():
+    text = re.sub(r'srcdoc="[^"]*"', "", paper()[1])
+    # a browser opens the folds around the target of a link, so the target is inside
+    folds = re.findall(
+        r'<details class="fold"><summary><h2 id="([\w-]+)-heading">[^<]+</h2></summary><section id="([\w-]+)"', text
+    )
+    assert [name for name, _ in folds] == [name for _, name in folds] == list(SECTIONS[2:])
+    opened = re.findall(r'<section id="([\w-]+)"[^>]*><h2', text)
+    assert opened == ["verdict", "assumptions"]
+    assert "<details open" not in text
+    assert text.count("precision-pin report --full") == 1
+    made = _opened([element("details", element("summary", "<details>"))])[0].text
+    assert made == '<details open=""><summary>&lt;details&gt;</summary></details>'
+
+
+def test_what_to_change_is_what_a_sheet_with_the_change_gives(model, tmp_path, reader):
+    table = reader.table("What to change, and what it brings: |d|")
+    assert table.rows[0] == ["change", "share of the variance %", "95 % within [mm]"]
+    assert agrees(
+        table.row("as it is")[1], 1e3 * monte_carlo(model, samples=SAMPLES, seed=4).position.norm.quantile(0.95)
+    )
+    text = PAPER_SHEET.read_text("utf-8").replace("robot: 4dof.urdf", f"robot: {PAPER_SHEET.parent / '4dof.urdf'}")
+    constant = model.at().exact(model.space.mean[:, None])[:3]
+
+    def size(errors) -> float:
+        return 1e3 * np.quantile(np.linalg.norm(errors[:3], axis=0), 0.95)
+
+    def halved(*joints: str) -> np.ndarray:
+        written = text
+        for joint in joints:
+            assert f"joint: {joint}, radius: 0.1 mm" in written
+            written = written.replace(f"joint: {joint}, radius: 0.1 mm", f"joint: {joint}, radius: 0.05 mm")
+        (tmp_path / "changed.yaml").write_text(written, "utf-8")
+        changed = ErrorModel.load(tmp_path / "changed.yaml")
+        return changed.at().exact(changed.space.sample(4, 0, SAMPLES))[:3]
+
+    joints = ("joint1", "joint2", "joint3")
+    for joint in joints:
+        assert agrees(table.row(f"halved: axis of {joint}, radius 0.1 mm")[1], size(halved(joint)))
+    row = table.row(f"without the constant part of {1e3 * np.linalg.norm(constant):.3g} mm")
+    assert agrees(row[1], size(halved() - constant))
+    assert agrees(table.row("all of these")[1], size(halved(*joints) - constant))
+    assert len(table.rows) == 7
+
+
+def test_what_to_change_counts_the_robots_inside_the_limit_that_is_missed(model):
+    results = sampled_again(model, specifications=[specification(one) for one in ("60 mm", "40 mm @ 99 %")])
+    table = Reader(changes(results).text).table("What to change")
+    assert table.rows[0][-1] == "inside 40 mm"
+    errors = model.at().exact(model.space.sample(4, 0, SAMPLES))[:3]
+    for row, kept, said in (
+        ("as it is", np.linalg.norm(errors, axis=0) <= 40e-3, "not met"),
+        ("all of these", np.ones(1), "met"),
+    ):
+        share, verdict_there = table.row(row)[-1].split(" %, ")
+        assert agrees(share, 100 * kept.mean())
+        assert verdict_there == said
+
+
+def test_what_is_missed_elsewhere_is_in_the_first_sentence(model):
+    results = sampled_again(model, specifications=[specification("60 mm")])
+    made = verdict(results, ["on the map", "along the path"]).text
+    assert "The specification is met, but not on the map and not along the path." in Reader(made).text
+    assert 'class="verdict failed"' in made
+    failed = sampled_again(model, specifications=[specification("1 mm")])
+    assert "The specification is not met." in Reader(verdict(failed, ["on the map"]).text).text
 
 
 def test_the_page_loads_nothing_and_runs_only_the_scripts_of_the_view(reader):
@@ -515,9 +585,7 @@ def test_several_poses_stand_on_one_page_the_worst_first(three_poses):
         assert row[1] == one.analysis.summary.specifications[0].verdict
     identifiers = [tag.attributes["id"] for tag in reader.tags if "id" in tag.attributes]
     assert len(set(identifiers)) == len(identifiers)
-    assert [tag.attributes["id"] for tag in reader.named("details") if tag.attributes.get("class") == "pose"] == [
-        "pose2-pose", "pose3-pose",
-    ]  # fmt: skip
+    assert [name for name in identifiers if name.endswith("-pose")] == ["pose2-pose", "pose3-pose"]
     assert len(reader.named("iframe")) == 1
     assert {tag.attributes["href"][1:] for tag in reader.named("a")} <= set(identifiers)
     assert page(found) == text

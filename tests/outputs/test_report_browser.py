@@ -21,6 +21,7 @@ BACKGROUND = "getComputedStyle(document.body).backgroundColor"
 OF_FIGURES = """
   [...document.querySelectorAll('svg')].map((svg) => getComputedStyle(svg.querySelector('path')).color)
 """
+OPEN_ALL = "document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })"
 TOO_WIDE = "document.documentElement.scrollWidth > innerWidth"
 
 
@@ -41,6 +42,7 @@ def blue_pixels(picture: bytes) -> int:
 def test_the_page_opens_in_either_scheme_and_on_a_narrow_screen(paper_page, scheme, width):
     with chromium(color_scheme=scheme, viewport={"width": width, "height": 800}) as context:
         visit = visited(context, paper_page)
+        visit.page.evaluate(OPEN_ALL)
         frame = visit.page.frame_locator("iframe")
         frame.locator("body[data-ready=yes]").wait_for(timeout=PATIENCE, state="attached")
         assert complaints(visit) == []
@@ -68,6 +70,23 @@ def test_the_keyboard_leads_past_the_contents_and_into_every_table(paper_page):
         assert unreached == 0
 
 
+def test_a_link_of_the_contents_opens_its_section_and_so_does_the_keyboard(paper_page):
+    with chromium() as context:
+        visit = visited(context, paper_page)
+        budget = visit.page.locator("#budget")
+        assert not budget.is_visible()
+        visit.page.click("nav a[href='#budget']")
+        assert budget.is_visible()
+        heading = visit.page.locator("#budget-heading").bounding_box()
+        assert 0 <= heading["y"] < 100
+        # on to the summary of the section after it
+        fold = visit.page.locator(".fold:has(> #worst-case)")
+        fold.locator("> summary").focus()
+        for expected in (True, False):
+            visit.page.keyboard.press("Enter")
+            assert visit.page.locator("#worst-case").is_visible() == expected
+
+
 def test_hostile_names_do_nothing(tmp_path):
     file = tmp_path / "hostile.html"
     file.write_text(page(results_of(write_hostile(tmp_path), ("1 mm",), samples=500)), "utf-8")
@@ -75,6 +94,7 @@ def test_hostile_names_do_nothing(tmp_path):
         dialogs = []
         context.on("dialog", lambda dialog: (dialogs.append(dialog.message), dialog.dismiss()))
         visit = visited(context, file)
+        visit.page.evaluate(OPEN_ALL)
         visit.page.frame_locator("iframe").locator("body[data-ready=yes]").wait_for(timeout=PATIENCE, state="attached")
         assert dialogs == []
         assert complaints(visit) == []
@@ -87,13 +107,22 @@ def test_hostile_names_do_nothing(tmp_path):
         assert HAN in visit.page.evaluate("document.querySelector('#mcpc').textContent")
 
 
-def test_paper_gets_the_still_picture_instead_of_the_view(paper_page, tmp_path):
+def test_paper_gets_the_decision_or_what_is_open_and_the_still_picture_instead_of_the_view(paper_page):
     with chromium(color_scheme="dark") as context:
         visit = visited(context, paper_page)
-        visit.page.pdf(path=tmp_path / "paper.pdf", prefer_css_page_size=True)
-        content = (tmp_path / "paper.pdf").read_bytes()
-        assert 8 <= len(re.findall(rb"/Type\s*/Page\b", content)) <= 20
+
+        def pages(paper: str) -> int:
+            return len(re.findall(rb"/Type\s*/Page\b", visit.page.pdf(format=paper)))
+
+        assert [pages(paper) for paper in ("A4", "Letter")] == [2, 2]
         visit.page.emulate_media(media="print")
+        assert visit.page.locator(".paper").is_visible()
+        assert visit.page.locator("#assumptions").is_visible()
+        assert not visit.page.locator("#budget").is_visible()
+        # as the page is written with --full
+        visit.page.evaluate(OPEN_ALL)
+        assert 10 <= pages("A4") <= 20
+        assert visit.page.locator("#budget").is_visible()
         assert visit.page.locator("#figure-arm svg").is_visible()
         assert not visit.page.locator("iframe").is_visible()
         assert not visit.page.locator("nav").is_visible()
@@ -124,6 +153,7 @@ def test_nothing_is_clipped_on_paper(paper_page, width_mm):
     # the width between the margins, in pixels of CSS
     with chromium(viewport={"width": int(width_mm / 25.4 * 96), "height": 1000}) as context:
         visit = visited(context, paper_page)
+        visit.page.evaluate(OPEN_ALL)
         visit.page.emulate_media(media="print")
         assert visit.page.evaluate(OUTSIDE) == []
 
@@ -151,6 +181,7 @@ def test_the_first_screen_of_a_phone_holds_them_in_reading_order(paper_page):
 def test_no_column_is_off_the_screen_of_a_phone(paper_page):
     with chromium(viewport={"width": 390, "height": 844}) as context:
         visit = visited(context, paper_page)
+        visit.page.evaluate(OPEN_ALL)
         assert not visit.page.evaluate(TOO_WIDE)
         # charts keep the size of their letters and scroll
         assert [one for one in visit.page.evaluate(OUTSIDE) if not one.startswith("svg")] == []

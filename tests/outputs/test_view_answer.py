@@ -49,6 +49,22 @@ def test_without_a_limit_the_answer_is_the_95_percent_quantile_with_its_interval
     assert found.verdict == ""
 
 
+def test_a_mean_that_is_far_larger_than_the_spread_has_a_line_of_its_own(tmp_path):
+    errors = made_up_errors(3000, size=1e-3) + np.reshape([0.02, 0.02, -0.01, 0, 0, 0], (6, 1))
+    _, constant = answers(errors, (), MOVING)
+    mean, within = (float(re.search(r"[\d.]+(?= mm)", text)[0]) for text in (constant.text, constant.detail))
+    assert constant.text == f"Mean error {mean} mm, the same for every robot"
+    # 30 mm long, known to 2σ √(3/N); about it the law is sigma times a chi variable of three degrees
+    assert mean == pytest.approx(30.0, abs=2 * np.sqrt(3 / 3000) + 0.05)
+    assert within == pytest.approx(scipy.stats.chi(3).ppf(0.95), abs=0.1)
+    settings = data_block(simple_page(pose_model(tmp_path, arm_text()), errors), "settings")
+    assert settings["aboutMean"]
+    assert settings["factor"] == settings["factors"][1] > settings["factors"][0]
+    settings = data_block(simple_page(pose_model(tmp_path, arm_text())), "settings")
+    assert not settings["aboutMean"]
+    assert settings["factor"] == settings["factors"][0]
+
+
 @pytest.mark.parametrize(
     ("text", "verdict"),
     [

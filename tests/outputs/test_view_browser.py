@@ -40,6 +40,7 @@ from support.sheets import SEVEN_Q, everything, seven_joint_arm
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
+ZERO = "#about=zero"
 KINDS = ("cloud", "mean", "inner", "outer", "tip", "frames", "arm", "ghosts", "deflected", "mcpc", "base", "grid")
 
 
@@ -107,7 +108,7 @@ def displacements_of(at, x: np.ndarray) -> np.ndarray:
 def test_the_page_opens_without_complaint_or_request(context, tmp_path, paper):
     visit = opened(context, tmp_path, simple_page(*paper))
     found = state(visit)
-    assert (found["factor"], found["pose"], found["playing"]) == (150, 1, False)
+    assert (found["factor"], found["pose"], found["playing"]) == (100, 1, False)
     assert {name for name, seen in found["seen"].items() if not seen} == {"ghosts", "deflected", "mcpc", "limit"}
     assert set(found["seen"]) == {*KINDS, "limit"}
     words = visit.page.inner_text("#panel")
@@ -138,7 +139,7 @@ def test_the_slider_enlarges_everything_together(context, tmp_path, three_poses)
     tip = at.table.pose
     x = at.space.sample(1, 0, 3)
     built, mean = displacements_of(at, x), displacements_of(at, at.space.mean[:, None])[:, :, 0]
-    visit = opened(context, tmp_path, pages([shown], factor=10))
+    visit = opened(context, tmp_path, pages([shown], factor=10), ZERO)
     visit.page.check("#show-ghosts")
     visit.page.check("#show-deflected")
     for factor in (1.0, 10.0, 100.0):
@@ -170,8 +171,50 @@ def test_the_slider_enlarges_everything_together(context, tmp_path, three_poses)
         assert f"drawn {factor:g} mm long" in visit.page.inner_text("#example")
 
 
+def test_errors_stand_about_the_tip_from_their_mean_and_beside_it_from_zero(context, tmp_path, paper):
+    at, errors = paper
+    tip, mean = at.table.pose, errors.mean(axis=1)
+    x = at.space.sample(1, 0, 1)
+    built, middle = displacements_of(at, x)[:, :, 0], displacements_of(at, at.space.mean[:, None])[:, :, 0]
+    visit = opened(context, tmp_path, simple_page(at, errors))
+    visit.page.check("#show-ghosts")
+
+    def stands(factor: float, from_mean: float, words: str) -> None:
+        found = state(visit)
+        assert found["factor"] == factor
+        expected = tip[:3, 3] + factor * (errors[:3, :10].T - from_mean * mean[:3])
+        cloud = matrix(found["cloud"])
+        points = np.array(found["points"]).reshape(-1, 3)
+        np.testing.assert_allclose(points @ cloud[:3, :3].T + cloud[:3, 3], expected, atol=1e-6 * factor)
+        moved = enlarged(errors[:, 0] - from_mean * mean, factor)
+        np.testing.assert_allclose(matrix(found["frames"][0])[:3, 3], tip[:3, 3] + moved[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(matrix(found["frames"][0])[:3, :3], moved[:3, :3] @ tip[:3, :3], atol=1e-9)
+        ghost = composed(at.table.frames, built - from_mean * middle, factor)[-1] @ tip
+        np.testing.assert_allclose(matrix(found["ghosts"][0]["tip"]), ghost, atol=1e-5 * factor)
+        assert visit.page.inner_text("#caption-about") == words
+
+    from_mean = "from the mean error, which is 36.8 mm"
+    stands(100, 1, from_mean)
+    # the headline anew for a change that is none, and as it was
+    before = visit.page.locator("#headline p").all_inner_texts()
+    assert before[2].startswith("Mean error 36.8 mm")
+    visit.page.evaluate("knob = document.getElementById('tolerance0'); knob.step = 'any'; knob.value = 1 + 1e-9")
+    visit.page.evaluate("knob.dispatchEvent(new Event('input'))")
+    assert visit.page.is_visible("#changed")
+    assert visit.page.locator("#headline p").all_inner_texts() == before
+    visit.page.click("#reset")
+    visit.page.select_option("#about", "zero")
+    stands(150, 0, "from zero error")
+    assert visit.page.locator("body").get_attribute("data-about") == "zero"
+    visit.page.select_option("#about", "mean")
+    stands(100, 1, from_mean)
+    assert complaints(visit) == []
+    visit = opened(context, tmp_path, simple_page(at, errors), ZERO)
+    assert not state(visit)["aboutMean"]
+
+
 def test_at_the_true_size_an_arm_as_built_ends_at_its_sample(context, tmp_path, three_poses):
-    visit = opened(context, tmp_path, pages(three_poses, factor=1))
+    visit = opened(context, tmp_path, pages(three_poses, factor=1), ZERO)
     visit.page.check("#show-ghosts")
     for number, shown in enumerate(three_poses):
         visit.page.fill("#pose", str(number))
@@ -186,7 +229,7 @@ def test_at_the_true_size_an_arm_as_built_ends_at_its_sample(context, tmp_path, 
 
 def test_the_pose_slider_switches_arm_cloud_ellipsoids_and_caption(context, tmp_path, three_poses):
     text = pages(three_poses)
-    visit = opened(context, tmp_path, text)
+    visit = opened(context, tmp_path, text, ZERO)
     for name in ("ghosts", "deflected", "mcpc"):
         visit.page.check(f"#show-{name}")
     settings = data_block(text, "settings")
@@ -248,6 +291,7 @@ def test_everything_can_be_reached_and_used_by_keyboard(context, tmp_path, three
             visit.page.keyboard.press("ArrowRight")
     expected = {
         "factor",
+        "about",
         "pose",
         "play",
         "look-arm",

@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from outputs.view_cases import arm_text, pose_model
 from precision_pin.display.units import WrittenUnit
 from precision_pin.outputs.view.meshes import Surface, thinned
-from precision_pin.outputs.view.scales import ColourScale, arm_length, default_factor, round_number, view_direction
+from precision_pin.outputs.view.scales import (
+    ColourScale,
+    arm_length,
+    default_factor,
+    middle_of,
+    round_number,
+    view_direction,
+)
 
 
 def test_arm_length_is_the_way_over_the_joints(tmp_path):
@@ -75,6 +82,15 @@ def test_the_arm_is_not_lost_beside_a_far_mean(posture):
     size = [max(np.ptp(points[:, 0]), 1.2 * np.ptp(points[:, 1])) for points in (seen, both)]
     assert 10 <= factor <= 50
     assert size[0] > 0.44 * size[1]
+
+
+def test_errors_are_drawn_from_their_mean_where_it_is_far_larger_than_their_spread():
+    direction = np.array([2.0, -1.0, 2.0]) / 3
+    spread = np.sqrt(3) * 1e-3  # one standard deviation in each of three directions
+    np.testing.assert_array_equal(middle_of(ball(1e-3, tuple(2.9 * spread * direction))), np.zeros(3))
+    np.testing.assert_allclose(middle_of(ball(1e-3, tuple(3.1 * spread * direction))), 3.1 * spread * direction)
+    # without spread the way from the tip is all there is to see
+    np.testing.assert_array_equal(middle_of(np.full((3, 9), 1e-3)), np.zeros(3))
 
 
 def test_a_cloud_is_seen_from_a_wide_side(posture):

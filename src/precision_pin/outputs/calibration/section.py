@@ -40,7 +40,7 @@ _SHOWN: Final = (
 
 
 def calibration_chapter(result: CalibrationResult) -> Chapter:
-    """Return a calibration as a chapter; at the head of the page, that model and data disagree and what was given no weight.
+    """Return a calibration as a chapter; at the head of the page, whether model and data agree, and what is left.
 
     Parameters
     ----------
@@ -48,8 +48,7 @@ def calibration_chapter(result: CalibrationResult) -> Chapter:
         What :func:`precision_pin.calibrate` returns, of the arm of the report.
     """
     said = headline(result)
-    answers = [said[0]] if result.verdict == "disagrees" else []
-    answers += [said[-1]] if result.gross_errors else []
+    answers = [said[0], *said[2:]]
     lines = tuple(f"Calibration: {line[:1].lower()}{line[1:]}" for line in answers)
     return Chapter("calibration", "Calibration", _section(result), lines, CalibrationLayer.of(result))
 

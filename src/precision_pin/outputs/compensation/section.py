@@ -15,8 +15,8 @@ __all__ = ["compensation_chapter"]
 
 
 def compensation_chapter(result: CompensationResult, error_model: ErrorModel) -> Chapter:
-    """Return the compensation of a model as a chapter; poses without a correction are named at the head."""
-    answers = () if result.is_complete else (f"Compensation: {headline(result)[-1]}",)
+    """Return the compensation of a model as a chapter."""
+    answers = tuple(f"Compensation: {line}" for line in headline(result))
     layer = CompensationLayer.of(result, error_model)
     return Chapter("compensation", "Compensation", _section(result), answers, layer)
 

@@ -14,8 +14,7 @@ __all__ = ["iso9283_chapter"]
 
 def iso9283_chapter(result: Iso9283Result) -> Chapter:
     """Return the forecast as a chapter."""
-    judged = [line for line in answers(result) if line.startswith("spec ")]
-    return Chapter("iso9283", "ISO 9283", _section(result), tuple(f"By ISO 9283: {line}" for line in judged))
+    return Chapter("iso9283", "ISO 9283", _section(result), tuple(f"By ISO 9283: {line}" for line in answers(result)))
 
 
 def _section(result: Iso9283Result) -> Html:

@@ -71,10 +71,15 @@ def definitions(entries: Iterable[tuple[str, Child]]) -> Html:
     return element("dl", *(element("div", element("dt", term), element("dd", text)) for term, text in entries))
 
 
-def section(name: str, heading: str, *children: Child) -> Html:
-    """Return a section of the page that ``#name`` leads to."""
+def section(name: str, heading: str, *children: Child, folded: bool = True) -> Html:
+    """Return a section of the page that ``#name`` leads to, folded until it is opened.
+
+    The section is inside its fold: a browser opens the folds around the element that a link leads to.
+    """
     title = element("h2", heading, id=f"{name}-heading")
-    return element("section", title, *children, id=name, aria_labelledby=f"{name}-heading")
+    inside = children if folded else (title, *children)
+    body = element("section", *inside, id=name, aria_labelledby=f"{name}-heading")
+    return element("details", element("summary", title), body, class_="fold") if folded else body
 
 
 def beside(*tables: Html) -> Html:

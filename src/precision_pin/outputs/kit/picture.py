@@ -56,17 +56,20 @@ class Cloud:
     errors
         Sampled position errors ``(3, N)``, m, base axes.
     within
-        What 95 % of them are within, m, if that is resolved.
+        What 95 % of them are within, of the error that is drawn at the tip, m, if that is resolved.
     limit
         A limit of their size, m, if one was given.
     is_met
         Whether it is kept.
+    middle
+        The error that is drawn at the tip, ``(3,)``, m, such as the mean. A limit has its circle about zero error only.
     """
 
     errors: Array
     within: float | None = None
     limit: float | None = None
     is_met: bool = True
+    middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @final
@@ -127,7 +130,7 @@ def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = 
     skeleton = camera.project(np.vstack([posture.link_poses[:, :3, 3], tip])) - camera.project(tip)
     seen = camera.project(corners) - camera.project(tip)
     arm = _arm_frame(skeleton, seen)
-    drawn = camera.project(cloud.errors[:, :_POINTS].T)[:, :2]
+    drawn = camera.project(cloud.errors[:, :_POINTS].T - np.array(cloud.middle))[:, :2]
     factor, shows_limit = _choose_factor(cloud, drawn, float(arm.size.max()))
     frame = _whole_frame(arm, factor * drawn, factor * max(_radii(cloud, shows_limit), default=0.0))
     size = float(frame.size[0]) / _PIXELS
@@ -188,7 +191,7 @@ def _choose_factor(cloud: Cloud, drawn: Array, extent: float) -> tuple[float, bo
     if reach <= 1e-15 * extent:
         return 1.0, False
     factor = _CLOUD * extent / reach
-    limit = cloud.limit
+    limit = None if any(cloud.middle) else cloud.limit
     shows_limit = limit is not None
     if limit is not None and factor * limit > _LIMIT * extent:
         smaller = _LIMIT * extent / limit

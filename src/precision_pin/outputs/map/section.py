@@ -6,7 +6,7 @@ from precision_pin.analyses.map.map_result import MapResult
 from precision_pin.outputs.kit.html import Html, items, paragraph, section, table
 from precision_pin.outputs.kit.svg import figure as inline_figure
 from precision_pin.outputs.map.figure import figure
-from precision_pin.outputs.map.table import answers, verdict_lines, worst_rows
+from precision_pin.outputs.map.table import answers, worst_rows
 from precision_pin.outputs.report.chapter import Chapter
 from precision_pin.outputs.view.places import PlacesData
 
@@ -35,6 +35,6 @@ def _section(result: MapResult) -> Html:
 
 
 def map_chapter(result: MapResult) -> Chapter:
-    """Return the map as a chapter; its verdicts are at the head too: what is met at the poses may be missed on the map."""
-    answers = tuple(f"On the map: {line}" for line in verdict_lines(result))
-    return Chapter("map", "Map", _section(result), answers, PlacesData.of(result))
+    """Return the map as a chapter; its answers are at the head too: what is met at the poses may be missed on the map."""
+    said = tuple(f"On the map: {line}" for line in answers(result))
+    return Chapter("map", "Map", _section(result), said, PlacesData.of(result))

@@ -24,17 +24,26 @@ _WORDS: Final[dict[Verdict, str]] = {
 }
 
 
-def verdict(results: Results) -> Html:
-    """Return the verdict, the size of the errors, and the share that rests on assumptions."""
+def verdict(results: Results, missed: Sequence[str] = ()) -> Html:
+    """Return the verdict and the size of the errors.
+
+    Parameters
+    ----------
+    results
+        Of the worst pose.
+    missed
+        Where else a specification is not met, such as ``on the map``.
+    """
     given = results.analysis.summary.specifications
     parts: list[Child] = []
     if given:
         met = sum(result.met for result in given)
-        headline = element("strong", describe_verdict(given))
+        elsewhere = f", but not {' and not '.join(missed)}" if missed and met == len(given) else ""
+        headline = element("strong", describe_verdict(given), elsewhere)
         text: list[Child] = [headline, "."]
         if len(given) == 1 and given[0].verdict not in ("nothing to judge", "not judged"):
             text.append(f" {_counted(given[0])}")
-        parts.append(paragraph(*text, class_="verdict met" if met == len(given) else "verdict failed"))
+        parts.append(paragraph(*text, class_="verdict met" if met == len(given) and not missed else "verdict failed"))
     else:
         if not any(results.analysis.summary.varying):
             parts.append(
@@ -62,7 +71,7 @@ def specifications(results: Results) -> Html:
     """Return each specification with the share inside and its interval; without one, how to give one."""
     if not results.analysis.summary.specifications:
         return paragraph('No limit was given: --spec sets one, such as --spec "0.5 mm @ 99.73 %".', class_="note")
-    return joined([_specifications(results), _rule(results)])
+    return _specifications(results)
 
 
 def _counted(result: SpecificationResult) -> str:
@@ -92,14 +101,6 @@ def _specifications(results: Results) -> Html:
 
 def _limit(result: SpecificationResult) -> str:
     return f"{absolute(result.quantity)} ≤ {1e3 * result.limit:.6g} {unit(result.quantity)}"
-
-
-def _rule(results: Results) -> Html:
-    return paragraph(
-        f"“Inside” is the share of {results.analysis.samples:,} sampled robots within the limit. A specification is met when "
-        "the lower end of the interval reaches what is required, not met when the upper end does not, and undecided between.",
-        class_="note",
-    )
 
 
 def _sizes(results: Results) -> Html:

@@ -15,7 +15,7 @@ __all__ = ["path_chapter"]
 
 def path_chapter(result: PathResult) -> Chapter:
     """Return the path as a chapter."""
-    answers = tuple(f"Along the path: {line}" for line in verdict_lines(result))
+    answers = tuple(f"Along the path: {line}" for line in (headline(result), *verdict_lines(result)))
     return Chapter("path", "Path", _section(result), answers, PathLayer.of(result))
 
 

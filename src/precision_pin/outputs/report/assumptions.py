@@ -22,6 +22,10 @@ _STATICS = {
     "nominal": "nominal: loads act on the undeflected arm",
     "equilibrium": "equilibrium: loads act on the arm as it comes to rest under them",
 }
+_RULE = (
+    "met when the lower end of the interval of the share inside reaches what is required, not met when the upper end does "
+    "not, undecided between"
+)
 _SCOPES = {"unit": "once for each built robot", "pose": "once for each robot and pose", "visit": "at each visit"}
 
 
@@ -41,11 +45,12 @@ def assumptions(poses: Sequence[Results]) -> Html:
         *(("Error at the means", _at_means(one, len(poses) > 1)) for one in poses),
         *(("Assumed", line) for line in resting_on(analysis.assumed, analysis.sources, analysis.origins)),
         ("Random numbers", _scopes(results)),
+        *([("Verdict", _RULE)] if analysis.summary.specifications else []),
         ("Confidence", f"{100 * analysis.summary.confidence:g} % for each interval by itself"),
         ("Digits", "only those that the samples support; – is not resolved by this many samples"),
     ]
     entries += [("Correlation", pair) for group in analysis.correlations for pair in _pairs(group)]
-    return section("assumptions", "Assumptions and warnings", definitions(entries), _warnings(poses))
+    return section("assumptions", "Assumptions and warnings", definitions(entries), _warnings(poses), folded=False)
 
 
 def _at_means(results: Results, is_named: bool) -> str:

@@ -23,17 +23,27 @@ from precision_pin.outputs.report.wording import describe_run, left_out
 __all__ = ["page"]
 
 _LAST: Final = {
-    "assumptions": ("Assumptions", assumptions),
     "mcpc": ("MCPC", geometry),
     "parameters": ("Parameters", parameters),
     "reproduce": ("Reproduce", reproduction),
 }
 """Sections after those of the poses: title in the list of contents, and function."""
-_WITHOUT_SCRIPTS: Final = Html("<noscript><style>#view { display: none; }</style></noscript>")
+_WITHOUT_SCRIPTS: Final = Html("<noscript><style>.fold:has(> #view) { display: none; }</style></noscript>")
+_NOT_PRINTED: Final = (
+    "Folded sections are not printed: open them first, or write the page with precision-pin report --full."
+)
 
 
-def page(results: Results | Sequence[Results], chapters: Sequence[Chapter] = ()) -> str:
+def page(
+    results: Results | Sequence[Results],
+    chapters: Sequence[Chapter] = (),
+    *,
+    missed: Sequence[str] = (),
+    full: bool = False,
+) -> str:
     """Return one self-contained HTML page about one pose or several: verdict, distributions, causes, bounds, 3-D view.
+
+    Verdict, causes, what to change and assumptions are open; every other section is folded, and printed only if it is open.
 
     It loads nothing from outside, runs no script but those of the 3-D view, which run in a sandboxed frame, and is the same
     text for the same results.
@@ -44,6 +54,10 @@ def page(results: Results | Sequence[Results], chapters: Sequence[Chapter] = ())
         What it shows, of several poses the worst first.
     chapters
         What it has beside its poses, such as a map or a path of the same chain.
+    missed
+        Where else a specification is not met, such as ``on the map``.
+    full
+        Whether all sections are open at first, but for the 3-D view.
     """
     poses = [results] if isinstance(results, Results) else list(results)
     worst = poses[0]
@@ -60,17 +74,24 @@ def page(results: Results | Sequence[Results], chapters: Sequence[Chapter] = ())
             _WITHOUT_SCRIPTS,
         ]
     )
-    sections = [
-        summary(poses),
-        _contents(poses, chapters),
+    details = [
         *_details(worst),
-        *(_folded(other) for other in poses[1:]),
+        *(_other_pose(other) for other in poses[1:]),
         *(chapter.section for chapter in chapters),
-        scene(poses, [chapter.layer for chapter in chapters if chapter.layer is not None]),
-        *(make(poses) for _, make in _LAST.values()),
     ]
-    answers = [paragraph(line, class_="subject") for chapter in chapters for line in chapter.answers]
-    header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"), *answers)
+    last = [make(poses) for _, make in _LAST.values()]
+    if full:
+        details, last = _opened(details), _opened(last)
+    sections = [
+        summary(poses, [line for chapter in chapters for line in chapter.answers], missed),
+        _contents(poses, chapters),
+        assumptions(poses),
+        *details,
+        scene(poses, [chapter.layer for chapter in chapters if chapter.layer is not None]),
+        *last,
+    ]
+    on_paper = [] if full else [paragraph(_NOT_PRINTED, class_="note paper")]
+    header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"), *on_paper)
     main = element("main", *sections, id="main", tabindex="-1")
     footer = element("footer", paragraph("Written by precision-pin."))
     body = joined([element("a", "Skip to the result", class_="skip", href="#main"), header, main, footer])
@@ -82,14 +103,19 @@ def _details(results: Results) -> list[Html]:
     return [distributions(results), *(_section(name, results) for name in results.found)]
 
 
-def _folded(results: Results) -> Html:
-    """Return the folded sections of a pose that is not the worst."""
+def _opened(sections: Sequence[Html]) -> list[Html]:
+    """Return sections with all that is folded open."""
+    # text is escaped, so this is always a tag
+    return [Html(one.text.replace("<details", '<details open=""')) for one in sections]
+
+
+def _other_pose(results: Results) -> Html:
+    """Return the sections of a pose that is not the worst, in one."""
     said = [f"Pose {name_pose(results)}"]
     if results.analysis.summary.specifications:
         said.append(describe_verdict(results.analysis.summary.specifications))
-    heading = element("summary", element("h2", ": ".join(said), id=f"{results.prefix}heading"))
-    parts = [heading, picture(results), specifications(results), *_details(results)]
-    return element("details", *parts, class_="pose", id=f"{results.prefix}pose")
+    parts = [picture(results), specifications(results), *_details(results)]
+    return section(f"{results.prefix}pose", ": ".join(said), *parts)
 
 
 def _section(name: str, results: Results) -> Html:
@@ -101,7 +127,7 @@ def _section(name: str, results: Results) -> Html:
 
 
 def _contents(poses: Sequence[Results], chapters: Sequence[Chapter]) -> Html:
-    titles = {"verdict": "Result", "distributions": "Distributions"}
+    titles = {"verdict": "Result", "assumptions": "Assumptions", "distributions": "Distributions"}
     titles |= {name: declarations()[name].title for name in poses[0].found}
     titles |= {f"{other.prefix}pose": f"Pose {name_pose(other)}" for other in poses[1:]}
     titles |= {chapter.name: chapter.title for chapter in chapters}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from precision_pin.display.html import escaped
-from precision_pin.outputs.kit.html import Html, element, paragraph
+from precision_pin.outputs.kit.html import Html, paragraph, section
 from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.wording import subject
 from precision_pin.outputs.view import ViewPose, page, script_hashes
@@ -37,15 +37,12 @@ def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
         layers=layers,
     )
     label = f"3-D view of {analysis.robot}, {subject(first)}: the arm, its end-effector frame and {count:,} sampled positions"
-    title = element("h2", "3-D view", id="view-heading")
     note = paragraph(
         f"The arm without error, and the end-effector positions of the first {count:,} sampled robots about it, "
         "their errors drawn too large.",
         class_="note",
     )
-    return element(
-        "section", title, _frame(inner, label), note, id="view", aria_labelledby="view-heading", class_="screen"
-    )
+    return section("view", "3-D view", _frame(inner, label), note)
 
 
 def _frame(inner: str, label: str) -> Html:

@@ -11,40 +11,51 @@ import numpy as np
 from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
 from precision_pin.display.tables import milli, symbol, unit
 from precision_pin.outputs.kit.causes import assumed_share, rank_causes
-from precision_pin.outputs.kit.html import Child, Html, element, joined, paragraph, section, table
+from precision_pin.outputs.kit.html import Child, Html, element, items, joined, paragraph, section, table
 from precision_pin.outputs.kit.picture import Cloud, Picture, draw_picture
 from precision_pin.outputs.kit.svg import figure
 from precision_pin.outputs.monte_carlo.verdict import describe_verdict, specifications, verdict
+from precision_pin.outputs.report.changes import changes, constant_part
 from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.numbers import MISSING, milli_interval, statistic
+from precision_pin.outputs.view.headline import quantile
+from precision_pin.outputs.view.scales import middle_of
 from precision_pin.statistics import Distribution
+from precision_pin.statistics.digits import format_inside
 
 __all__ = ["causes_in_words", "name_pose", "picture", "summary"]
 
 _NAMED: Final = 3
 _MARKED: Final = (0.95, 0.9973)
-# errors of the arm without any tolerance are said from this share of the 95 % quantile on
-_NOTABLE: Final = 0.1
 
 
-def summary(poses: Sequence[Results]) -> Html:
-    """Return the first section: of several poses the worst, and a table of all.
+def summary(poses: Sequence[Results], answers: Sequence[str] = (), missed: Sequence[str] = ()) -> Html:
+    """Return the first section: the verdict, of several poses on the worst, a table of all, and what to change.
 
     Parameters
     ----------
     poses
         The worst first.
+    answers
+        Of what the page has beside its poses.
+    missed
+        Where else a specification is not met.
     """
     worst = poses[0]
-    words = element("div", verdict(worst), _causes(worst), class_="words")
-    asked = bool(worst.analysis.summary.specifications)
+    words = element("div", verdict(worst, missed), _causes(worst), class_="words")
+    asked = worst.analysis.summary.specifications
     parts: list[Child] = [element("div", words, picture(worst), class_="first")]
     if len(poses) > 1:
-        parts.insert(0, _by_pose(poses))
+        parts.append(_by_pose(poses))
+    if answers:
+        parts.append(items(answers, "answers"))
+    if len(asked) != 1:
+        # the first sentence has all of a single one
+        parts.append(specifications(worst))
     heading = "Verdict" if asked else "Result"
     if len(poses) > 1:
         heading += f", worst of {len(poses)} poses: {name_pose(worst)}"
-    return section("verdict", heading, *parts, specifications(worst))
+    return section("verdict", heading, *parts, changes(worst), folded=False)
 
 
 def name_pose(results: Results) -> str:
@@ -76,23 +87,48 @@ def _draw(results: Results) -> Picture:
     norm = results.analysis.position.norm
     limits = [one for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
     limit = min(limits, key=lambda one: one.limit) if limits else None
+    is_apart = _is_apart(results)
+    within = norm.quantile(0.95)
+    if is_apart:
+        found = _about_mean(results)
+        within = None if found is None else found[0]
     cloud = Cloud(
         results.cloud[:3],
-        norm.quantile(0.95),
+        within,
         None if limit is None else limit.limit,
         limit is None or limit.met,
+        tuple(results.analysis.nominal[:3].tolist()) if is_apart else (0.0, 0.0, 0.0),
     )
     return draw_picture(results.at.posture, cloud, [Path(folder) for folder in results.package_dirs])
+
+
+def _is_apart(results: Results) -> bool:
+    """Return whether the errors of the picture are so far from zero that they are drawn from the error at the means."""
+    return bool(middle_of(results.cloud[:3]).any())
+
+
+def _about_mean(results: Results) -> tuple[float, tuple[float, float]] | None:
+    """Return within how much of the error at the means 95 % of the errors in the picture are, m, with its interval."""
+    return quantile(np.linalg.norm(results.cloud[:3] - results.analysis.nominal[:3, None], axis=0), 0.95)
 
 
 def _caption(results: Results, drawn: Picture) -> str:
     norm = results.analysis.position.norm
     limited = [one.limit for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
+    is_apart = _is_apart(results)
     parts = [f"{drawn.points:,} sampled robots, errors ×{drawn.factor:g} about the tip (+)"]
-    if norm.quantile(0.95) is not None:
+    if is_apart:
+        constant = f"the constant part of {milli(constant_part(results), 3)} mm"
+        parts = [f"{drawn.points:,} sampled robots, errors without {constant} ×{drawn.factor:g} about the tip (+)"]
+        found = _about_mean(results)
+        if found is not None:
+            within = format_inside(1e3 * found[0], (1e3 * found[1][0], 1e3 * found[1][1]))
+            parts.append(f"dashed: 95 % within {within} mm")
+    elif norm.quantile(0.95) is not None:
         parts.append(f"dashed: 95 % within {statistic(norm, 0.95)} {unit(norm.quantity)}")
     if limited:
-        where = "limit" if drawn.shows_limit else "outside the picture: the limit"
+        beyond = "not drawn" if is_apart else "outside the picture"
+        where = "limit" if drawn.shows_limit else f"{beyond}: the limit"
         parts.append(f"{where} {milli(min(limited), 6)} {unit(norm.quantity)}")
     return "; ".join(parts) + "."
 
@@ -122,13 +158,9 @@ def _resting(results: Results, pose: PoseBudget | None) -> list[Html]:
 
 def _always(results: Results) -> list[Html]:
     """Return a line on the error at the means, where it is a large part of the error."""
-    size = float(np.linalg.norm(results.analysis.nominal[:3]))
-    norm = results.analysis.position.norm
-    marked = norm.quantile(0.95) or norm.max
-    if size <= _NOTABLE * marked:
-        return []
-    text = f"{milli(size, 3)} {unit(norm.quantity)} is the error before anything varies, from mean values and loads."
-    return [paragraph(text)]
+    size = constant_part(results)
+    text = f"{milli(size, 3)} mm is the error before anything varies, from mean values and loads."
+    return [paragraph(text)] if size > 0 else []
 
 
 def _percent(share: float) -> str:

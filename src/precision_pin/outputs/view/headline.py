@@ -12,6 +12,7 @@ from precision_pin.display.html import escaped
 from precision_pin.display.tables import symbol, unit
 from precision_pin.display.units import WrittenUnit
 from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES
+from precision_pin.outputs.view.scales import middle_of
 from precision_pin.statistics import (
     NO_GROUNDS,
     Grounds,
@@ -25,7 +26,18 @@ from precision_pin.statistics.digits import format_inside, format_interval, form
 from precision_pin.statistics.summary import NO_SPREAD
 from precision_pin.typing import Array
 
-__all__ = ["CONFIDENCE", "LEVELS", "Answer", "answers", "as_data", "as_html", "limit_text", "quantile", "values_of"]
+__all__ = [
+    "CONFIDENCE",
+    "LEVELS",
+    "Answer",
+    "answers",
+    "as_data",
+    "as_html",
+    "limit_text",
+    "mean_size",
+    "quantile",
+    "values_of",
+]
 
 CONFIDENCE: Final = 0.95
 """Of every interval on the page."""
@@ -64,7 +76,7 @@ class Answer:
 def answers(
     errors: Array, specifications: Sequence[Specification], spread: Array, grounds: Grounds = NO_GROUNDS
 ) -> tuple[Answer, ...]:
-    """Return the verdict on each limit, then how large the position errors are.
+    """Return the verdict on each limit, how large the position errors are, and a part that is far larger than their spread.
 
     Parameters
     ----------
@@ -78,7 +90,8 @@ def answers(
         What keeps the limits from being judged, and what is taken as exact.
     """
     varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
-    return (*(_judged(one, errors, varies, grounds) for one in specifications), _size(errors))
+    judged = (_judged(one, errors, varies, grounds) for one in specifications)
+    return (*judged, _size(errors), *_constant(errors[:3]))
 
 
 def values_of(quantity: str, errors: Array) -> Array:
@@ -142,6 +155,24 @@ def _judged(specification: Specification, errors: Array, varies: Array, grounds:
     share, low, high = format_share(result.probability, result.interval, result.required)
     more = "; more samples decide it" if result.verdict == "undecided" else ""
     return Answer(text, f"{share} % inside, interval {low} to {high} %{more}", result.verdict)
+
+
+def _constant(positions: Array) -> list[Answer]:
+    middle = middle_of(positions)
+    found = quantile(np.linalg.norm(positions - middle[:, None], axis=0), _SHOWN_LEVEL)
+    if found is None or not middle.any():
+        return []
+    value, (low, high) = found
+    within = format_inside(1e3 * value, (1e3 * low, 1e3 * high), most=5)
+    text = f"Mean error {mean_size(positions)} mm, the same for every robot"
+    return [Answer(text, f"95 % of robots within {within} mm of it")]
+
+
+def mean_size(positions: Array) -> str:
+    """Return the size of the mean of position errors ``(3, N)``, mm, with the digits that N samples support."""
+    size = 1e3 * float(np.linalg.norm(positions.mean(axis=1)))
+    half = 2e3 * float(np.sqrt(positions.var(axis=1).sum() / positions.shape[1]))
+    return format_inside(size, (size - half, size + half), most=3)
 
 
 def _size(errors: Array) -> Answer:

@@ -19,7 +19,7 @@ import numpy as np
 from precision_pin.display.html import escaped
 from precision_pin.errors import InputError, InternalError
 from precision_pin.outputs.view.arm import draw_arm
-from precision_pin.outputs.view.headline import CONFIDENCE, LEVELS, as_html, limit_text
+from precision_pin.outputs.view.headline import CONFIDENCE, LEVELS, as_html, limit_text, mean_size
 from precision_pin.outputs.view.layers import Layer
 from precision_pin.outputs.view.picture import picture
 from precision_pin.outputs.view.poses import (
@@ -33,11 +33,13 @@ from precision_pin.outputs.view.poses import (
 )
 from precision_pin.outputs.view.scales import (
     DEFAULT_POINTS,
+    FAR,
     MOST_POINTS,
     MOST_POSES,
     ColourScale,
     arm_length,
     default_factor,
+    middle_of,
     round_number,
     view_direction,
 )
@@ -46,6 +48,7 @@ from precision_pin.outputs.view.tolerances import choose_groups, share_rows, sho
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics import Specification
 from precision_pin.statistics.quantities import QUANTITIES
+from precision_pin.typing import Array
 
 __all__ = ["page", "script_hashes"]
 
@@ -88,12 +91,14 @@ def page(
     """Return a self-contained HTML page that shows the arm and its sampled errors.
 
     The arm is drawn undisplaced; end-effector positions of the samples are drawn at the nominal tip plus a factor times
-    their error, coloured by the true size of the error, with the ellipsoids of :mod:`.ellipsoids`. A slider in the page
-    changes the factor of everything that shows errors: a few sampled end-effector frames are moved and turned by it,
-    ``Exp(factor·δ)·R``, by 90° at most; arms as built, and the arm with every draw at its mean, are the chain multiplied
-    out with every displacement ``[d; δ]`` times the factor. The arms as built are units 0 to 2 of ``seed``. The largest
-    contributors have a slider each, which widens or narrows a tolerance; the samples, their ellipsoids and the verdict
-    follow to first order. Arms as built and these sliders are left out where the errors are not those of that seed.
+    their error, or times their error less the mean, which the page begins with where at some pose the mean is far larger
+    than the spread (:func:`.scales.middle_of`). They are coloured by the true size of the error, with the ellipsoids of
+    :mod:`.ellipsoids`. A slider in the page changes the factor of everything that shows errors: a few sampled end-effector
+    frames are moved and turned by it, ``Exp(factor·δ)·R``, by 90° at most; arms as built, and the arm with every draw at
+    its mean, are the chain multiplied out with every displacement ``[d; δ]`` times the factor. The arms as built are units
+    0 to 2 of ``seed``. The largest contributors have a slider each, which widens or narrows a tolerance; the samples, their
+    ellipsoids and the verdict follow to first order. Arms as built and these sliders are left out where the errors are not
+    those of that seed.
     Several poses get a slider of their own. The same input gives the same text.
 
     Parameters
@@ -133,8 +138,17 @@ def page(
     length = arm_length(posture)
     postures = [one.pose_model.posture for one in poses]
     direction = view_direction(posture, poses[0].errors[:3])
-    chosen = min(default_factor(one.errors[:3], one.pose_model.posture, postures, direction) for one in poses)
-    first_factor = chosen if factor is None else float(factor)
+    about_mean = any(middle_of(one.errors[:3]).any() for one in poses)
+
+    def choose_factor(is_about_mean: bool) -> float:
+        means = [one.errors[:3].mean(axis=1, keepdims=True) * is_about_mean for one in poses]
+        return min(
+            default_factor(one.errors[:3] - mean, one.pose_model.posture, postures, direction)
+            for one, mean in zip(poses, means, strict=True)
+        )
+
+    factors = [choose_factor(False), choose_factor(True)] if factor is None else [float(factor)] * 2
+    first_factor = factors[about_mean]
     if not (math.isfinite(first_factor) and first_factor > 0):
         raise InputError(f"the exaggeration factor must be a positive number, got {factor!r}")
     scale = ColourScale.of(np.concatenate([np.linalg.norm(one.errors[:3], axis=0) for one in poses]))
@@ -160,8 +174,11 @@ def page(
     pose_settings = [one.settings for one in data]
     settings = {
         "factor": first_factor,
-        "smallest": min(1.0, first_factor),
-        "largest": 10 * max(1.0, first_factor),
+        "factors": factors,
+        "aboutMean": about_mean,
+        "far": FAR,
+        "smallest": min(1.0, *factors),
+        "largest": 10 * max(1.0, *factors),
         "length": length,
         "layers": {layer.name: layer.settings(length) for layer in layers},
         "frame": _FRAME_LENGTH * length,
@@ -181,6 +198,7 @@ def page(
         "poses": pose_settings,
     }
     texts = data[0].texts
+    first_mean = poses[0].errors[:3].mean(axis=1)
     label = escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it")
     return _assembled(
         scene.commands,
@@ -189,7 +207,12 @@ def page(
         headline=as_html(data[0].answers),
         remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
         label=label,
-        picture=picture(posture, poses[0].errors[:3], first_factor, direction, label),
+        picture=picture(
+            posture, poses[0].errors[:3] - about_mean * first_mean[:, None], first_factor, direction, label
+        ),
+        still_about=" about their mean" if about_mean else "",
+        zero_chosen="" if about_mean else " selected",
+        mean_chosen=" selected" if about_mean else "",
         still_pose=escaped(f", pose {texts['pose-text']}") if len(poses) > 1 else "",
         factor_text=f"{first_factor:,g}",
         example=escaped(f"{first_factor:,g} mm long"),
@@ -203,7 +226,7 @@ def page(
         frames=str(min(MOST_FRAMES, *(one.errors.shape[1] for one in poses))),
         last_mcpc=str(len(frames) - 1),
         grid=escaped(f"{spacing:g} m" if spacing >= 1 else f"{1e3 * spacing:g} mm"),
-        rows=_rows(posture, texts, seed, model_name, first_factor, caption),
+        rows=_rows(posture, texts, seed, model_name, first_factor, _about(poses[0].errors[:3], about_mean), caption),
         notes=_list(notes),
         layers="\n".join(layer.legend() for layer in layers),
         **_legend_of_arms(data),
@@ -298,6 +321,7 @@ def _rows(
     seed: int,
     model_name: str,
     factor: float,
+    about: str,
     caption: Iterable[tuple[str, str]],
 ) -> str:
     chain = posture.chain
@@ -310,9 +334,15 @@ def _rows(
         ("seed", escaped(str(seed))),
         ("model", escaped(model_name)),
         ("factor", f"<span id='caption-factor'>{factor:,g}</span>"),
+        ("drawn", f"<span id='caption-about'>{escaped(about)}</span>"),
         *((name, escaped(text)) for name, text in caption),
     ]
     return "\n".join(f"<tr><th scope='row'>{escaped(name)}</th><td>{text}</td></tr>" for name, text in rows)
+
+
+def _about(positions: Array, is_about_mean: bool) -> str:
+    """Return from where errors are drawn, as the page's script writes it too."""
+    return f"from the mean error, which is {mean_size(positions)} mm" if is_about_mean else "from zero error"
 
 
 def _element(name: str, texts: dict[str, str]) -> str:

@@ -26,7 +26,7 @@ def picture(posture: Posture, positions: Array, factor: float, direction: Array,
     posture
         The arm.
     positions
-        Position errors ``(3, N)``, m.
+        Position errors ``(3, N)``, m, from what is drawn at the tip.
     factor
         By how much they are drawn too large.
     direction

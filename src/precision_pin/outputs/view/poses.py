@@ -171,7 +171,7 @@ class PoseData:
             "marks": [None if mark is None else [mark[0], *mark[1]] for mark in map(self._quantile, LEVELS)],
             "shares": link_shares(self._at),
             "live": self._live(),
-            "mean": errors[:3].mean(axis=1).tolist(),
+            "mean": errors.mean(axis=1).tolist(),
             "ellipsoids": [columns(one.matrix) for one in self.ellipsoids],
             "frames": errors[:, :MOST_FRAMES].T.tolist(),
             "targets": _packed(self._at.table.frames.swapaxes(1, 2)),

@@ -13,15 +13,18 @@ from numpy.typing import ArrayLike
 from precision_pin.display.html import escaped
 from precision_pin.display.units import WrittenUnit
 from precision_pin.robot.chain import Posture
+from precision_pin.statistics.summary import NO_SPREAD
 from precision_pin.typing import Array
 
 __all__ = [
     "DEFAULT_POINTS",
+    "FAR",
     "MOST_POINTS",
     "MOST_POSES",
     "ColourScale",
     "arm_length",
     "default_factor",
+    "middle_of",
     "picture_axes",
     "round_number",
     "view_direction",
@@ -36,6 +39,9 @@ MOST_POINTS: Final = 100_000
 
 MOST_POSES: Final = 200
 """The most poses of one page."""
+
+FAR: Final = 3.0
+"""A mean error so many times as large as the spread is far from zero error."""
 
 # share of the picture's width that the drawn cloud is to span, and the least that the arm and the way to the cloud may
 _WANTED: Final = 0.27
@@ -94,6 +100,20 @@ def view_direction(posture: Posture, positions: ArrayLike | None = None) -> Arra
     widths = [seen_width(direction) for direction in directions]
     # the usual one, unless another shows clearly more
     return directions[0 if widths[0] >= _CLEARLY * max(widths) else int(np.argmax(widths))]
+
+
+def middle_of(positions: ArrayLike) -> Array:
+    """Return the position error ``(3,)`` that is to be drawn at the tip: zero, or the mean of errors far from zero.
+
+    Errors ``(3, N)``, m, are far from zero where the mean is more than `FAR` times as large as their spread, the root of
+    the mean square about it: a factor that shows the spread would draw them beside the arm.
+    """
+    errors = np.asarray(positions, dtype=float)
+    mean: Array = errors.mean(axis=1)
+    spread = math.sqrt(float(errors.var(axis=1).sum()))
+    # where nothing varies there is the way to the mean to be seen
+    is_far = spread > NO_SPREAD and float(np.linalg.norm(mean)) > FAR * spread
+    return mean if is_far else np.zeros(3)
 
 
 def picture_axes(direction: ArrayLike) -> Array:

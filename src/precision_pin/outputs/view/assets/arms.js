@@ -53,11 +53,13 @@ const ghosts = settings.poses[0].ghosts.map(() => new Likeness(kinds.ghosts || k
 const deflected = new Likeness(kind("deflected"), 0xe07fb0);
 
 function showLikenesses(pose, factor) {
+  // drawn from the mean error, from the arm with every draw at its mean
+  const from = (displacements) => displacements.map((value, k) => value - (aboutMean ? pose.deflected[k] : 0));
   if (kinds.ghosts && kinds.ghosts.visible) {
-    ghosts.forEach((ghost, number) => ghost.show(pose, pose.ghosts[number], factor));
+    ghosts.forEach((ghost, number) => ghost.show(pose, from(pose.ghosts[number]), factor));
   }
   if (kinds.deflected.visible) {
-    deflected.show(pose, pose.deflected, factor);
+    deflected.show(pose, from(pose.deflected), factor);
   }
 }
 

@@ -56,7 +56,7 @@ function cornersOf(object) {
 
 function cloudCorners() {
   const { position } = dots.geometry.attributes;
-  const points = [new THREE.Vector3(), ...Array.from(
+  const points = [new THREE.Vector3(...(aboutMean ? samples.mean : [0, 0, 0])), ...Array.from(
     { length: position.count }, (_, at) => new THREE.Vector3().fromBufferAttribute(position, at))];
   return points.map((point) => point.applyMatrix4(errors.matrixWorld));
 }

@@ -1,5 +1,5 @@
-// The cloud, its mean, its ellipsoids and the limits, about the nominal tip and at the errors' true size: one scale
-// enlarges all.
+// The cloud, its mean, its ellipsoids and the limits, about zero error and at the errors' true size: one scale
+// enlarges all, and one place puts zero error or the mean at the nominal tip.
 
 const errors = new THREE.Group();
 base.add(errors);

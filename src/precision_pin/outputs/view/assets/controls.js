@@ -1,6 +1,7 @@
 // What the reader moves: the factor, the pose, what is seen, and from where.
 
 let factor = settings.factor;
+let aboutMean = settings.aboutMean;
 let current = 0;
 let playing = 0;
 let samples = null;
@@ -19,6 +20,7 @@ function three(value) {
 function setFactor(value) {
   factor = Math.min(Math.max(value, settings.smallest), settings.largest);
   errors.scale.set(factor, factor, factor);
+  placeErrors();
   showFrames(poses[current], factor);
   showLikenesses(poses[current], factor);
   showPath(factor);
@@ -35,12 +37,36 @@ function setFactor(value) {
   showRulers();
 }
 
+// the tip is where the errors have zero, or their mean
+function placeErrors() {
+  const tip = new THREE.Vector3(...poses[current].tip.slice(12, 15));
+  errors.position.copy(aboutMean ? tip.addScaledVector(new THREE.Vector3(...samples.mean), -factor) : tip);
+}
+
+function setMiddle(mean) {
+  aboutMean = mean;
+  element("about").value = document.body.dataset.about = mean ? "mean" : "zero";
+  setFactor(settings.factors[Number(mean)]);
+  showMiddle();
+  if (!document.body.dataset.camera) {
+    look(looking);
+  }
+}
+
+function showMiddle() {
+  element("caption-about").textContent =
+    aboutMean ? `from the mean error, which is ${meanSize(samples)} mm` : "from zero error";
+  element("from").textContent = aboutMean ? ", from their mean" : "";
+}
+
 // the samples, and all that is said and drawn of them
 function showSamples() {
   const pose = poses[current];
   samples = samplesOf(pose);
   const matrices = ellipsoidsOf(pose, samples);
   showCloud(samples);
+  placeErrors();
+  showMiddle();
   showEllipsoids(matrices);
   showLimits(samples);
   showHeadline(pose, samples);
@@ -77,7 +103,6 @@ function setPose(number) {
   const pose = poses[current];
   showArm(pose);
   showMcpc(pose);
-  errors.position.set(...pose.tip.slice(12, 15));
   for (const [id, text] of Object.entries(pose.texts)) {
     element(id).textContent = text;
   }
@@ -113,7 +138,8 @@ element("pose").addEventListener("input", function (event) {
 element("play").addEventListener("click", () => play(!playing));
 element("look-arm").addEventListener("click", () => look("arm"));
 element("look-tip").addEventListener("click", () => look("tip"));
-element("true-scale").addEventListener("click", () => setFactor(factor === 1 ? settings.factor : 1));
+element("true-scale").addEventListener("click", () => setFactor(factor === 1 ? settings.factors[Number(aboutMean)] : 1));
+element("about").addEventListener("change", (event) => setMiddle(event.target.value === "mean"));
 knobs.forEach(({ knob }, group) => knob.addEventListener("input", () => setTolerance(group, Number(knob.value))));
 element("reset").addEventListener("click", function () {
   scales.fill(1);
@@ -129,7 +155,7 @@ scheme.addEventListener("change", function () {
 });
 element("see-through").checked = false;
 element("see-through").addEventListener("change", (event) => seeThrough(event.target.checked));
-// page.html#factor=500&look=tip&pose=2&boxes=cloud,arm&camera=1,2,3,0,0,0 opens so
+// page.html#about=zero&factor=500&look=tip&pose=2&boxes=cloud,arm&camera=1,2,3,0,0,0 opens so
 const wanted = new URLSearchParams(location.hash.slice(1));
 const boxes = wanted.get("boxes")?.split(",") ?? null;
 for (const name of Object.keys(kinds)) {
@@ -142,8 +168,10 @@ for (const name of Object.keys(kinds)) {
 
 const asked = Number(wanted.get("factor"));
 seeThrough(false);
+aboutMean = wanted.has("about") ? wanted.get("about") === "mean" : aboutMean;
+element("about").value = document.body.dataset.about = aboutMean ? "mean" : "zero";
 setPose(Number(wanted.get("pose") || 1) - 1 || 0);
-setFactor(asked > 0 ? asked : settings.factor);
+setFactor(asked > 0 ? asked : settings.factors[Number(aboutMean)]);
 // the grid lies at the foot of the arm, or under a hanging one
 viewer.scene.updateMatrixWorld(true);
 const lowest = Math.min(0, new THREE.Box3().setFromObject(kinds.arm).min.y);
@@ -170,7 +198,7 @@ function state() {
   const toBase = base.matrixWorld.clone().invert();
   const stands = (object) => toBase.clone().multiply(object.matrixWorld).toArray();
   return {
-    factor, pose: current + 1, playing: playing !== 0,
+    factor, aboutMean, pose: current + 1, playing: playing !== 0,
     seen: Object.fromEntries(Object.entries(kinds).map(([name, group]) => [name, group.visible])),
     cloud: stands(dots), points: Array.from(dots.geometry.attributes.position.array.slice(0, 30)),
     tolerances: scales.slice(), count: samples.positions.length / 3, looking, limits: limits.children.map(stands),

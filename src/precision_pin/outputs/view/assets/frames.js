@@ -32,7 +32,7 @@ function showFrames(pose, factor) {
   const tip = matrix(pose.tip);
   put(tipFrame, tip);
   sampledFrames.children.forEach(function (frame, number) {
-    const moved = displacement(pose.frames[number], 0, factor);
+    const moved = displacement(pose.frames[number].map((value, k) => value - (aboutMean ? pose.mean[k] : 0)), 0, factor);
     const shift = new THREE.Vector3().setFromMatrixPosition(moved).add(new THREE.Vector3().setFromMatrixPosition(tip));
     put(frame, moved.multiply(tip).setPosition(shift));
   });

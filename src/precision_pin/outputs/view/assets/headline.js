@@ -73,6 +73,32 @@ function sizeLine(sample, live) {
     `interval ${low} to ${high} ${unit} at ${100 * settings.confidence} % confidence; ${robots}`, ""];
 }
 
+// distances from the mean error
+function fromMean({ positions, mean }) {
+  return Float64Array.from({ length: positions.length / 3 }, (_, at) =>
+    Math.hypot(...mean.map((value, axis) => positions[3 * at + axis] - value))).sort();
+}
+
+const rootMeanSquare = (sizes) => Math.sqrt(sizes.reduce((sum, size) => sum + size * size, 0) / sizes.length);
+
+// the size of the mean error in mm
+function meanSize(sample) {
+  const size = 1e3 * Math.hypot(...sample.mean);
+  const half = (2e3 * rootMeanSquare(fromMean(sample))) / Math.sqrt(sample.positions.length / 3);
+  return half > 1e-9 * size ? supported(size, size - half, size + half) : String(Number(size.toPrecision(3)));
+}
+
+// a mean error that is far larger than the spread about it
+function constantLines(sample, live) {
+  const sizes = fromMean(sample);
+  const spread = rootMeanSquare(sizes);
+  if (!(spread > 1e-12 && Math.hypot(...sample.mean) > settings.far * spread) || live.ranks[1] === null) {
+    return [];
+  }
+  const within = supported(1e3 * quantileOf(sizes, 0.95), ...live.ranks[1].map((rank) => 1e3 * sizes[rank - 1]));
+  return [[`Mean error ${meanSize(sample)} mm, the same for every robot`, `95 % of robots within ${within} mm of it`, ""]];
+}
+
 function limitLine({ row, limit, required, text }, sample, [why, taken]) {
   if (why) {
     return [`Not judged: ${text}`, why, "not judged"];
@@ -94,7 +120,8 @@ function limitLine({ row, limit, required, text }, sample, [why, taken]) {
 
 function showHeadline(pose, sample) {
   const lines = sample.own
-    ? pose.answers : [...settings.limits.map((one) => limitLine(one, sample, pose.grounds)), sizeLine(sample, pose.live)];
+    ? pose.answers : [...settings.limits.map((one) => limitLine(one, sample, pose.grounds)), sizeLine(sample, pose.live),
+      ...constantLines(sample, pose.live)];
   element("headline").replaceChildren(...lines.flatMap(function ([text, detail, verdict]) {
     const answer = document.createElement("p");
     const fine = document.createElement("p");

@@ -12,7 +12,7 @@
   function load(version) {
     // the reader's sliders and view, where it is the page: they outlast a mistake in a file
     const state = frame.contentDocument?.body?.dataset ?? {};
-    for (const name of "factor" in state ? ["factor", "look", "pose", "boxes", "camera"] : []) {
+    for (const name of "factor" in state ? ["about", "factor", "look", "pose", "boxes", "camera"] : []) {
       if (name in state) {
         settings.set(name, state[name]);
       } else {

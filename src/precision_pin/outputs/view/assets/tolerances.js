@@ -67,7 +67,7 @@ function meanOf(positions) {
 function samplesOf(pose) {
   const { live } = pose;
   if (live === null || !isChanged()) {
-    return { positions: pose.points, turns: pose.turns, mean: pose.mean, own: true };
+    return { positions: pose.points, turns: pose.turns, mean: pose.mean.slice(0, 3), own: true };
   }
   const positions = changed(live, pose.points, 0);
   const turns = pose.turns.length > 0 ? changed(live, pose.turns, 3) : pose.turns;
