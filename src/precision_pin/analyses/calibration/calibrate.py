@@ -15,7 +15,7 @@ from precision_pin.analyses.calibration.design import measurement_of, stations_o
 from precision_pin.analyses.calibration.fit import Fit, Problem, fit, left_out_together
 from precision_pin.analyses.calibration.forecast import task_poses
 from precision_pin.analyses.calibration.identifiability import of_stack, refuse_where_nothing_is_seen, remarks_on
-from precision_pin.analyses.calibration.posterior import Posterior, error_left
+from precision_pin.analyses.calibration.posterior import Posterior, SampledRobots, error_left
 from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
 from precision_pin.analyses.provenance import Provenance
@@ -84,6 +84,7 @@ def calibrate(
         GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])))
         for row in sorted(distances)
     )
+    robots = SampledRobots.of(model.space, unit, estimator)
     return CalibrationResult(
         provenance=Provenance.of(model, 0),
         measurement=measurement,
@@ -100,7 +101,7 @@ def calibrate(
         gross_errors=gross,
         at_bounds=best.at_bounds,
         poses=tuple(
-            error_left(one, name, unit, estimator, measurement) for name, one in task_poses(model, at, given.q)
+            error_left(one, name, unit, estimator, measurement, robots) for name, one in task_poses(model, at, given.q)
         ),
         original=model,
         model=remaining_model(model, unit, mean, covariance),
