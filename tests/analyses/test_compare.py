@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 
 import precision_pin as pp
 from precision_pin.analyses.compare.paired import mean_difference, quantile_difference, share_difference
 from precision_pin.errors import InputError
+from precision_pin.outputs.compare.table import headline
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import JointOffset
 from support.checks.common import one_link
@@ -35,7 +36,7 @@ def test_a_scaled_tolerance_in_closed_form():
         expected = 1e-5 * stats.norm.ppf(0.5 + level / 2)
         assert one.interval[0] <= expected <= one.interval[1]
         own = np.diff(pose.laws[0].attitude.norm.quantile_interval(level))[0]
-        assert np.diff(one.interval)[0] < 0.3 * own
+        assert np.diff(one.interval)[0] < 0.7 * own
     share = stats.norm.cdf([2.0, 2 / 1.1]) * 2 - 1
     (inside,) = pair.shares
     assert inside.interval[0] <= share[1] - share[0] <= inside.interval[1]
@@ -63,21 +64,84 @@ def test_the_same_model_does_not_differ():
     assert repr(found).startswith("<ComparisonResult of A, B: 1 poses, 2,000 robots")
 
 
+def half_normal_with_a_rare_step(share):
+    """Return |z|, and |z| with ten more in this share of the robots, and the difference of a quantile."""
+
+    def draw(turns, count):
+        size = np.abs(RNG.standard_normal((turns, count)))
+        return size, size + 10 * (RNG.random((turns, count)) < share)
+
+    def difference(level):
+        def missing(x):
+            return (1 - share) * stats.halfnorm.cdf(x) + share * stats.halfnorm.cdf(x - 10) - level
+
+        return optimize.brentq(missing, 0, 20) - stats.halfnorm.ppf(level)
+
+    return draw, difference
+
+
+def two_values(turns, count):
+    high = RNG.random((turns, count)) < 0.052
+    return 1.0 * high, 2.0 * high
+
+
+def lognormals(turns, count):
+    size = np.exp(np.sqrt(np.log(2)) * RNG.standard_normal((2, turns, count)))
+    return size[0], 1.1 * size[0]
+
+
+PAIRS = {
+    "rare, 1 %": half_normal_with_a_rare_step(0.01),
+    "rare, 0.3 %": half_normal_with_a_rare_step(0.003),
+    "rare, at the quantile": half_normal_with_a_rare_step(0.052),
+    "two values": (two_values, lambda level: float(level > 0.948)),
+    "lognormal of variation 1": (
+        lognormals,
+        lambda level: 0.1 * np.exp(np.sqrt(np.log(2)) * stats.norm.ppf(level)),
+    ),
+    "heavy tails": (
+        lambda turns, count: np.abs(RNG.standard_t(4, (turns, count))) * [[[1]], [[1.5]]],
+        lambda level: 0.5 * stats.t.ppf(0.5 + level / 2, 4),
+    ),
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("level", [0.5, 0.95, 0.9973])
-def test_intervals_of_quantiles_cover_the_difference(level):
-    """A heavy-tailed error shared by both, and one that only the second has; at the 99.73 % quantile 8 robots beyond a part."""
-    count, turns = 40_000, 120
-    shared = RNG.standard_t(4, (turns, count)).astype(np.float32)
-    own = RNG.standard_normal((turns, count)).astype(np.float32)
-    law = np.sort(np.abs(RNG.standard_t(4, 4_000_000) + 0.5 * RNG.standard_normal(4_000_000)))
-    expected = law[int(level * len(law))] - stats.t.ppf(0.5 + level / 2, 4)
-    held = 0
-    for one, other in zip(shared, own, strict=True):
-        found = quantile_difference(np.abs(one), np.abs(one + 0.5 * other), level, 0.95)
-        held += found.interval[0] <= expected <= found.interval[1]
-    low, high = stats.binom.interval(0.9999, turns, 0.95)
-    assert low <= held <= high
+@pytest.mark.parametrize("name", PAIRS)
+def test_intervals_of_quantiles_cover_the_difference(name):
+    draw, difference = PAIRS[name]
+    turns = 100
+    pairs = list(zip(*draw(turns, 2000), strict=True))
+    for level in (0.5, 0.95):
+        expected = difference(level)
+        found = [quantile_difference(one, other, level, 0.95).interval for one, other in pairs]
+        held = sum(one is None or one[0] - 1e-12 <= expected <= one[1] + 1e-12 for one in found)
+        assert sum(one is None for one in found) < turns * (name == "two values") + 1
+        assert held >= stats.binom.ppf(1e-3, turns, 0.95)
+
+
+@pytest.mark.parametrize(("share", "skewness"), [(5e-4, 44.7), (3e-3, 18.2), (0.05, 4.1)])
+def test_intervals_of_means_cover_the_difference_or_are_not_given(share, skewness):
+    # the skewness of a two-point law, (1 - 2 p)/√(p (1 - p))
+    assert skewness == pytest.approx((1 - 2 * share) / np.sqrt(share * (1 - share)), abs=0.1)
+    turns, count = 1000, 2000
+    first = np.zeros(count)
+    found = [mean_difference(first, 1.0 * (RNG.random(count) < share), 0.95, skewness).interval for _ in range(turns)]
+    assert sum(one is None or one[0] <= share <= one[1] for one in found) >= stats.binom.ppf(1e-3, turns, 0.95)
+    assert any(one is not None for one in found) == (skewness < 0.4 * np.sqrt(count))
+
+
+def test_models_that_differ_in_a_rare_draw_are_not_told_to_be_alike():
+    rare = JointOffset(joint="hinge", offset=pp.Draw("rare", pp.TwoPoint(1e-3, 1e-3, 1e-6)))
+    found = pp.compare([hinge(1e-4), hinge(1e-4, rare)], [0.0], samples=2000, model="linear")
+    (pair,) = found.poses[0].differences
+    assert pair.means["attitude.z"].value == 0  # no robot of 2,000 has it; of all robots the mean is 2e-9 off
+    assert pair.means["attitude.z"].interval is None
+    low, high = pair.quantiles["attitude.norm"][0.95].interval
+    assert low < 0 < high
+    assert "do not differ" not in headline(found, 1)
+    alike = pp.compare([hinge(1e-4), hinge(1e-4)], [0.0], samples=200, model="linear")
+    assert "do not differ" in headline(alike, 1)
 
 
 def test_intervals_of_shares_cover_the_difference():
@@ -93,7 +157,7 @@ def test_intervals_of_shares_cover_the_difference():
 
 
 def test_few_robots_tell_no_quantile():
-    values = RNG.standard_normal((2, 900))
+    values = RNG.standard_normal((2, 90))
     assert quantile_difference(*values, 0.95, 0.95).interval is None
     assert not quantile_difference(*values, 0.95, 0.95).is_told
     assert mean_difference(values[0, :1], values[1, :1], 0.95).interval is None

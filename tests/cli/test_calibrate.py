@@ -63,7 +63,7 @@ def test_a_fit_writes_what_is_asked_for(run, folder, rows) -> None:
     data = write(folder, rows)
     found = run("calibrate", SHEET, data, *TARGET, "--urdf", "new.urdf", "--out", "plots", "--json", "c.json")
     assert found.code == 0
-    assert found.out.splitlines()[0].startswith("4dof.urdf, base to tool: model and data: AGREES; residuals rms ")
+    assert found.out.splitlines()[0].startswith("4dof.urdf, base to tool: the model explains the readings; residuals: ")
     assert max(map(len, found.out.splitlines())) <= 100
     assert sorted(path.name for path in (folder / "plots").iterdir()) == [
         "calibration.json",
@@ -147,7 +147,7 @@ def test_a_page_shows_the_fit_of_the_command(run, folder, quick) -> None:
     assert made.code == 0
     assert [line for line in made.err_lines if "W_NO_REPEATABILITY" in line]
     rms = {name: f"{1e3 * value:.3g}" for name, value in found["rms_residual"].items()}
-    said = f"Residuals rms {rms['before']} mm before, {rms['after']} mm after"
+    said = f"Residuals: {rms['before']} mm rms before, {rms['after']} mm after"
     assert said in (folder / "page.html").read_text("utf-8")
 
 

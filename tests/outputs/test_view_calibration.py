@@ -167,9 +167,9 @@ def test_the_legend_says_the_answer_and_lists_the_worst_readings(case):
     _, result, layer = case
     text = page_of(layer)
     legend = legend_of(text)
-    assert "Model and data agree" in legend
+    assert "The model explains the readings" in legend
     assert (
-        f"Residuals rms {1e3 * result.rms('before'):.3g} mm before, {1e3 * result.rms('after'):.3g} mm after" in legend
+        f"Residuals: {1e3 * result.rms('before'):.3g} mm rms before, {1e3 * result.rms('after'):.3g} mm after" in legend
     )
     buttons = re.findall(
         r'data-reading="(\d+)" aria-pressed="(\w+)">row (\d+): (\S+) mm, (\S+) std(.*?)</button>', legend
@@ -244,7 +244,10 @@ def test_the_section_has_the_numbers_of_the_json(case):
     chapter, found = calibration_chapter(result), json.loads(result.to_json())
     text = html.unescape(re.sub(r"<[^>]+>", " ", chapter.section.text))
     rms = {name: f"{1e3 * value:.3g}" for name, value in found["rms_residual"].items()}
-    assert f"Residuals rms {rms['before']} mm before, {rms['after']} mm after, {rms['left_out']} mm" in text
+    assert (
+        f"Residuals: {rms['before']} mm rms before, {rms['after']} mm after; left-out readings: {rms['left_out']} mm rms"
+        in text
+    )
     assert f"chi-square {found['chi_square']:.4g} for {found['degrees_of_freedom']} degrees of freedom" in text
     (gross,) = found["gross_errors"]
     assert f"row {gross['line']}, {1e3 * gross['size']:.3g} mm or {gross['deviations']:.3g} standard deviations" in text
@@ -274,7 +277,7 @@ def test_the_head_of_the_page_warns_where_it_has_to(case):
     wrong = replace(result, gross_errors=(), chi_square=1e4)
     assert wrong.verdict == "disagrees"
     (line,) = calibration_chapter(wrong).answers
-    assert line.startswith("Calibration: model and data disagree: chi-square 1e+04 for ")
+    assert line.startswith("Calibration: the model does NOT explain the readings: chi-square 1e+04 for ")
 
 
 def test_a_notebook_shows_the_lines_of_the_table(case):

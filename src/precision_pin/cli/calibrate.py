@@ -142,7 +142,8 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> i
 
     Before: poses, or candidates, are those given, or random ones. Fit: the exact model is fitted to the readings, with the
     sheet's tolerances as the prior; DATA.csv has a column for each joint and each measured number, with units:
-    "joint1 [deg], x [mm], y [mm], z [mm]". With --no-prior the exit code is 1 where the readings do not determine every number.
+    "joint1 [deg], x [mm], y [mm], z [mm]". With --no-prior the exit code is 1 where the readings do not determine every
+    number.
     """  # noqa: D301 - a backspace, which tells click to keep the lines
     from precision_pin.analyses.calibration.forecast import forecast_calibration
     from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration

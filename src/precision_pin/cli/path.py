@@ -68,7 +68,7 @@ class _Options(ChainOptions, PoseOptions):
     default=SAMPLES,
     show_default=True,
     metavar="N",
-    help="Number of robots; as many again verify the bands.",
+    help="Number of robots; as many again set the band of the whole path.",
 )
 @seed_option
 @model_option
@@ -89,7 +89,7 @@ def command(**options: Unpack[_Options]) -> int:
     """Sample the law of the largest error along a path, the same robots at every pose.
 
     A specification is met if enough robots keep it at every pose. Besides, bands for the error over the path: the quantile at
-    each pose, and a band that holds the whole error curve of that share of the robots, verified with fresh ones.
+    each pose, and a band that holds the whole error curve of that share of the robots or more.
     """
     from precision_pin.analyses.path.path_law import count_steps, path_law
     from precision_pin.draws.space import check_seed

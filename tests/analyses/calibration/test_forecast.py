@@ -11,7 +11,10 @@ from scipy import stats
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses
 from precision_pin.analyses.calibration.simulation import simulate_calibrations
+from precision_pin.draws.laws import Lognormal, TwoPoint, Uniform
 from precision_pin.draws.space import Scope
+from precision_pin.outputs.calibration.table import forecast_table
+from support.checks.common import one_link
 
 SET_UPS = [
     pp.Measurement(std=20e-6, target=OFF_AXIS),
@@ -167,3 +170,59 @@ def test_nothing_to_calibrate_is_refused() -> None:
     model = pp.ErrorModel(paper_model().chain, pp.Space(), ())
     with pytest.raises(pp.InputError, match="nothing varies from robot to robot"):
         pp.forecast_calibration(model, random_poses(4, 3), pp.Measurement())
+
+
+@pytest.mark.parametrize(
+    ("law", "below"),
+    [
+        # in one of 17 robots; a normal law of the same variance has its 95 % quantile at half of the step
+        (TwoPoint(0.5e-3, 0.5e-3, 0.06), lambda x: np.where(x >= 1.0, 1.0, np.where(x >= 0, 0.94, 0.0))),
+        (TwoPoint(0.5e-3, 0.5e-3, 0.01), lambda x: np.where(x >= 1.0, 1.0, np.where(x >= 0, 0.99, 0.0))),
+        (
+            Lognormal(1e-3, 1e-3),
+            lambda x: stats.norm.cdf((np.log(np.maximum(x, 1e-300)) + np.log(2) / 2) / np.sqrt(np.log(2))),
+        ),
+        (Uniform(1e-3), lambda x: np.clip((x + 1) / 2, 0, 1)),
+    ],
+)
+@pytest.mark.parametrize("std", [1e-3, 0.2e-3])
+def test_the_95_percent_of_a_law_that_is_not_normal(law, below, std) -> None:
+    # a hinge with its tip 1 m away, measured once across: to first order one number, of which c is left
+    model = pp.ErrorModel(
+        one_link(), pp.Space((pp.Draw("a", law),)), [pp.sources.JointOffset(joint="hinge", offset="a")]
+    )
+    found = pp.forecast_calibration(model, [[0.0]], pp.Measurement(std=std), at=[[0.0]])
+    (entry,) = found.poses
+    variance = float(law.covariance[0, 0])
+    left = 1 / (1 + variance / std**2)
+    noise = np.sqrt(variance * (left - left**2))
+    assert entry.rms("after") == pytest.approx(np.sqrt(variance * left), rel=1e-6)
+    # |left (a - mean) + noise|, by quadrature over the noise
+    mean = float(model.space.mean[0])
+    nodes, weights = np.polynomial.hermite_e.hermegauss(120)
+
+    def inside(size: float) -> float:
+        ends = [(mean + (sign * size - noise * nodes) / left) / 1e-3 for sign in (1, -1)]
+        return float(weights @ (below(ends[0]) - below(ends[1])) / weights.sum())
+
+    low, high = entry.quantile_interval("after")
+    assert inside(low) < 0.95 + 3e-3
+    assert inside(high) > 0.95 - 3e-3
+    assert low <= entry.quantile("after") <= high
+    assert inside(0.97 * low) < 0.95 < inside(1.03 * high)
+    low, high = entry.quantile_interval("before")
+    less, more = 999.9 * low - 1e-6, 1000.1 * high
+    assert below(less) - below(-less) <= 0.95 <= below(more) - below(-more)
+    assert [finding.code for finding in found.findings] == ["W_NOT_NORMAL"]
+    assert "of 10,000 robots sampled with the sheet's laws" in " ".join(forecast_table(found).split())
+
+
+def test_the_95_percent_of_normal_laws_is_a_closed_form() -> None:
+    model = pp.ErrorModel(
+        one_link(),
+        pp.Space((pp.Draw("a", pp.Normal(1e-3)),)),
+        [pp.sources.JointOffset(joint="hinge", offset="a")],
+    )
+    (entry,) = pp.forecast_calibration(model, [[0.0]], pp.Measurement(std=1e-3), at=[[0.0]]).poses
+    assert entry.quantile("after") == pytest.approx(stats.norm.ppf(0.975) * 1e-3 / np.sqrt(2), rel=1e-6)
+    assert entry.quantile_interval("after") is None

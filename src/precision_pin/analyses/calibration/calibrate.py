@@ -20,7 +20,7 @@ from precision_pin.analyses.calibration.identifiability import (
     refuse_where_nothing_is_seen,
     remarks_on,
 )
-from precision_pin.analyses.calibration.posterior import Posterior, error_left
+from precision_pin.analyses.calibration.posterior import Posterior, SampledRobots, error_left
 from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.draws.estimates import Estimates
@@ -89,6 +89,7 @@ def calibrate(
         GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])))
         for row in sorted(distances)
     )
+    robots = SampledRobots.of(model.space, unit, estimator)
     return CalibrationResult(
         provenance=Provenance.of(model, 0),
         measurement=measurement,
@@ -105,7 +106,7 @@ def calibrate(
         gross_errors=gross,
         at_bounds=best.at_bounds,
         poses=tuple(
-            error_left(one, name, unit, estimator, measurement) for name, one in task_poses(model, at, given.q)
+            error_left(one, name, unit, estimator, measurement, robots) for name, one in task_poses(model, at, given.q)
         ),
         original=model,
         model=model.calibrated(Estimates(unit.names, mean, covariance)),

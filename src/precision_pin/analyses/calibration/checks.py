@@ -21,7 +21,7 @@ from precision_pin.typing import Array
 __all__ = ["DOUBTFUL", "FARTHEST", "check_data", "doubt_model", "probability", "refuse_far_readings"]
 
 DOUBTFUL: Final = 1e-3
-"""Probability of a larger chi-square below which model and data disagree."""
+"""Probability of a larger chi-square below which the model does not explain the readings."""
 
 FARTHEST: Final = 50.0
 """Root mean square of the readings' distances, in standard deviations, beyond which data are refused."""
@@ -79,7 +79,7 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
 
 
 def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Finding]:
-    """Yield what to doubt where model and data disagree."""
+    """Yield what to doubt where the model does not explain the readings."""
     chance = probability(fit.chi_square, fit.degrees_of_freedom)
     facts = f"chi-square {fit.chi_square:.4g} for {fit.degrees_of_freedom} degrees of freedom"
     if has_prior:
@@ -87,8 +87,8 @@ def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Find
     if chance < DOUBTFUL:
         joint, ratio = _suspect_joint(problem, fit)
         message = (
-            f"model and data disagree: {facts} (probability {chance:.2g}); residuals look most like an error of {joint} that "
-            f"changes from reading to reading ({ratio:.3g} times the expected square); "
+            f"the model does not explain the readings: {facts} (probability {chance:.2g}); residuals look most like "
+            f"an error of {joint} that changes from reading to reading ({ratio:.3g} times the expected square); "
             "doubt that joint, the instrument's std, or a source that the sheet lacks"
         )
         yield Finding("warning", "W_MODEL", message)

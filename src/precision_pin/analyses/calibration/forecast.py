@@ -29,7 +29,7 @@ from precision_pin.analyses.calibration.design import (
 )
 from precision_pin.analyses.calibration.estimates import Estimator, covariance_with_prior
 from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack, remarks_on
-from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, error_left
+from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, SampledRobots, error_left
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.html import preformatted
 from precision_pin.display.stored import JsonResult
@@ -192,7 +192,8 @@ def forecast_calibration(
     by_z, by_nuisance = stack_at_means(stations, unit, measurement)
     estimator = Estimator.of(flat(by_z), flat(by_nuisance), has_prior=True)
     tasks = task_poses(model, at, values)
-    entries = tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks)
+    robots = SampledRobots.of(model.space, unit, estimator)
+    entries = tuple(error_left(one, name, unit, estimator, measurement, robots) for name, one in tasks)
     found = of_stack(unit.names, *_plain(unit, stations, measurement), measurement, values.shape[1])
     slopes = np.concatenate([one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks])
     nominal = np.array([station.at.posture.pose for station in stations])
@@ -271,7 +272,8 @@ def _remarks(found: Identifiability, model: ErrorModel, unit: UnitNumbers) -> tu
     }
     if laws:
         message = (
-            f"{len(laws)} of {len(model.space.draws)} draws are not normal; they enter with their means and covariances"
+            f"{len(laws)} of {len(model.space.draws)} draws are not normal; they enter rms values with their means and "
+            "covariances, and the 95 % quantiles are those of sampled robots"
         )
         remarks.append(Finding("warning", "W_NOT_NORMAL", message))
     return tuple(remarks)

@@ -31,7 +31,7 @@ from precision_pin.analyses.calibration.identifiability import (
 )
 from precision_pin.analyses.calibration.pose_bound import branches, relaxed
 from precision_pin.analyses.calibration.pose_choice import Design
-from precision_pin.analyses.calibration.posterior import ErrorLeft, error_left
+from precision_pin.analyses.calibration.posterior import ErrorLeft, SampledRobots, error_left
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.html import preformatted
 from precision_pin.display.progress import steps_to
@@ -256,6 +256,7 @@ def plan_calibration(
     efficiency = design.efficiency(loss, bound)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
     estimator = Estimator.of(flat(by_z[chosen]), flat(by_nuisance[chosen]), has_prior=True)
+    robots = SampledRobots.of(model.space, unit, estimator)
     nominal = np.array([stations[k].at.posture.pose for k in chosen])
     plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
     own = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
@@ -274,7 +275,7 @@ def plan_calibration(
         efficiency=efficiency,
         random_efficiency=design.efficiency(float(np.median(random)), bound),
         identifiability=found,
-        poses=tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks),
+        poses=tuple(error_left(one, name, unit, estimator, measurement, robots) for name, one in tasks),
         findings=(*findings, *_remarks(found, efficiency, hidden), *doubt_contact(measurement, nominal)),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final, final
 
@@ -13,15 +13,21 @@ from precision_pin import se3
 from precision_pin.analyses.calibration.design import UnitNumbers, repeat_covariance
 from precision_pin.analyses.calibration.estimates import Estimator
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.draws.space import Space
 from precision_pin.inputs.arguments import check_name
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.statistics import quantile_ranks
 from precision_pin.typing import Array
 
-__all__ = ["LEVEL", "ErrorLeft", "Posterior", "error_left"]
+__all__ = ["LEVEL", "ROBOTS", "ErrorLeft", "Posterior", "SampledRobots", "error_left"]
 
 LEVEL: Final = 0.95
 """Probability of the intervals of numbers, and of the quantiles of the error that is left."""
+ROBOTS: Final = 10_000
+"""Robots that are sampled for the quantiles where a law is not normal."""
+
+_SEED: Final = 0
 
 
 @final
@@ -106,6 +112,9 @@ class ErrorLeft:
         of ``covariance_after`` where the base is known.
     floor
         ``(6, 6)``, the part that pose- and visit-scope numbers cause, which no calibration removes.
+    sampled
+        Where a law is not normal: the sizes |d| and |δ| ``(2, N)`` of the errors ``before``, ``after``, ``seen`` and ``floor`` of
+        sampled robots in rising order, to first order.
     """
 
     name: str
@@ -116,6 +125,7 @@ class ErrorLeft:
     covariance_after: Array
     covariance_seen: Array
     floor: Array
+    sampled: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
     @property
     def _matrices(self) -> dict[str, Array]:
@@ -130,7 +140,12 @@ class ErrorLeft:
         return float(np.sqrt(max(np.trace(matrix[rows, rows]), 0.0) + mean @ mean))
 
     def quantile(self, which: str, *, attitude: bool = False) -> float:
-        """Return the 95 % quantile of |d| (or |δ|) of a normal error: ``before``, ``after``, ``seen`` or ``floor``."""
+        """Return the 95 % quantile of |d| (or |δ|): ``before``, ``after``, ``seen`` or ``floor``.
+
+        Where all laws are normal it is that of the normal error, otherwise that of the sampled robots.
+        """
+        if self.sampled:
+            return float(np.quantile(self.sampled[which][int(attitude)], LEVEL))
         rows = slice(3, 6) if attitude else slice(0, 3)
         matrix = self._matrices[which]
         mean = self.before[rows] if which == "before" else np.zeros(3)
@@ -138,14 +153,25 @@ class ErrorLeft:
             return float(np.linalg.norm(mean))
         return float(NormalNorm(mean.copy(), matrix[rows, rows].copy()).quantile(LEVEL))
 
+    def quantile_interval(self, which: str, *, attitude: bool = False) -> tuple[float, float] | None:
+        """Return the distribution-free 95 % interval of a sampled :meth:`quantile`; None where it is that of a normal error."""
+        if not self.sampled:
+            return None
+        ordered = self.sampled[which][int(attitude)]
+        ranks = quantile_ranks(ordered.size, LEVEL, LEVEL)
+        assert ranks is not None
+        return float(ordered[ranks[0] - 1]), float(ordered[ranks[1] - 1])
+
     def to_dict(self) -> dict[str, Any]:
         """Return the entry as in the JSON."""
         sizes = {
             which: {
                 "rms_position": self.rms(which),
                 "quantile_position": self.quantile(which),
+                "quantile_position_interval": self.quantile_interval(which),
                 "rms_attitude": self.rms(which, attitude=True),
                 "quantile_attitude": self.quantile(which, attitude=True),
+                "quantile_attitude_interval": self.quantile_interval(which, attitude=True),
             }
             for which in ("before", "after", "seen", "floor")
         }
@@ -161,15 +187,72 @@ class ErrorLeft:
         }
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class SampledRobots:
+    """Robots with the laws of the sheet, each measured once: what the linear estimate leaves of their numbers.
+
+    With C the covariance of z after measuring, the estimate leaves ``C z`` of z, and of the noise of the readings a normal part
+    with the covariance ``C - C²``: z enters with its law.
+
+    Attributes
+    ----------
+    deviations
+        All numbers minus their means, ``(d, N)``.
+    z
+        Unit-scope numbers in units of their root, ``(r, N)``.
+    left
+        What is left of z and, below, the nuisances' errors, ``(r + k, N)``.
+    """
+
+    deviations: Array
+    z: Array
+    left: Array
+
+    @classmethod
+    def of(cls, space: Space, unit: UnitNumbers, estimator: Estimator) -> SampledRobots | None:
+        """Return the robots; None where all laws are normal, or no prior says how robots differ."""
+        if not estimator.has_prior or all(draw.law.is_normal for draw in space.draws):
+            return None
+        deviations = space.sample(_SEED, 0, ROBOTS) - space.mean[:, None]
+        z = np.linalg.pinv(unit.root) @ deviations[unit.columns]
+        joint = estimator.joint_covariance
+        through = joint[:, : len(z)]
+        values, vectors = np.linalg.eigh(joint - through @ through.T)
+        noise = np.random.default_rng(_SEED).standard_normal((len(joint), ROBOTS))
+        return cls(deviations, z, through @ z + (vectors * np.sqrt(np.maximum(values, 0.0))) @ noise)
+
+    def sizes(self, at: PoseModel, unit: UnitNumbers, slopes: Array, together: Array) -> dict[str, Array]:
+        """Return ``sampled`` of :class:`ErrorLeft`, given the derivatives by z, and by z and the nuisances."""
+        repeated = np.ones(len(self.deviations), dtype=bool)
+        repeated[unit.columns] = False
+        floor = at.jacobian[:, repeated] @ self.deviations[repeated]
+        errors = {
+            "before": at.error_at_means[:, None] + slopes @ self.z + floor,
+            "after": slopes @ self.left[: len(self.z)] + floor,
+            "seen": together @ self.left[: together.shape[1]] + floor,
+            "floor": floor,
+        }
+        return {
+            which: np.sort(np.sqrt((error.reshape(2, 3, -1) ** 2).sum(axis=1)), axis=1)
+            for which, error in errors.items()
+        }
+
+
 def error_left(
-    at: PoseModel, name: str, unit: UnitNumbers, estimator: Estimator, measurement: Measurement
+    at: PoseModel,
+    name: str,
+    unit: UnitNumbers,
+    estimator: Estimator,
+    measurement: Measurement,
+    robots: SampledRobots | None,
 ) -> ErrorLeft:
-    """Return the error at a pose before and after a calibration."""
+    """Return the error at a pose before and after a calibration, its quantiles those of the robots where there are any."""
     slopes = at.jacobian[:, unit.columns] @ unit.root
     floor = repeat_covariance(at)
     chain = at.posture.chain
     after = slopes @ estimator.covariance @ slopes.T + floor
-    seen = after
+    seen, together = after, slopes
     if measurement.displaces_base:
         base = np.eye(6)
         base[:3, 3:] = -se3.skew(at.posture.pose[:3, 3] + at.error_at_means[:3])
@@ -185,4 +268,5 @@ def error_left(
         after,
         seen,
         floor,
+        {} if robots is None else robots.sizes(at, unit, slopes, together),
     )

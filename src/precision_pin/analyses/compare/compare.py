@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, Literal
@@ -9,21 +10,23 @@ from typing import Final, Literal
 import numpy as np
 
 from precision_pin.analyses.compare.comparison_result import LEVELS, ComparisonResult, Paired, PoseComparison
-from precision_pin.analyses.compare.paired import mean_difference, quantile_difference, share_difference
+from precision_pin.analyses.compare.paired import Difference, mean_difference, quantile_difference, share_difference
 from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.map_poses import source_lines
 from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
-from precision_pin.draws.space import check_seed
+from precision_pin.draws.space import Draw, check_seed
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, check_progress, monte_carlo
 from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.sheet.differences import sheet_differences
-from precision_pin.statistics import QUANTITIES, check_confidence
+from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
 from precision_pin.typing import Array
 
@@ -32,6 +35,9 @@ __all__ = ["MOST_MODELS", "SAMPLES", "compare"]
 SAMPLES: Final = 100_000
 MOST_MODELS: Final = 8
 MOST_SAMPLES: Final = 10**8
+
+_NONE: Final = Difference(0.0, (0.0, 0.0))
+"""Between models that do not differ."""
 
 
 @warns_at_end
@@ -113,7 +119,10 @@ def compare(
                 )
                 for one in named.values()
             ]
-            pairs = tuple(_paired(laws[0], law, confidence) for law in laws[1:])
+            pairs = tuple(
+                _paired(laws[0], law, confidence, _skewness(first.at(q), other.at(q)))
+                for law, other in zip(laws[1:], list(named.values())[1:], strict=True)
+            )
             compared.append(
                 PoseComparison(
                     label=PoseLabel.of(first, pose, first.at(q)),
@@ -172,13 +181,17 @@ def _named(models: Mapping[str, ErrorModel] | Sequence[ErrorModel]) -> dict[str,
     return named
 
 
-def _paired(first: MonteCarloResult, other: MonteCarloResult, confidence: float) -> Paired:
-    """Return the differences between two samples of the same robots."""
+def _paired(first: MonteCarloResult, other: MonteCarloResult, confidence: float, skewness: Array | None) -> Paired:
+    """Return the differences between two samples of the same robots; without a skewness the models differ in nothing."""
     values = [_quantities(law) for law in (first, other)]
     means, quantiles = {}, {}
     for row, quantity in enumerate(QUANTITIES):
         one, two = values[0][row], values[1][row]
-        means[quantity] = mean_difference(one, two, confidence)
+        if skewness is None and np.array_equal(one, two):
+            means[quantity], quantiles[quantity] = _NONE, dict.fromkeys(LEVELS, _NONE)
+            continue
+        own = math.nan if skewness is None else float(skewness[row])
+        means[quantity] = mean_difference(one, two, confidence, own)
         quantiles[quantity] = {level: quantile_difference(one, two, level, confidence) for level in LEVELS}
     shares = []
     for result in first.summary.specifications:
@@ -186,6 +199,52 @@ def _paired(first: MonteCarloResult, other: MonteCarloResult, confidence: float)
         inside = [np.abs(of_model[row]) <= result.limit for of_model in values]
         shares.append(share_difference(inside[0], inside[1], confidence))
     return Paired(means, quantiles, tuple(shares))
+
+
+def _skewness(first: PoseModel, other: PoseModel) -> Array | None:
+    """Return the skewness ``(8,)`` of the differences of the same robots' errors, to first order; None where there are none.
+
+    A draw that both have, by name and law, moves the difference by the difference of its slopes, and so does one whose law is
+    the other's scaled; any further draw moves it alone.
+    """
+    shared = {draw.name: (draw, columns) for draw, columns in zip(first.space.draws, first.space.slices, strict=True)}
+    draws: list[Draw] = []
+    slopes: list[Array] = []
+    for draw, columns in zip(other.space.draws, other.space.slices, strict=True):
+        own, before = other.tangent[1][:, columns], shared.get(draw.name)
+        draws.append(draw)
+        if before is not None and (scale := _scale(before[0], draw)) is not None:
+            own = own - first.tangent[1][:, before[1]] * scale
+            del shared[draw.name]
+        slopes.append(own)
+    draws += [draw for draw, _ in shared.values()]
+    slopes += [-first.tangent[1][:, columns] for _, columns in shared.values()]
+    moved = np.concatenate([np.zeros((6, 0)), *slopes], axis=1)
+    varies = np.concatenate([np.zeros(0), *(np.diag(draw.covariance) > 0 for draw in draws)]) > 0
+    if not moved[:, varies].any():
+        return None
+    found = first_order_skewness(draws, moved)[:, 0]
+    # the difference of norms is, to first order, a component of the difference
+    found[list(NORMS)] = found[list(COMPONENTS)].reshape(2, 3).max(axis=1)
+    return found
+
+
+def _scale(one: Draw, other: Draw) -> float | None:
+    """Return how many times as wide the first of two laws of one draw is, where they differ in scale and mean alone."""
+    if one.law == other.law:
+        return 1.0
+    if type(one.law) is not type(other.law) or one.law.size != other.law.size:
+        return None
+    before, after = np.diag(one.covariance), np.diag(other.covariance)
+    if not (before > 0).all() or not (after > 0).all():
+        return None
+    ratios = np.sqrt(before / after)
+    shapes = [(law.cumulants(), np.diag(law.covariance)) for law in (one.law, other.law)]
+    known = [None if own is None else own / variance ** np.array([[1], [1.5], [2], [3]]) for own, variance in shapes]
+    if (known[0] is None) != (known[1] is None) or not np.allclose(ratios, ratios[0], rtol=1e-9):
+        return None
+    same = known[0] is None or known[1] is None or np.allclose(known[0], known[1], rtol=1e-6)
+    return float(ratios[0]) if same else None
 
 
 def _quantities(law: MonteCarloResult) -> Array:

@@ -82,7 +82,7 @@ def path_law(
         The points of the path, two or more: a :class:`precision_pin.robot.pose_set.PoseSet`, such as that of a trajectory, or
         poses as for :func:`precision_pin.sample_poses`. Only these points are looked at, nothing between them.
     samples
-        Number of built robots N. As many again verify the bands.
+        Number of built robots N. As many again set the factor of the simultaneous band.
     seed
         64-bit seed.
     probability
@@ -153,6 +153,8 @@ def path_law(
     worst = int(tally.curve[0].argmax())
     strained = strained_findings(error_model, approached(given.take(np.array([worst])))[0], given.labels[worst])
     add(strained)
+    arrays = tally.to_arrays()
+    arrays["varies"] = _varying(error_model, given, arrays["varies"], {one.row for one in listed})
     return PathResult(
         provenance=Provenance.of(error_model, seed),
         joints=tuple(error_model.chain.joint_names),
@@ -165,12 +167,12 @@ def path_law(
         grounds=grounds_at(error_model, given.q, given.labels, given.times),
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found, *strained)))),
-        **tally.to_arrays(),
+        **arrays,
     )
 
 
 def count_steps(poses: int, samples: int) -> int:
-    """Return the number of progress steps: a step a sample, those that verify the bands included."""
+    """Return the number of progress steps: a step a sample, those that set the factor of the band included."""
     return 2 * poses * samples
 
 
@@ -205,6 +207,18 @@ def _checked(error_model: ErrorModel, poses: PoseSet) -> PoseSet:
     return poses
 
 
+def _varying(error_model: ErrorModel, poses: PoseSet, seen: NDArray[np.bool_], rows: set[int]) -> NDArray[np.bool_]:
+    """Return which quantities ``(8,)`` vary; of limited ones also those with a rare value that no robot has."""
+    varies = seen.copy()
+    for at in error_model.at_columns(poses.q, poses.approaches):
+        if all(varies[row] for row in rows):
+            break
+        moves = np.diag(at.covariance) > NO_SPREAD**2
+        varies[list(COMPONENTS)] |= moves
+        varies[list(NORMS)] |= moves.reshape(2, 3).any(axis=1)
+    return varies
+
+
 def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[sampler.SamplerArrays]:
     """Yield the model's arrays at each pose; some poses are prepared at a time."""
     models = error_model.at_columns(poses.q, poses.approaches)
@@ -225,8 +239,8 @@ class _AtPose:
         |value| of the eight quantities of the first N robots, ``(8, N)``.
     curve, interval
         Quantile of |d| and |δ| among them, ``(2,)``, and its interval, ``(2, 2)``, lower ends first.
-    ratios
-        Norms over the quantile, of all 2 N robots, ``(2, 2 N)``.
+    fresh, ratios
+        Norms of the other N robots, and these over the quantile, ``(2, N)``.
     varies
         Whether each quantity differs from robot to robot, ``(8,)``.
     """
@@ -235,6 +249,7 @@ class _AtPose:
     sizes: Array
     curve: Array
     interval: Array
+    fresh: Array
     ratios: Array
     varies: NDArray[np.bool_]
 
@@ -278,7 +293,9 @@ class _Run:
         # a norm varies with its components: errors on a circle have a constant norm
         varies[list(NORMS)] = moves.reshape(2, 3).any(axis=1)
         curve, interval = quantile_of(sizes[list(NORMS)], self.probability, self.confidence)
-        return _AtPose(pose, sizes, curve, interval, norms / np.maximum(curve, _ROUNDING)[:, None], varies)
+        fresh = norms[:, self.samples :]
+        ratios = fresh / np.maximum(curve, _ROUNDING)[:, None]
+        return _AtPose(pose, sizes, curve, interval, fresh, ratios, varies)
 
 
 def quantile_of(values: Array, probability: float, confidence: float) -> tuple[Array, Array]:
@@ -309,7 +326,8 @@ class _Tally:
         self._interval = np.empty((2, 2, poses))
         self._largest = np.full((8, run.samples), -np.inf)
         self._where = np.zeros((2, run.samples), dtype=np.int64)
-        self._ratios = np.zeros((2, 2 * run.samples))
+        self._fresh = np.zeros((2, run.samples))
+        self._ratios = np.zeros((2, run.samples))
         self._varies = np.zeros(8, dtype=np.bool_)
 
     def add(self, found: _AtPose) -> None:
@@ -317,6 +335,7 @@ class _Tally:
         norms = list(NORMS)
         np.copyto(self._where, found.pose, where=found.sizes[norms] > self._largest[norms])
         np.maximum(self._largest, found.sizes, out=self._largest)
+        np.maximum(self._fresh, found.fresh, out=self._fresh)
         np.maximum(self._ratios, found.ratios, out=self._ratios)
         self.curve[:, found.pose], self._interval[:, :, found.pose] = found.curve, found.interval
         self._varies |= found.varies
@@ -324,20 +343,22 @@ class _Tally:
     def to_arrays(self) -> dict[str, Any]:
         """Return the arrays of the result."""
         run, poses = self._run, self.curve.shape[1]
-        own, fresh = self._ratios[:, : run.samples], self._ratios[:, run.samples :]
-        # with this rank a further robot is inside with the probability or more, on average over the robots that set it
-        rank = min(math.ceil((run.samples + 1) * run.probability), run.samples)
-        factor = np.partition(own, rank - 1, axis=1)[:, rank - 1]
-        _, factor_interval = quantile_of(own, run.probability, run.confidence)
-        resolved = self.curve.max(axis=1) > _ROUNDING
+        # a curve that is zero gives a band no shape: the band is then as high at every pose
+        shaped = (self.curve.max(axis=1) > _ROUNDING)[:, None]
+        sizes = np.where(shaped, self._ratios, self._fresh)
+        # the curve is that of other robots: given the curve these sizes are independent, and the upper end of the interval
+        # of their quantile is above the share of all robots with the confidence (Wilks)
+        _, interval = quantile_of(sizes, run.probability, run.confidence)
+        top, shaped = interval[1], shaped[:, 0]
         return {
             "curve": self.curve,
             "curve_interval": self._interval,
             "largest": self._largest,
             "share_of_maximum": np.stack([np.bincount(row, minlength=poses) for row in self._where]) / run.samples,
-            "factor": np.where(resolved, factor, np.nan),
-            "factor_interval": np.where(resolved, factor_interval, np.nan),
-            "kept_band": (fresh <= factor[:, None]).sum(axis=1),
-            "kept_pointwise": (fresh <= 1.0).sum(axis=1),
+            "factor": np.where(shaped, top, np.nan),
+            "factor_interval": np.where(shaped, interval, np.nan),
+            "band": np.where(shaped[:, None], self.curve * top[:, None], top[:, None]),
+            "kept_band": (sizes <= top[:, None]).sum(axis=1),
+            "kept_pointwise": (self._ratios <= 1.0).sum(axis=1),
             "varies": self._varies,
         }

@@ -68,9 +68,11 @@ class Band:
     Attributes
     ----------
     factor, factor_interval
-        The curve is the quantile at each pose times this factor. ``None`` where the error vanishes.
+        The band is the quantile at each pose times this factor, of the simultaneous band the upper end of the interval.
+        ``None`` where the quantile is zero at every pose; the band is then as high at all of them.
     coverage, coverage_interval
-        Share of fresh robots that stay below it at every pose, and its Clopper-Pearson interval.
+        Share of the N robots other than those of the curve that stay below it at every pose, and its Clopper-Pearson
+        interval: the lower end is at least the probability that the simultaneous band is made for.
     """
 
     factor: float | None
@@ -102,8 +104,10 @@ class PathResult(JsonResult):
     share_of_maximum
         Share of the robots with their largest |d| and |δ| at a pose, ``(2, P)``.
     factor, factor_interval
-        Factor from the curve to the simultaneous band, ``(2,)``, and its interval, ``(2, 2)``, lower ends first; NaN where
-        the error vanishes.
+        Factor from the curve to the simultaneous band, ``(2,)``, and the interval of the quantile that it is the upper end
+        of, ``(2, 2)``, lower ends first; NaN where the curve is zero.
+    band
+        Height of the simultaneous band of |d| and |δ| at each pose, ``(2, P)``.
     kept_band, kept_pointwise
         How many of N fresh robots stay below the simultaneous band, and below the curve itself, at every pose, ``(2,)``.
     varies
@@ -131,6 +135,7 @@ class PathResult(JsonResult):
     share_of_maximum: Array
     factor: Array
     factor_interval: Array
+    band: Array
     kept_band: NDArray[np.int64]
     kept_pointwise: NDArray[np.int64]
     varies: NDArray[np.bool_]
@@ -184,12 +189,6 @@ class PathResult(JsonResult):
     def _band(self, factor: float | None, interval: tuple[float, float] | None, kept: int) -> Band:
         return Band(factor, interval, kept / self.samples, clopper_pearson(kept, self.samples, self.confidence))
 
-    @property
-    def band(self) -> Array:
-        """Height of the simultaneous band at each pose, ``(2, P)``: of |d| and |δ|."""
-        heights: Array = self.curve * np.nan_to_num(self.factor, nan=1.0)[:, None]
-        return heights
-
     def worst_pose(self, norm: int = 0) -> int:
         """Return the number of the pose at which most robots have their largest |d| (``norm`` 0) or |δ| (1)."""
         return int(self.share_of_maximum[norm].argmax())
@@ -220,7 +219,8 @@ class PathResult(JsonResult):
         return (
             "the path is its points: nothing is looked at between them",
             "every robot passes all poses; its draws of unit scope are the same at each",
-            "the simultaneous band is the quantile at each pose times one factor, verified with as many fresh robots",
+            f"the simultaneous band is the quantile at each pose times one factor, so large that at {self.confidence:.0%} "
+            "confidence no fewer robots keep it than stated",
         )
 
     def plot(self) -> Figure:

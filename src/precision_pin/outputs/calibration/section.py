@@ -7,12 +7,12 @@ from typing import Final
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
 from precision_pin.outputs.calibration.figures import calibration_figure
 from precision_pin.outputs.calibration.table import (
-    EXPLANATION,
     LEARNED,
     LEFT_OUT,
     NO_PRIOR,
     SEEN,
     estimate_rows,
+    explanation,
     gross_rows,
     headline,
     identifiability_lines,
@@ -40,7 +40,7 @@ _SHOWN: Final = (
 
 
 def calibration_chapter(result: CalibrationResult) -> Chapter:
-    """Return a calibration as a chapter; at the head of the page, whether model and data agree, and what is left.
+    """Return a calibration as a chapter; at the head of the page that the model does not explain the readings, and gross errors.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def _readings(result: CalibrationResult) -> list[Child]:
 
 def _poses(result: CalibrationResult) -> list[Child]:
     rows = pose_rows(result.poses, result.measurement)
-    notes = [*poses_with_less(len(result.poses)), EXPLANATION]
+    notes = [*poses_with_less(len(result.poses)), explanation(result.poses)]
     notes += [SEEN] if result.measurement.displaces_base else []
     return [
         table("Position error of the tip, before and after, mm", rows[0], rows[1:]),

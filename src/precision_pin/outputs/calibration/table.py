@@ -12,16 +12,16 @@ from precision_pin.analyses.calibration.calibration_result import CalibrationRes
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.identifiability import Identifiability
 from precision_pin.analyses.calibration.plan import CalibrationPlan
-from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior
+from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, Posterior
 from precision_pin.analyses.calibration.set_up import SetUp
 from precision_pin.display.tables import milli, resting_on
 from precision_pin.display.text_table import aligned
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.outputs.calibration.readings import WorstReadings
+from precision_pin.statistics import format_inside
 from precision_pin.visible import shortened, shown, visible
 
 __all__ = [
-    "EXPLANATION",
     "LEARNED",
     "LEFT_OUT",
     "MOST_NUMBERS",
@@ -33,6 +33,7 @@ __all__ = [
     "describe_measurement",
     "deviations_text",
     "estimate_rows",
+    "explanation",
     "forecast_table",
     "gross_rows",
     "headline",
@@ -56,10 +57,10 @@ LEFT_OUT: Final = (
     "fit without it"
 )
 NO_PRIOR: Final = "maximum likelihood: the sheet's tolerances are no prior"
-_VERDICTS: Final = {
-    "agrees": "Model and data agree",
-    "disagrees": "Model and data disagree",
-    "better than stated": "The readings fit better than their standard deviations say",
+VERDICTS: Final = {
+    "agrees": "the model explains the readings",
+    "disagrees": "the model does NOT explain the readings",
+    "better than stated": "the readings fit better than their standard deviations say",
 }
 SEEN: Final = "seen: the error after, in the instrument's axes; the base is found with the arm"
 _POSES: Final = 12
@@ -71,9 +72,9 @@ _JOINTS: Final = 7
 """Most joints whose values fit into a line."""
 _FREE: Final = {"distance": "anchor", "plane": "plane", "socket": "sockets"}
 """What is known or free of a kind; of others the base."""
-EXPLANATION: Final = (
-    "before: from the nominal robot, 95 %: quantile of |d|; after: from the calibrated robot; floor: what pose- and "
-    "visit-scope draws cause, which no calibration removes"
+_EXPLANATION: Final = (
+    "before: from the nominal robot; after: from the calibrated robot; floor: what pose- and visit-scope draws cause, which no "
+    "calibration removes; 95 %: quantile of |d|, first order, "
 )
 
 
@@ -97,7 +98,7 @@ def forecast_table(result: CalibrationForecast) -> str:
         "",
         *_curve("std of the instrument, µm", result.by_instrument, 1e6),
         "",
-        EXPLANATION,
+        explanation(result.poses),
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(lines)
@@ -107,7 +108,7 @@ def calibration_table(result: CalibrationResult) -> str:
     """Return the verdict on model and data, the residuals, the estimates and the error left."""
     of = result.provenance
     lines = [
-        f"{visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: model and data: {result.verdict.upper()}; "
+        f"{visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: {VERDICTS[result.verdict]}; "
         f"{residuals_text(result)}",
         f"{measured_text(result)}; {chi_square_text(result)}",
         "" if result.has_prior else f"{NO_PRIOR}\n",
@@ -123,7 +124,7 @@ def calibration_table(result: CalibrationResult) -> str:
         "",
         *identifiability_lines(result.identifiability),
         "",
-        EXPLANATION,
+        explanation(result.poses),
     ]
     return "\n".join(lines)
 
@@ -161,7 +162,7 @@ def plan_table(result: CalibrationPlan) -> str:
         "",
         *identifiability_lines(result.identifiability),
         "",
-        EXPLANATION,
+        explanation(result.poses),
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(lines)
@@ -183,7 +184,10 @@ def describe_measurement(measurement: Measurement) -> str:
 
 def headline(result: CalibrationResult) -> list[str]:
     """Return the answer as sentences: verdict, residuals, the error left, the readings without weight."""
-    lines = [f"{_VERDICTS[result.verdict]}: {chi_square_text(result)}.", f"{_capital(residuals_text(result))}."]
+    lines = [
+        f"{_capital(VERDICTS[result.verdict])}: {chi_square_text(result)}.",
+        f"{_capital(residuals_text(result))}.",
+    ]
     lines.append(f"{_error_left_text(result)}.")
     if result.gross_errors:
         worst = max(result.gross_errors, key=lambda error: error.deviations)
@@ -217,8 +221,8 @@ def _capital(text: str) -> str:
 def residuals_text(result: CalibrationResult) -> str:
     """Return the root mean squares of the residuals."""
     return (
-        f"residuals rms {milli(result.rms('before'), 3)} mm before, {milli(result.rms('after'), 3)} mm after, "
-        f"{milli(result.rms('left out'), 3)} mm of readings left out"
+        f"residuals: {milli(result.rms('before'), 3)} mm rms before, {milli(result.rms('after'), 3)} mm after; "
+        f"left-out readings: {milli(result.rms('left out'), 3)} mm rms"
     )
 
 
@@ -251,9 +255,22 @@ def pose_rows(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[li
         for which in columns:
             cells.append(milli(entry.rms(which), 3))
             if which != "floor":
-                cells.append(milli(entry.quantile(which), 3))
+                cells.append(_quantile_text(entry, which))
         rows.append([shortened(entry.name, 20), *cells])
     return rows
+
+
+def _quantile_text(entry: ErrorLeft, which: str) -> str:
+    """Return a quantile of |d| in mm; of a sampled one the digits that its interval supports."""
+    value, ends = entry.quantile(which), entry.quantile_interval(which)
+    return milli(value, 3) if ends is None else format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=3)
+
+
+def explanation(entries: Sequence[ErrorLeft]) -> str:
+    """Return what the columns of :func:`pose_rows` are, and what the quantiles rest on."""
+    if any(entry.sampled for entry in entries):
+        return f"{_EXPLANATION}of {ROBOTS:,} robots sampled with the sheet's laws"
+    return f"{_EXPLANATION}of normal errors"
 
 
 def poses_with_less(count: int) -> list[str]:

@@ -72,7 +72,7 @@ def method_rows(entry: PoseLaws) -> list[list[str]]:
                 bound_text(law.error),
                 f"{agreement.distance:.5f}",
                 f"{agreement.band:.5f}",
-                "agree" if agreement.agrees else "DISAGREE",
+                "within the band" if agreement.agrees else "BEYOND THE BAND",
             ]
         )
     return rows

@@ -44,15 +44,14 @@ def figure(result: PathResult) -> Figure:
         share = f"{100 * result.probability:.6g} %"
         title = f"error of {visible(result.provenance.robot, 60)} along a path of {len(result.poses):,} poses"
         made.suptitle("\n".join(wrapped(title, made)))
-        held = " and ".join(f"{100 * result.simultaneous(norm).coverage:.1f} %" for norm in (0, 1))
+        below = " and ".join(f"{100 * result.pointwise(norm).coverage:.1f} %" for norm in (0, 1))
         caption = (
-            f"N = {result.samples:,}, seed {result.provenance.seed}; the band of the whole path holds {held} of as many fresh "
-            f"robots at every pose, the {share} at each pose "
-            f"{' and '.join(f'{100 * result.pointwise(norm).coverage:.1f} %' for norm in (0, 1))}"
+            f"N = {result.samples:,}, seed {result.provenance.seed}; the band of the whole path holds at least {share} of "
+            f"robots, {100 * result.confidence:.4g} % sure; the {share} at each pose hold {below} of them at every pose"
         )
-        entries, below = labelled(panels), wrapped(caption, made)
-        legend_below(made, entries, 3, below)
-        set_height(made, 75.0 + (len(below) + 1 + len(entries) / 3) * LINE_HEIGHT)
+        entries, lines = labelled(panels), wrapped(caption, made)
+        legend_below(made, entries, 3, lines)
+        set_height(made, 75.0 + (len(lines) + 1 + len(entries) / 3) * LINE_HEIGHT)
     return made
 
 

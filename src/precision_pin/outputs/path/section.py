@@ -25,7 +25,7 @@ def _section(result: PathResult) -> Html:
         figure(result),
         "path",
         f"Errors along a path of {len(result.poses):,} poses: {headline(result)}",
-        "The quantile at each pose, and the band that holds the whole error curve of that share of the robots.",
+        "The quantile at each pose, and the band that holds the whole error curve of that share of the robots or more.",
     )
     poses = f"The largest errors of the path at {len(pose_rows(result)) - 1} of its poses"
     note = f"|d|, |δ|: {share} quantile at the pose; largest here: share of robots with their largest error of the path there."

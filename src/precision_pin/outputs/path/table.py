@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.analyses.path.path_result import Band, PathResult
+from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.display.tables import resting_on, symbol
 from precision_pin.display.text_table import aligned
 from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES, demanded
 from precision_pin.statistics import SpecificationResult, format_inside, format_share
-from precision_pin.statistics.digits import format_interval
+from precision_pin.statistics.digits import format_interval, round_end
 from precision_pin.visible import shortened, shown, visible
 
 __all__ = ["band_lines", "headline", "maximum_rows", "path_table", "pose_rows", "verdict_lines", "where_line"]
@@ -134,18 +134,23 @@ def _band_line(result: PathResult, norm: int) -> str:
     quantity = symbol(_QUANTITIES[norm][0])
     share = f"{100 * result.probability:.6g} %"
     band, pointwise = result.simultaneous(norm), result.pointwise(norm)
-    if band.factor is None or band.factor_interval is None:
-        return f"{quantity}: no band, the error vanishes at every pose"
-    factor = format_inside(band.factor, band.factor_interval, most=5)
+    held, low, high = format_share(band.coverage, band.coverage_interval, result.probability)
+    below, *ends = format_share(pointwise.coverage, pointwise.coverage_interval, result.probability)
+    if band.factor is None:
+        size = f"{_upwards(1e3 * float(result.band[norm].max()))} {_QUANTITIES[norm][1]}"
+        limit, themselves = f"{size} at every pose", f"0, the {share} quantile at every pose"
+    else:
+        limit = f"{_upwards(band.factor, 5)} times the {share} quantiles at every pose"
+        themselves = "the quantiles themselves"
     return (
-        f"{quantity}: {_inside(band, result)} of fresh robots stay below {factor} times the {share} quantiles at every pose, "
-        f"{_inside(pointwise, result)} below the quantiles themselves"
+        f"{quantity}: at least {share} of robots stay below {limit} ({held} % of fresh ones, {low} to {high} %), "
+        f"{below} % ({ends[0]} to {ends[1]} %) below {themselves}"
     )
 
 
-def _inside(band: Band, result: PathResult) -> str:
-    share, low, high = format_share(band.coverage, band.coverage_interval, result.probability)
-    return f"{share} % ({low} to {high} %)"
+def _upwards(value: float, digits: int = 4) -> str:
+    """Return the height of a band; rounded up, so that what is printed holds as many robots."""
+    return f"{round_end(value, digits, up=True):.{digits}g}"
 
 
 def _listed(result: PathResult) -> list[int]:
@@ -169,7 +174,7 @@ def _poses(result: PathResult) -> list[list[str]]:
         for norm in (0, 1):
             low, high = (1e3 * result.curve_interval[:, norm, pose]).tolist()
             cells.append(format_inside(1e3 * float(result.curve[norm, pose]), (low, high), most=5))
-            cells.append(f"{1e3 * float(result.band[norm, pose]):#.4g}")
+            cells.append(_upwards(1e3 * float(result.band[norm, pose])))
             cells.append(f"{100 * float(result.share_of_maximum[norm, pose]):.1f} %")
         rows.append(cells)
     return rows

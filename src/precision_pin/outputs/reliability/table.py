@@ -81,7 +81,7 @@ def _form_lines(entry: SpecificationReliability) -> list[str]:
     first = entry.failures[0]
     shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in list(first.importance.items())[:LISTED])
     count = len(found.points)
-    together = "" if count == 1 else f"; all together at most {found.range[1]:.3g}"
+    together = "" if count == 1 else f"; all together {found.range[1]:.3g} at most if all were flat"
     return [
         f"  FORM  β {first.beta:.6g}, Φ(-β) {first.probability:.3g}; {count} distinct design "
         f"point{'' if count == 1 else 's'} from {found.starts} starts{together}",

@@ -9,9 +9,9 @@ import numpy as np
 
 from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.display.html import escaped
-from precision_pin.display.tables import milli
 from precision_pin.outputs.view.scales import ColourScale, round_number
 from precision_pin.outputs.view.scene import Scene
+from precision_pin.statistics.digits import format_inside, format_interval
 from precision_pin.typing import Array
 
 __all__ = ["PathLayer"]
@@ -78,11 +78,15 @@ class PathLayer:
         share = f"{100 * result.probability:.6g} %"
         largest = result.maximum_quantile(0, result.probability)
         label = result.poses.labels[result.worst_pose(0)]
+        assert largest.value is not None
+        assert largest.interval is not None
+        low, high = format_interval(*largest.interval, 1e3)
+        value = format_inside(1e3 * largest.value, (1e3 * largest.interval[0], 1e3 * largest.interval[1]))
         answer = (
-            f"{share} of robots stay within {milli(largest.value, 4)} mm all along the path of {len(result.poses):,} points; "
-            f"most have their largest error at {label}"
+            f"{share} of robots stay within {value} mm all along the path of {len(result.poses):,} points, "
+            f"interval {low} to {high} mm at {100 * result.confidence:.4g} % confidence; most have their largest error at {label}"
         )
-        words = f"inner tube: {share} of robots at each point; outer tube: {share} along the whole path; cone: {label}"
+        words = f"inner tube: {share} of robots at each point; outer tube: {share} or more along the whole path; cone: {label}"
         return (
             f'<section aria-label="Path"><h2>Path: {share} of robots within |d|, {self.scale.unit.name}</h2>'
             f'<p id="path-answer">{escaped(answer)}</p>{self.scale.bar()}'

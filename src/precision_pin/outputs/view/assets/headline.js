@@ -111,11 +111,11 @@ function limitLine({ row, limit, required, text }, sample, [why, taken]) {
   const verdict = high < required ? "not met" : !varies ? "nothing to judge" : low >= required ? "met" : "undecided";
   const demanded = String(Number((100 * required).toPrecision(10))).split(".")[1] || "";
   const place = -Math.max(1 - Math.floor(Math.log10(100 * (high - low))), demanded.length, 0);
-  const more = verdict === "undecided" ? "; more samples decide it" : "";
+  // the changed sheet was not sampled: its robots are the sheet's, moved to first order
   return [
-    `${verdict[0].toUpperCase()}${verdict.slice(1)}${verdict === "met" ? taken : ""}: ${text}`,
+    `To first order ${verdict}${verdict === "met" ? taken : ""}: ${text}`,
     `${fixed((100 * inside) / count, place)} % inside, interval ${fixed(100 * low, place, Math.floor)} to ` +
-      `${fixed(100 * high, place, Math.ceil)} %${more}`, verdict];
+      `${fixed(100 * high, place, Math.ceil)} %; analyze with --set judges it`, "estimate"];
 }
 
 function showHeadline(pose, sample) {
