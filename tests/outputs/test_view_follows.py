@@ -127,7 +127,9 @@ def test_the_script_answers_as_python_does(context, tmp_path):
     assert visit.page.is_visible("#changed")
     shown = [line.replace("; analyze with --set judges it", "") for line in headline(visit)]
     before = [line.replace("; more samples decide it", "") for line in before]
-    assert [line.removeprefix("To first order ").capitalize() for line in shown] == [line.capitalize() for line in before]
+    assert [line.removeprefix("To first order ").capitalize() for line in shown] == [
+        line.capitalize() for line in before
+    ]
 
 
 def test_a_pose_keeps_what_was_chosen(context, tmp_path):

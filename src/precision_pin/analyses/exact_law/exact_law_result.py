@@ -278,7 +278,12 @@ def _cells(law: ExactLaw) -> list[str]:
     cells += [quantiles.get(level, "-") for level in _SHOWN]
     if law.law is None or law.agreement is None:
         return [*cells, "-", "-", "-"]
-    return [*cells, str(law.contributors), bound_text(law.error), "within the band" if law.agreement.agrees else "BEYOND THE BAND"]
+    return [
+        *cells,
+        str(law.contributors),
+        bound_text(law.error),
+        "within the band" if law.agreement.agrees else "BEYOND THE BAND",
+    ]
 
 
 def bound_text(bound: float) -> str:
