@@ -144,7 +144,7 @@ def _contradicted(count: int, against: int, error: float) -> bool:
 def share_difference(first: NDArray[np.bool_], other: NDArray[np.bool_], confidence: float) -> Difference:
     """Return the difference of the shares of true values of paired samples ``(N,)``.
 
-    The interval holds that of Bonett and Price (2012), Wald's of paired shares with a robot added to each kind that changes sides,
+    The interval holds that of Bonett and Price (2012), Wald's of paired shares with a robot added to each kind of change,
     which is short where a few robots change sides one way, and that of Zou and Donner (2008), which joins the Clopper-Pearson
     intervals of both kinds and is short where many do.
     """
