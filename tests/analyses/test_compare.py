@@ -156,6 +156,18 @@ def test_intervals_of_shares_cover_the_difference():
     assert stats.binom.interval(0.9999, turns, 0.94)[0] <= held <= stats.binom.interval(0.9999, turns, 0.975)[1]
 
 
+@pytest.mark.parametrize(("count", "gained", "lost"), [(300, 0.02, 0.0), (300, 0.45, 0.45), (2000, 0.003, 0.001)])
+def test_intervals_of_shares_cover_whatever_changes_sides(count, gained, lost):
+    turns = 3000
+    held = 0
+    for up, down, _ in RNG.multinomial(count, [gained, lost, 1 - gained - lost], turns):
+        first, other = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        other[:up] = first[up : up + down] = True
+        low, high = share_difference(first, other, 0.95).interval
+        held += low <= gained - lost <= high
+    assert held >= stats.binom.ppf(1e-3, turns, 0.95)
+
+
 def test_few_robots_tell_no_quantile():
     values = RNG.standard_normal((2, 90))
     assert quantile_difference(*values, 0.95, 0.95).interval is None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 
 from precision_pin.draws import lazy_special
-from precision_pin.statistics import quantile_ranks
+from precision_pin.statistics import clopper_pearson, quantile_ranks
 from precision_pin.statistics.moment_intervals import Moments
 from precision_pin.typing import Array
 
@@ -144,10 +144,19 @@ def _contradicted(count: int, against: int, error: float) -> bool:
 def share_difference(first: NDArray[np.bool_], other: NDArray[np.bool_], confidence: float) -> Difference:
     """Return the difference of the shares of true values of paired samples ``(N,)``.
 
-    The interval is that of Bonett and Price (2012): Wald's of paired shares with a robot added to each kind that changes sides.
+    The interval holds that of Bonett and Price (2012), Wald's of paired shares with a robot added to each kind of change,
+    which is short where a few robots change sides one way, and that of Zou and Donner (2008), which joins the Clopper-Pearson
+    intervals of both kinds and is short where many do.
     """
     gained, lost = int((other & ~first).sum()), int((first & ~other).sum())
     count = first.size
     up, down = (gained + 1) / (count + 2), (lost + 1) / (count + 2)
     half = float(lazy_special.ndtri(0.5 + confidence / 2)) * math.sqrt((up + down - (up - down) ** 2) / (count + 2))
-    return Difference((gained - lost) / count, (max(up - down - half, -1.0), min(up - down + half, 1.0)))
+    value = (gained - lost) / count
+    (gained_low, gained_high), (lost_low, lost_high) = (
+        (abs(changed / count - end) for end in clopper_pearson(changed, count, confidence))
+        for changed in (gained, lost)
+    )
+    low = min(up - down - half, value - math.hypot(gained_low, lost_high))
+    high = max(up - down + half, value + math.hypot(gained_high, lost_low))
+    return Difference(value, (max(low, -1.0), min(high, 1.0)))

@@ -31,6 +31,8 @@ LEAST: Final = 0.05
 """Probability below which measurement and forecast are said to differ."""
 _ROUNDING: Final = 1e-9
 """m or rad; figures of robots that all have the same differ by less."""
+_ALIKE: Final = 1e-6
+"""Difference of how far out two figures are, from one up as a share, that is rounding."""
 _DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in DISTANCE)
 
 
@@ -176,7 +178,9 @@ def _compared(
     robots = listed[0][3].values.size
     pooled = np.stack([_far_out(np.append(law.values, value)) for _, _, value, law in listed])
     largest = np.sort(pooled.max(axis=0))
-    corrected = 1 - np.searchsorted(largest, pooled[:, -1], side="left") / (robots + 1)
+    # figures that are alike but for rounding are equally far out
+    own = pooled[:, -1] * (1 - _ALIKE) - _ALIKE
+    corrected = 1 - np.searchsorted(largest, own, side="left") / (robots + 1)
     figures = tuple(
         ComparedFigure(pose, name, value, float((law.values <= value).mean()), float(probability))
         for (pose, name, value, law), probability in zip(listed, corrected, strict=True)
