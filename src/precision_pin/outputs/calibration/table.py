@@ -29,6 +29,7 @@ __all__ = [
     "MOST_READINGS",
     "NO_PRIOR",
     "SEEN",
+    "VERDICT_WORDS",
     "WIDTH",
     "calibration_table",
     "chi_square_text",
@@ -64,6 +65,12 @@ _VERDICTS: Final = {
     "disagrees": "Model and data disagree",
     "better than stated": "The readings fit better than their standard deviations say",
 }
+VERDICT_WORDS: Final = {
+    "agrees": "agree",
+    "disagrees": "disagree",
+    "better than stated": "agree better than stated",
+}
+"""What model and data do."""
 SEEN: Final = "seen: the error after, in the instrument's axes; the base is found with the arm"
 _POSES: Final = 12
 _NAME: Final = 44
@@ -109,7 +116,7 @@ def calibration_table(result: CalibrationResult) -> str:
     """Return the verdict on model and data, the residuals, the estimates and the error left."""
     of = result.provenance
     lines = [
-        f"{visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: model and data: {result.verdict.upper()}; "
+        f"{visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: model and data {VERDICT_WORDS[result.verdict].upper()}; "
         f"{residuals_text(result)}",
         f"{measured_text(result)}; {chi_square_text(result)}",
         "" if result.has_prior else f"{NO_PRIOR}\n",
@@ -224,7 +231,7 @@ def residuals_text(result: CalibrationResult) -> str:
     """Return the root mean squares of the residuals."""
     return (
         f"residuals rms {milli(result.rms('before'), 3)} mm before, {milli(result.rms('after'), 3)} mm after, "
-        f"{milli(result.rms('left out'), 3)} mm of readings left out"
+        f"{milli(result.rms('left out'), 3)} mm when left out of the fit"
     )
 
 
