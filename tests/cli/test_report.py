@@ -102,7 +102,7 @@ def test_too_many_poses_are_refused_before_anything_is_computed(run, folder, new
 def test_a_page_that_cannot_be_drawn_leaves_the_old_one(run, folder, monkeypatch):
     (folder / "page.html").write_text("old", "utf-8")
 
-    def stop(*_: object) -> str:
+    def stop(*_: object, **__: object) -> str:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("precision_pin.outputs.report.page.page", stop)
@@ -114,8 +114,15 @@ def test_a_page_that_cannot_be_drawn_leaves_the_old_one(run, folder, monkeypatch
 def test_a_limit_missed_on_the_map_is_exit_code_1(run, folder):
     (folder / "grid.yaml").write_text(f"joints:\n  y_axis: 0 100 mm\n  {LONG}: 0 30 deg\n")
     arguments = ("report", "gantry.errors.yaml", *FEW, "--map", "grid.yaml", "--out", "page.html")
-    assert run(*arguments, "--spec", "y 120 um @ 99 %", "--q", f"y_axis: 0 m, {LONG}: 90 deg").code == 1
-    assert "--map grid.yaml" in (folder / "page.html").read_text("utf-8")
+    assert run(*arguments, "--spec", "y 120 um @ 99 %", "--q", f"y_axis: 0 m, {LONG}: 90 deg", "--full").code == 1
+    page = (folder / "page.html").read_text("utf-8")
+    assert "--map grid.yaml" in page
+    assert "--out report.html --full" in page
+    assert "The specification is met, but not on the map" in page
+    # all is open and nothing is kept from the printer, but for the view
+    folded = re.findall(r'<details class="fold"><summary><h2 id="(\w+)-heading', page)
+    assert folded == ["view"]
+    assert "not printed" not in page
     refused = run(*arguments[:-1], "grid.yaml")
     assert refused.code == 2
     assert "joints:" in (folder / "grid.yaml").read_text()

@@ -30,7 +30,7 @@ from precision_pin.analyses.budget.budget import budget
 from precision_pin.analyses.exact_law.exact_law import exact_law
 from precision_pin.analyses.worst_case.worst_case import worst_case
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.kit.html import element
+from precision_pin.outputs.kit.html import element, section
 from precision_pin.outputs.monte_carlo.section import distributions
 from precision_pin.outputs.monte_carlo.verdict import specifications, verdict
 from precision_pin.outputs.report.assumptions import assumptions
@@ -100,10 +100,12 @@ def test_all_but_the_decision_is_folded_and_a_link_leads_into_the_fold():
     assert [name for name, _ in folds] == [name for _, name in folds] == list(SECTIONS[2:])
     opened = re.findall(r'<section id="([\w-]+)"[^>]*><h2', text)
     assert opened == ["verdict", "assumptions"]
-    assert "<details open" not in text
+    assert 'open=""' not in text
     assert text.count("precision-pin report --full") == 1
-    made = _opened([element("details", element("summary", "<details>"))])[0].text
-    assert made == '<details open=""><summary>&lt;details&gt;</summary></details>'
+    trap = '<details class="fold">'
+    made = _opened([section("x", "X", trap, element("details", element("summary", "more")))])[0].text
+    assert made.startswith('<details class="fold" open=""><summary><h2 id="x-heading">X</h2></summary>')
+    assert made.count('open=""') == 1
 
 
 def test_what_to_change_is_what_a_sheet_with_the_change_gives(model, tmp_path, reader):

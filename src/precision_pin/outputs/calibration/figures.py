@@ -15,7 +15,7 @@ from precision_pin.analyses.calibration.calibration_result import CalibrationRes
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
-from precision_pin.outputs.calibration.table import describe_measurement
+from precision_pin.outputs.calibration.table import VERDICTS, describe_measurement
 from precision_pin.outputs.kit.draw_distribution import BLACK, BLUE, SKY, VERMILION
 from precision_pin.outputs.kit.figure_style import (
     DOUBLE_COLUMN,
@@ -144,7 +144,7 @@ def calibration_figure(result: CalibrationResult) -> Figure:
         axes.set_xlabel("row of the data")
         axes.set_ylabel("residual [mm]")
         of = result.provenance
-        made.suptitle(f"calibration of {visible(of.robot, 60)}; model and data: {result.verdict}")
+        made.suptitle(f"calibration of {visible(of.robot, 60)}; {VERDICTS[result.verdict]}")
         lines = wrapped(
             f"{len(result.data):,} readings of {describe_measurement(result.measurement)}; chi-square "
             f"{result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom",

@@ -104,9 +104,9 @@ def _details(results: Results) -> list[Html]:
 
 
 def _opened(sections: Sequence[Html]) -> list[Html]:
-    """Return sections with all that is folded open."""
+    """Return sections with their folds open; small parts folded inside them, such as causes of no weight, stay so."""
     # text is escaped, so this is always a tag
-    return [Html(one.text.replace("<details", '<details open=""')) for one in sections]
+    return [Html(one.text.replace('<details class="fold"', '<details class="fold" open=""')) for one in sections]
 
 
 def _other_pose(results: Results) -> Html:
