@@ -30,5 +30,5 @@ def test_scores_and_pearson_are_reported(run, tmp_path: Path) -> None:
     assert group["parameters"] == ["one", "two"]
     assert group["scores"] == [[1.0, 0.7], [0.7, 1.0]]
     assert abs(group["pearson"][0][1] - pearson) < 1e-9
-    text = run("analyze", "correlated.errors.yaml", "--samples", "100").out
+    text = run("analyze", "correlated.errors.yaml", "--samples", "100", "--all").out
     assert f"correlation of one and two: 0.7 of the normal scores, {pearson:.4g} of the numbers (Pearson)" in text

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import importlib.metadata
+import itertools
 import json
 import math
 import re
 
+import click
 import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
-from precision_pin.cli.commands import list_commands
+from precision_pin.cli.commands import list_commands, load_command
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.versions import _version
 
@@ -23,7 +25,8 @@ FINDING = re.compile(r"[^:\n]+(:\d+)?: (error|warning) [EW]_[A-Z_]+: .+")
 def test_check_of_a_good_sheet_and_of_a_good_urdf(run):
     for arguments in ((), ("4dof.urdf",), ("4dof.errors.yaml",), ("gantry.urdf", "gantry.errors.yaml")):
         outcome = run("check", *arguments)
-        assert (outcome.code, outcome.out, outcome.err) == (0, "", "no errors, 0 warnings\n"), arguments
+        assert (outcome.code, outcome.out, outcome.err_lines[-1]) == (0, "", "no errors, 0 warnings"), arguments
+        assert all(": note " in line for line in outcome.err_lines[:-1]), arguments
 
 
 def test_check_of_a_urdf_needs_no_sheet_and_no_tip(run):
@@ -94,7 +97,10 @@ def test_check_as_json(run, folder):
         assert re.fullmatch(r"[EW]_[A-Z_]+", entry["code"])
         assert entry["file"] == "bad.urdf"
         assert entry["line"] is None or entry["line"] >= 1
-    good = run("check", "--json")
+    (folder / "good.yaml").write_text(
+        re.sub(r"accept:.*\n.*\n", "", (folder / "4dof.errors.yaml").read_text("utf-8")), "utf-8"
+    )
+    good = run("check", "--json", "good.yaml")
     assert (good.code, good.json, good.err) == (0, {"errors": [], "warnings": []}, "")
     warned = run("check", "--json", "forked.urdf")
     assert warned.code == 0
@@ -251,7 +257,43 @@ def test_version(run):
 def test_no_command_shows_the_help(run):
     outcome = run()
     assert outcome.code == 2
-    assert "Commands:" in outcome.out + outcome.err
+    assert "\nDecide what to change:\n" in outcome.out + outcome.err
+
+
+@pytest.mark.parametrize("name", list_commands())
+def test_help_has_every_option_once_under_a_heading(run, name):
+    sections = re.split(r"(?m)^(?=\S.*:$)", run(name, "--help").out)
+    listed = {one.partition(":")[0]: re.findall(r"(?m)^  (--?[\w-]+)", one) for one in sections[1:]}
+    options = [option for option in load_command(name).params if isinstance(option, click.Option)]
+    assert sorted(itertools.chain.from_iterable(listed.values())) == sorted(
+        ["-h", *(option.opts[0] for option in options)]
+    )
+    homes = {"--pose": "Poses", "--grid": "Poses", "--tip": "Robot and sheet", "--seed": "Sampling"}
+    homes |= {"--threads": "Sampling", "--json": "Output and messages", "--quiet": "Output and messages"}
+    every = set(itertools.chain.from_iterable(listed.values()))
+    for option in every & set(homes):
+        assert [at for at, found in listed.items() if option in found] == [homes[option]]
+    if name == "calibrate":
+        ways = {
+            "Before anything is measured": "--forecast",
+            "Fit to readings": "--urdf",
+            "Several robots": "--population",
+        }
+        assert all(option in listed[heading] for heading, option in ways.items())
+        assert "Fit:     calibrate SHEET DATA.csv " in sections[0]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_is_made_for_each_shell(run, monkeypatch, shell):
+    monkeypatch.setenv("_PRECISION_PIN_COMPLETE", f"{shell}_source")
+    made = run()
+    assert (made.code, made.err) == (0, "")
+    assert f"_PRECISION_PIN_COMPLETE={shell}_complete" in made.out
+    monkeypatch.setenv("_PRECISION_PIN_COMPLETE", f"{shell}_complete")
+    monkeypatch.setenv("COMP_WORDS", "precision-pin analyze --spec")
+    monkeypatch.setenv("COMP_CWORD", "--spec" if shell == "fish" else "2")
+    offered = run().out.split()
+    assert [word for word in offered if word.rpartition(",")[2].startswith("--spec")] or "--spec-everywhere" in offered
 
 
 def test_codes_are_explained(run):

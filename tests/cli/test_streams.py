@@ -141,3 +141,9 @@ def test_output_is_told_lost_once(monkeypatch):
         with pytest.raises(OutputError, match="No space left"):
             streams.raise_if_output_lost()
         streams.raise_if_output_lost()
+
+
+def test_what_clears_a_progress_bar_comes_before_what_follows():
+    code = "from precision_pin.cli.streams import *; prepare_streams(); sys.stderr.write('bar\\r'); os._exit(0)"
+    done = subprocess.run([sys.executable, "-c", f"import os, sys; {code}"], capture_output=True, timeout=60)
+    assert done.stderr == b"bar\r"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import click
 import pytest
 
 from precision_pin.cli.terminal import WIDTH, echo_table
+from precision_pin.display.text_table import aligned, folded, width
 
 VERDICTS = "spec |d| within 1 mm for 95 %: NOT MET - 3 % inside\nspec |dx| within 1 mm for 95 %: MET - 99 % inside"
 
@@ -44,12 +46,104 @@ def test_sentences_are_folded_and_rows_are_not(capsys: pytest.CaptureFixture[str
     assert all(line.endswith((",", ")")) for line in folded)
 
 
-def test_warnings_of_one_code_are_one_line_unless_all_are_asked_for(run) -> None:
-    one = run("analyze", "example:xarm7", "--samples", "50")
-    lines = [line for line in one.err_lines if "W_ANGLE_ROUNDED" in line]
+def test_a_terminal_has_whole_rows_of_tables_and_lines_of_its_width(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("precision_pin.cli.terminal.count_columns", lambda _: 80)
+    monkeypatch.setattr("precision_pin.cli.streams.count_columns", lambda _: 80)
+    monkeypatch.setenv("NO_COLOR", "1")
+    printed: list[str] = []
+    monkeypatch.setattr("precision_pin.cli.terminal.echo_data", printed.append)
+    names = [f"frame[joint_{k}].x" for k in range(7)]
+    cells = [[f"{j}.{k:04d}" for j in range(14)] for k in range(7)]
+    header = ["draw", "", *(f"no {j}" for j in range(14))]
+    table = aligned([header, *([name, "mm", *row] for name, row in zip(names, cells, strict=True))])
+    sentence = "|d| within 40 mm for 95 % of robots; " * 5
+    echo_table("\n".join([sentence, *table, "sum: 1 mm"]))
+    lines = printed[0].split("\n")
+    assert max(map(len, lines)) <= 80
+    # each block names its rows, and together they hold every cell once, below its heading
+    found: dict[tuple[str, str], str] = {}
+    heads: list[str] = []
+    for line in lines:
+        if line.startswith("draw"):
+            heads = re.findall(r"no \d+", line)
+        elif line.startswith("frame["):
+            name, *values = re.split(r" {2,}", line.replace("  mm", ""))
+            found |= {(name, head): value for head, value in zip(heads, values, strict=True)}
+    assert found == {(name, f"no {j}"): cells[k][j] for k, name in enumerate(names) for j in range(14)}
+    assert not any(line.endswith((" 40", " 95")) for line in lines)
+
+
+def test_long_names_go_on_below_where_that_is_enough() -> None:
+    long = "joint_compliance[shoulder_lift_joint].compliance"
+    rows = aligned(
+        [["draw", "tolerance", "share %", "ST %"], [long, "±1 mm", "12.30", "1.2 ± 0.1"], ["縦軸", "", "1", ""]]
+    )
+    lines = folded(rows, 72)
+    assert max(map(width, lines)) <= 72
+    assert [line.split() for line in lines] == [
+        ["draw", "tolerance", "share", "%", "ST", "%"],
+        ["joint_compliance[shoulder_lift_joint]", "±1", "mm", "12.30", "1.2", "±", "0.1"],
+        [".compliance"],
+        ["縦軸", "1"],
+    ]
+    assert folded(rows, 100) == rows
+
+
+@pytest.mark.parametrize("robot", ["", "example:ur5", "example:panda"])
+def test_an_answer_fits_a_screen_and_ends_with_the_verdict(run, monkeypatch: pytest.MonkeyPatch, robot: str) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setattr("precision_pin.cli.terminal.count_columns", lambda _: 80)
+    monkeypatch.setattr("precision_pin.cli.streams.count_columns", lambda _: 80)
+    arguments = [*filter(None, [robot]), "--samples", "5000", "--spec", "5 mm @ 95 %"]
+    brief = run("analyze", *arguments)
+    lines = [*brief.err_lines, *brief.out.splitlines()]
+    assert len(lines) <= 23  # and a row for the prompt
+    assert max(map(len, lines)) <= 80
+    (first,) = [line for line in lines if line.startswith("spec ")]
+    assert lines[-1].startswith(first[5:].partition(" - ")[0])
+    assert "tolerance bounds:" not in brief.out
+    whole = run("analyze", *arguments, "--all").out
+    assert whole.splitlines()[-1] == lines[-1]
+    assert "tolerance bounds:" in whole
+    assert "joint1 -90°" in whole or robot
+    several = run("analyze", *arguments, "--all-poses") if robot else brief
+    assert len([*several.err_lines, *several.out.splitlines()]) <= 23
+    assert " - worst pose " in several.out.splitlines()[-2] + several.out.splitlines()[-1] or not robot
+
+
+@pytest.mark.parametrize("robot", ["4dof.urdf", "example:ur5", "example:panda", "example:xarm7"])
+def test_a_shipped_sheet_gives_no_warning_and_its_result_lists_what_it_accepts(run, robot: str) -> None:
+    outcome = run("analyze", robot, "--samples", "50", "--json", "-")
+    assert [line for line in outcome.err_lines if "with the sheet" not in line] == []
+    assert outcome.json["warnings"]
+    assert all(": note W_" in line and "; accepted: " in line for line in outcome.json["warnings"])
+
+
+def test_a_urdf_has_one_line_in_a_command_and_all_in_check(run, folder) -> None:
+    sheet = (
+        "robot: example:ur5\ntip: tool0\nposes: {p: 0 -90 90 -90 -90 0 deg}\n"
+        "sources:\n  - encoder: {joint: elbow_joint, resolution: 1 mrad}\n"
+    )
+    (folder / "a.yaml").write_text(f"precision-pin: 1\n{sheet}", "utf-8")
+    (folder / "b.yaml").write_text(f"precision-pin: 1\n{sheet.replace('1 mrad', '2 mrad')}", "utf-8")
+    line = "example:ur5: 1 warning (W_MASS_ZERO); precision-pin check example:ur5 lists it"
+    assert run("compare", "a.yaml", "b.yaml", "--samples", "100").err_lines == [line]
+    (listed,) = [one for one in run("check", "a.yaml").out.splitlines() if "W_MASS_ZERO" in one]
+    assert listed.startswith("example:ur5:")
+    (spelled,) = run("analyze", "a.yaml", "--samples", "50", "--all-warnings").err_lines
+    assert spelled == listed
+
+
+def test_warnings_of_one_code_are_one_line_unless_all_are_asked_for(run, folder) -> None:
+    drafted = run("init", "example:xarm7", "--tip", "link7", "--out", "seven.yaml")
+    lines = [line for line in drafted.err_lines if "W_ANGLE_ROUNDED" in line]
     assert len(lines) == 1
     assert lines[0].endswith("; and 5 more W_ANGLE_ROUNDED: --all-warnings")
-    every = run("analyze", "example:xarm7", "--samples", "50", "--all-warnings")
+    one = run("analyze", "seven.yaml", "--samples", "50")
+    assert one.err_lines == [
+        "example:xarm7: 6 warnings (W_ANGLE_ROUNDED); precision-pin check example:xarm7 lists them"
+    ]
+    every = run("analyze", "seven.yaml", "--samples", "50", "--all-warnings")
     lines = [line for line in every.err_lines if "W_ANGLE_ROUNDED" in line]
     assert len(lines) == 6
     assert not any("--all-warnings" in line for line in lines)

@@ -21,7 +21,7 @@ LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
 
 def table_and_result(run, folder, *arguments):
     """Return the printed cells by row and column, and the JSON of the same run."""
-    outcome = run("analyze", *arguments, "--json", "result.json")
+    outcome = run("analyze", *arguments, "--all", "--json", "result.json")
     lines = outcome.out.splitlines()
     header = ["mean", "std", "min", "max", "mode", "50", "%", "95", "%", "99", "%", "99.73", "%"]
     first = [line.split() for line in lines].index(header) + 1
@@ -88,10 +88,10 @@ def test_an_axis_without_error_is_exactly_zero(run, folder):
 
 
 def test_sliding_joints_are_printed_in_mm_and_turning_ones_in_degrees(run):
-    first = run("analyze", "gantry.urdf", "--samples", "10").out.splitlines()[:2]
+    first = run("analyze", "gantry.urdf", "--samples", "10", "--all").out.splitlines()[:2]
     # joint and value stay together where the line is folded
     assert first == ["gantry.urdf: frame to tool, pose 'out' (y_axis 250 mm,", f"  {LONG} 30°)"]
-    first = run("analyze", "gantry.urdf", "--q", "-1.5 mm, 0.1 deg", "--samples", "10").out.splitlines()[:2]
+    first = run("analyze", "gantry.urdf", "--q", "-1.5 mm, 0.1 deg", "--samples", "10", "--all").out.splitlines()[:2]
     assert first == ["gantry.urdf: frame to tool, pose (y_axis -1.5 mm,", f"  {LONG} 0.1°)"]
 
 
@@ -131,7 +131,7 @@ def test_the_spec_line_agrees_with_the_result(run, folder):
 
 
 def test_norms_nominal_and_bandwidth_are_named(run):
-    out = run("analyze", "--samples", "2000").out
+    out = run("analyze", "--samples", "2000", "--all").out
     assert "min and max are the smallest and largest seen, not bounds" in out
     assert "mode: peak of the histogram smoothed by |d| " in out
     assert (

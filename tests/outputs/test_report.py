@@ -473,7 +473,8 @@ def test_assumptions_and_reproduction(model, reader):
         "nominal: loads act on the undeflected arm",
         "26 once for each built robot",
         "95 % for each interval by itself",
-        "warning W_STATICS",
+        "note W_STATICS",
+        "accepted: the paper computes loads at the undeflected pose",
         "precision-pin report",
     ):
         assert words in reader.text

@@ -270,9 +270,14 @@ def test_between_poses_that_do_not_exist() -> None:
 
 
 def test_strained_statics_are_said_of_the_worst_pose() -> None:
-    model = ErrorModel.load(PAPER_SHEET)
+    loaded = ErrorModel.load(PAPER_SHEET)
+    assert loaded.sheet is not None
+    model = ErrorModel(loaded.chain, loaded.sheet.space, loaded.sources, loaded.poses)
     q = model.configuration()
     with pytest.warns(PrecisionPinWarning, match="W_STATICS: pose 3: loads at the undeflected pose"):
         found = pp.sample_poses(model, [q, q, q + np.array([0, -1.4, 0, 0])], samples=64)
     assert found.norm_mean[0].argmax() == 2
     assert sum("W_STATICS" in line for line in found.warnings) == 1
+    # the sheet accepts it: no warning, but the result says so with the reason
+    accepted = pp.sample_poses(loaded, [q, q, q + np.array([0, -1.4, 0, 0])], samples=64).warnings
+    assert [line for line in accepted if ": note W_STATICS: pose 3: " in line and line.endswith("the undeflected pose")]

@@ -57,7 +57,7 @@ def test_the_sheet_itself_is_right(load: Load) -> None:
 MISTAKES = [
     # keys that do not exist, at every level
     ("statics: nominal", "static: nominal", "E_UNKNOWN_KEY", "did you mean 'statics'"),
-    ("statics: nominal", "colour: red", "E_UNKNOWN_KEY", "valid: allocate, base, calibrated, correlations, gravity"),
+    ("statics: nominal", "colour: red", "E_UNKNOWN_KEY", "valid: accept, allocate, base, calibrated, correlations, gravity"),
     ("statics: nominal", "version: 1", "E_UNKNOWN_KEY", "'version'"),
     ("  - beam:", "  - beem:", "E_UNKNOWN_KEY", "did you mean 'beam'"),
     ("EI: 8000 N*m^2, GI", "EI: 8000 N*m^2, GIp", "E_UNKNOWN_KEY", "did you mean 'GI'"),

@@ -12,8 +12,10 @@ from ruamel.yaml import YAML
 
 from precision_pin.draws.laws import Fixed, Law, Uniform
 from precision_pin.draws.space import Draw
+from precision_pin.errors import Finding, is_note
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet import Sheet, json_schema
+from precision_pin.sheet.remarks import note_on_normal
 from precision_pin.sheet.schema import ASSUMED
 from precision_pin.sources import catalogue
 
@@ -273,3 +275,55 @@ def test_a_draw_of_a_fixed_law_is_no_number() -> None:
     # what the warning rests on: {fixed: ...} is kept apart from a number alone
     source = catalogue()["joint_offset"](joint="joint1", offset=Draw("", Fixed(1e-3)))
     assert not isinstance(source.offset, float)  # type: ignore[attr-defined]
+
+
+NORMAL = """precision-pin: 1
+robot: 4dof.urdf
+poses: {home: 0 0 0 0 deg}
+parameters:
+  a: {normal: {std: 0.1 mm}}
+  b: {normal: 0.2 mm, k: 2}
+  c: {uniform: 0.1 mm}
+sources:
+  - length: {joint: joint3, parameters: [a, b, c]}
+"""
+
+
+def test_a_half_width_of_a_normal_law_is_noted_once_where_its_k_is_left_open(load: Load) -> None:
+    def note(text: str) -> Finding | None:
+        sheet = load(text)
+        assert sheet.contents is not None
+        assert sheet.findings == ()
+        return note_on_normal(sheet.contents.text, "sheet.yaml")
+
+    assert note(NORMAL) is None
+    open_ones = (
+        "  - joint_offset: {joint: joint1, offset: {normal: 0.01 deg}}\n  - frame: {joint: joint2, x: {normal: 1 um}}\n"
+    )
+    found = note(NORMAL + open_ones)
+    assert found is not None
+    assert (found.severity, found.code, found.line) == ("note", "N_NORMAL", 10)
+    assert found.message == (
+        "normal: 0.01 deg is a tolerance of ±3σ (and 1 more like it); a standard deviation is written normal: {std: 0.01 deg}"
+    )
+
+
+def test_accepted_warnings_are_notes_with_the_reason(load: Load, refuse: Refuse) -> None:
+    constant = NORMAL + "  - joint_offset: {joint: joint1, offset: 1 mrad}\n"
+    assert [finding.severity for finding in load(constant).findings] == ["warning"]
+    (finding,) = load(f"{constant}accept: {{W_CONSTANT: measured on this arm}}\n").findings
+    assert (finding.severity, finding.code) == ("note", "W_CONSTANT")
+    assert str(finding).endswith("; accepted: measured on this arm")
+    assert is_note(str(finding))
+    for wrong in ("E_UNIT: yes", "W_CONSTANT: ' '", "CONSTANT: measured", "W_NO_REST: small"):
+        assert [one.line for one in refuse(f"{constant}accept: {{{wrong}}}\n")] == [11], wrong
+
+
+def test_what_buckles_is_no_matter_of_accepting(load: Load) -> None:
+    # upright, so that no joint feels the load, on a joint so soft that the arm tips over
+    upright = NORMAL.replace("home: 0 0 0 0", "up: 0 -90 0 0").replace(
+        "sources:", "accept: {W_STATICS: small}\nsources:"
+    )
+    soft = "  - joint_compliance: {joint: joint2, compliance: 0.1 rad/(N*m)}\n"
+    model = ErrorModel.from_sheet(load(f"{upright}{soft}"))
+    assert [(one.code, one.severity) for one in model.statics_findings(model.at("up"))] == [("W_NO_REST", "warning")]

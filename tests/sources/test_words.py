@@ -15,12 +15,16 @@ parameters:
   a1: {{uniform: 0.05 mm}}
   a2: {{uniform: 0.02 mm}}
   k: {{normal: {{std: 10 arcsec}}}}
+  t: {{normal: 0.01 deg}}
+  t2: {{normal: 0.06 mm, k: 2}}
 sources:
   - length: {{joint: joint2, parameters: a1}}
   - length: {{joint: joint4, parameters: [a2, a1, ±0.1 mm]}}
   - joint_offset: {{joint: joint1, offset: k}}
   - frame: {{joint: joint3, rz: ±0.02 deg, x: {{triangular: 4 um, mean: 2 um}}}}
   - axis_install: {{joint: joint1, radius: 0.1 mm, span: 100 mm}}
+  - joint_offset: {{joint: joint2, offset: t}}
+  - length: {{joint: joint3, parameters: t2}}
   - payload: {{at: tool, mass: 1 ± 0.05 kg}}
   - clearance: {{joint: joint2, diametral: 0.05 mm, span: 100 mm, direction: random}}
   - joint_offset: {{joint: joint4, offset: {{lognormal: {{std: 0.1 mrad}}, mean: 0.3 mrad}}}}
@@ -41,6 +45,9 @@ def test_draws_are_named_as_a_reader_would(model: pp.ErrorModel) -> None:
     assert found["a2"] == ("a2 (length to joint4)", "±0.02 mm")
     assert found["length[joint4].parameters[2]"] == ("length to joint4 (3)", "±0.1 mm")
     assert found["k"] == ("k (zero of joint1)", "σ 10 arcsec")
+    # a half-width of three standard deviations, or of as many as the sheet says
+    assert found["t"] == ("t (zero of joint2)", "±0.01° (σ 0.0033°)")
+    assert found["t2"] == ("t2 (length to joint3)", "±0.06 mm (σ 0.03 mm)")
     assert found["frame[joint3].rz"] == ("tilt of joint3 about z", "±0.02 deg")
     assert found["frame[joint3].x"] == ("position of joint3 along x", "±4 um")
     assert found["axis_install[joint1].A"] == ("axis of joint1, bearing A", "radius 0.1 mm")

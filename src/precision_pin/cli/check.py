@@ -36,10 +36,10 @@ def command(as_json: bool, **arm: Unpack[ChainOptions]) -> int:
 
     Exit code 2 if there is an error; warnings alone pass.
     """
-    groups: dict[str, list[Finding]] = {"errors": [], "warnings": [], "notes": []}
+    groups: dict[str, list[Finding]] = {"errors": [], "warnings": []}
     for finding in _findings(arm):
-        groups[f"{finding.severity}s"].append(finding)
-    errors, warnings, notes = groups.values()
+        groups.setdefault(f"{finding.severity}s", []).append(finding)
+    errors, warnings, notes = groups["errors"], groups["warnings"], groups.get("notes", ())
     if as_json:
         echo_data(json.dumps({name: list(map(_entry, group)) for name, group in groups.items()}, ensure_ascii=False))
     else:

@@ -108,8 +108,8 @@ def _fit(table: list[list[str]], columns: int) -> list[str]:
     sizes = [max(width(row[k]) for row in table) for k in range(len(table[0]))]
     beside = sum(size + 2 for size in sizes[1:])
     parts = [_name_lines(row[0].rstrip(), columns - beside) for row in table]
-    if columns - beside >= _LEAST_NAME and max(map(len, parts)) <= _MOST_NAME_LINES:
-        names = max(width(line) for lines in parts for line in lines)
+    names = max(width(line) for lines in parts for line in lines)
+    if _LEAST_NAME <= columns - beside >= names and max(map(len, parts)) <= _MOST_NAME_LINES:
         return [
             "  ".join([name + " " * (names - width(name)), *(row[1:] if k == 0 else [])]).rstrip()
             for row, lines in zip(table, parts, strict=True)
@@ -136,12 +136,16 @@ def _fit(table: list[list[str]], columns: int) -> list[str]:
 
 
 def _name_lines(name: str, columns: int) -> list[str]:
-    """Return a name in lines of so many columns, cut before a bracket, a point or a word."""
-    lines, line = [], ""
-    for part in re.split(r"(?<=[^\s.\[_-])(?=[.\[_\s-])", name):
-        if line and width(line + part) > columns:
-            lines.append(line.rstrip())
-            line = "  "
-            part = part.lstrip()
-        line += part
-    return [*lines, line]
+    """Return a name in lines of so many columns: cut before a bracket, a point or a word, or else at any mark."""
+    lines: list[str] = []
+    for marks in (r"[.\[\s]", r"[.\[\s_-]"):
+        lines, line = [], ""
+        for part in re.split(rf"(?<=[\w\])])(?={marks})", name):
+            if line and width(line + part) > columns:
+                lines.append(line.rstrip())
+                line, part = "  ", part.lstrip()
+            line += part
+        lines.append(line)
+        if max(map(width, lines)) <= columns:
+            break
+    return lines

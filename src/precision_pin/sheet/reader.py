@@ -44,6 +44,8 @@ __all__ = ["Contents", "Overrides", "Sheet", "read", "read_data"]
 
 
 LARGEST_FILE: Final = 4 * 2**20
+_ACCEPTABLE: Final = re.compile(r"(?!W_NO_REST$)W_[A-Z_]+")
+"""Codes of warnings that a sheet can accept: an arm that buckles is none of them."""
 _ANY_COMPONENT: Final = ("", ".x", ".y", *(f".{k}" for k in range(6)))
 
 
@@ -237,9 +239,9 @@ def _read(contents: Contents) -> Sheet:
     }
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
     for code, reason in document.accept.items():
-        if not re.fullmatch(r"W_[A-Z_]+", code) or not reason.strip():
+        if not _ACCEPTABLE.fullmatch(code) or not reason.strip():
             findings.error(
-                ("accept", code), f"accept: expected the code of a warning and the reason, got {code!r}: {reason!r}"
+                ("accept", code), f"accept: expected the code of a warning and a reason, got {code!r}: {reason!r}"
             )
     findings.refuse()
     remark_on_sources(document, space, sources, findings)

@@ -57,10 +57,10 @@ def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str
 
 def _brief(analysis: MonteCarloResult) -> list[str]:
     cells = [_header(_BRIEF), *_rows(analysis, _BRIEF)]
-    others = "--all: min, max, mode, tolerance bounds, error at the means" + ", correlations" * bool(
+    others = "--all: extremes, mode, tolerance bounds, error at the means" + ", correlations" * bool(
         analysis.correlations
     )
-    unresolved = "; - is not resolved by this many samples" * any("-" in row for row in cells)
+    unresolved = "; - not resolved" * any("-" in row for row in cells)
     return [
         f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose "
         + pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach, is_named=False),
