@@ -21,7 +21,7 @@ _ZERO: Final = 1e-9
 """Errors (m and rad) below which nothing is left to correct."""
 _CORRECTED: Final = {"position": "position", "pose": "position and attitude"}
 _REASONS: Final = {
-    "limit": "no correction within the joint limits",
+    "limit": "no correction was found within the joint limits",
     "singular": "near a singularity, where not every direction can be corrected",
     "unreachable": "no joint values found",
 }
