@@ -308,7 +308,7 @@ def test_correlated_tolerances_cost_what_another_optimiser_finds(tmp_path: Path)
                 )
                 for start in ([0.02, 0.02], [0.1, 0.1], [0.02, 0.3], [0.3, 0.02])
             ),
-            key=lambda one: one.fun if variance(one.x) <= limit**2 * (1 + 1e-7) else math.inf,  # noqa: B023
+            key=lambda one: one.fun if variance(one.x) <= limit**2 * (1 + 1e-7) else math.inf,
         )
         bound = result.lower_bound or 0.0
         if result.cost != pytest.approx(found.fun, rel=1e-5) or not bound <= result.cost <= bound * (1 + 1e-5):

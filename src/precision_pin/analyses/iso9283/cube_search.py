@@ -44,7 +44,7 @@ _PREFERENCE: Final = 1e-2
 """Among centres whose room differs by no more the one farthest along x comes first, or along y, z: most robots have several."""
 _ALIKE, _ALIKE_FINE = 5e-3, 5e-4
 """Of cubes whose edges differ by no more the first is taken."""
-_NEAR: Final = np.linspace(-0.03, 0.03, 4)
+_NEAR: Final = np.linspace(-0.02, 0.02, 3)
 """Places of more centres around that of the coarse cube, by its edge."""
 _SMALLEST: Final = 0.02
 """Smallest edge by the longest of the box; what is smaller slips through the grid."""
@@ -91,7 +91,7 @@ def largest_cube(reach: Reach, low: Array, high: Array) -> tuple[float, Array]:
         else:
             return 0.0, (low + high) / 2
         around: Array = np.array(np.meshgrid(_NEAR, _NEAR, _NEAR, indexing="ij")).reshape(3, -1)
-        near = np.column_stack([centre, centre[:, None] + edge * around])
+        near = centre[:, None] + edge * around
     return edge, centre
 
 
