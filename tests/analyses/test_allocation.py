@@ -125,7 +125,7 @@ def test_what_stands_in_the_way_is_named(tmp_path: Path, worst_case: bool) -> No
     )
     assert [one.is_chosen for one in result.parts.sources].count(False) == 2
     table = allocation_table(result)
-    assert "in the way: constant part 0.2 mm (no tolerance), length[tip]" in table
+    assert "in the way: constant part 0.2 mm (no tolerance; compensate or calibrate removes it), length[tip]" in table
     assert "(not chosen)" in table
 
 

@@ -9,6 +9,8 @@ import math
 import numpy as np
 import pytest
 
+from precision_pin import Chain
+
 SHEET = "4dof.errors.yaml"
 WAY = "t,joint4,joint3,joint2,joint1\n0,-1.588,1.536,0.0524,-1.571\n0.5,-1.4,1.3,0.1,-1.2\n"
 
@@ -48,6 +50,24 @@ def test_a_trajectory_in_degrees_comes_back_in_degrees(run, folder):
     corrected = done.json["poses"][0]["q_corrected"]
     units = (math.pi / 180, math.pi / 180, 1, 1e-3)
     assert [float(cell) * unit for cell, unit in zip(row, units, strict=True)] == pytest.approx(corrected, abs=1e-12)
+
+
+def test_the_corrected_arm_stands_where_it_was_meant_to(run, folder):
+    """The file is read by other commands: nominal pose at the corrected values plus the error there is the pose wanted."""
+    done = run("compensate", SHEET, "--csv", "right.csv", "--json", "right.json")
+    header, row = csv.reader((folder / "right.csv").read_text().splitlines())
+    assert header == [f"joint{k} [deg]" for k in range(1, 5)]
+    corrected = np.deg2rad([float(cell) for cell in row])
+    lines = [line.split() for line in done.out.splitlines()]
+    assert [[float(cell) for cell in line[2:]] for line in lines if line[:1] and line[0] in ("joint1", "joint2")] == [
+        pytest.approx([asked, math.degrees(to), math.degrees(to) - asked], abs=1e-4)
+        for asked, to in zip((-90, 3), corrected, strict=False)
+    ]
+    error = run("analyze", SHEET, "--trajectory", "right.csv", "--samples", "1000", "--json", "-").json
+    error = error["poses"][0] if "poses" in error else error
+    chain = Chain.from_urdf(folder / "4dof.urdf", tip="tool")
+    wanted, reached = (chain.at(np.array(q)).pose[:3, 3] for q in (np.deg2rad([-90, 3, 88, -91]), corrected))
+    assert reached + error["nominal"]["position"] == pytest.approx(wanted, abs=1e-9)
 
 
 @pytest.mark.slow

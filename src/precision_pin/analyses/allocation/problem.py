@@ -19,11 +19,14 @@ from precision_pin.statistics import COMPONENTS, Specification
 from precision_pin.statistics.specification import specification
 from precision_pin.typing import Array
 
-__all__ = ["Bound", "Problem", "Tolerance", "common_grades", "read_problem", "rows_of"]
+__all__ = ["Bound", "Problem", "Tolerance", "beside", "common_grades", "read_problem", "rows_of"]
 
 _RANGE: Final = 100.0
 """Bounds of a tolerance without its own: this much narrower and wider than it is."""
 _KEYS: Final = ("path", "cost", "min", "max", "group")
+_BOUNDS: Final = ("rms", "worst_case")
+_NO_TOLERANCES: Final = ("mean", "truncated", "scope", "along", "com")
+"""Keys below which no tolerance stands."""
 
 
 @final
@@ -117,8 +120,10 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
     with _at(contents):
         if not isinstance(given, Mapping):
             raise InputError(f"the problem must be a mapping with tolerances and specs, got {shown(given)}")
-        _check_keys(given, ("tolerances", "specs", "poses"), "allocate")
-        listed, wanted = _list(given, "tolerances"), _list(given, "specs")
+        _check_keys(given, ("tolerances", "specs", "poses", *_BOUNDS), "allocate")
+        bounds = [(kind, {kind: given[kind]}) for kind in _BOUNDS if kind in given]
+        listed = _list(given, "tolerances")
+        wanted = [] if bounds and "specs" not in given else _list(given, "specs")
     tolerances, limits = [], []
     for k, entry in enumerate(listed):
         with _at(contents, "tolerances", k):
@@ -126,6 +131,9 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
     for k, entry in enumerate(wanted):
         with _at(contents, "specs", k):
             limits.append(_limit(entry, f"specs[{k}]"))
+    for kind, entry in bounds:
+        with _at(contents, kind):
+            limits.append(_limit(entry, kind))
     with _at(contents, "tolerances"):
         _check_together(tolerances)
     with _at(contents, "poses"):
@@ -203,11 +211,18 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
     if not isinstance(entry, Mapping) or "path" not in entry or "cost" not in entry:
         raise InputError(f"allocate: {where}: a tolerance has a path and a cost, got {shown(entry)}")
     _check_keys(entry, _KEYS, where)
-    path = str(entry["path"])
-    sheet = model.sheet
-    values = [] if sheet is None or sheet.contents is None else sheet.contents.values_at(sheet, path)
+    path, values = str(entry["path"]), values_of(model, str(entry["path"]))
+    if values and not isinstance(values[0], str):
+        # a law with one tolerance may be named as a whole
+        inside = tolerances_below(path, values[0])
+        if len(inside) != 1:
+            named = f"name one of its tolerances: {', '.join(inside)}" if inside else "it has no tolerance"
+            raise InputError(f"allocate: {path}: one length or angle is expected; {named}")
+        path, values = inside[0], values_of(model, inside[0])
     if any(value != values[0] for value in values) or not isinstance(values[0], str):
-        raise InputError(f"allocate: {path}: one length or angle is expected, the sheet has {shown(values[0])}")
+        raise InputError(
+            f"allocate: {path}: its values differ, {shown(values[0])} and others; name each, in one group if they are to be equal"
+        )
     text = values[0].strip()
     sign = "±" if text.startswith("±") else ""
     try:
@@ -216,7 +231,7 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
         quantity = units.LENGTH if unit in units.LENGTH.units else units.ANGLE
         low, high = (units.parse(str(entry[key]), quantity) if key in entry else None for key in ("min", "max"))
     except InputError as error:
-        raise InputError(f"allocate: {path}: {error.findings[0].message}") from None
+        raise InputError(f"allocate: {path}: {error.findings[0].message}{beside(model, path)}") from None
     if not before > 0:
         raise InputError(f"allocate: {path} is {shown(text)} in the sheet; give it a positive value to begin with")
     cost = read_cost(entry["cost"], f"allocate: {path}", quantity, path.rpartition(".")[2])
@@ -239,16 +254,47 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
     return tolerance
 
 
+def values_of(model: ErrorModel, path: str) -> list[Any]:
+    """Return the values of the sheet at a path; errors as for ``--set``."""
+    sheet = model.sheet
+    return [] if sheet is None or sheet.contents is None else sheet.contents.values_at(sheet, path)
+
+
+def tolerances_below(path: str, value: object) -> list[str]:
+    """Return the paths of positive lengths and angles in a value of the sheet, those of means left out."""
+    if isinstance(value, Mapping):
+        entries = [(f"{path}.{key}", one) for key, one in value.items() if key not in _NO_TOLERANCES]
+    elif isinstance(value, list):
+        entries = [(f"{path}[{k}]", one) for k, one in enumerate(value)]
+    else:
+        try:
+            return [path] if units.parse(str(value).strip().removeprefix("±"), units.LENGTH, units.ANGLE) > 0 else []
+        except InputError:
+            return []
+    return [found for below, one in entries for found in tolerances_below(below, one)]
+
+
+def beside(model: ErrorModel, path: str) -> str:
+    """Return a hint at the tolerances that stand beside a path, for a message that refuses it; empty where there are none."""
+    above = path.rpartition(".")[0]
+    try:
+        values = values_of(model, above) if "." in above else []
+    except InputError:
+        return ""
+    found = [one for one in (tolerances_below(above, values[0]) if values else []) if one != path]
+    return f"; {' or '.join(found[:3])} can" if found else ""
+
+
 def _limit(entry: object, where: str) -> Specification | Bound:
     """Return a specification, or the bound that ``{rms: LIMIT}`` or ``{worst_case: LIMIT}`` states."""
     if isinstance(entry, Specification):
         return entry
     if isinstance(entry, str):
         return specification(entry)
-    kinds = ("rms", "worst_case")
-    if not isinstance(entry, Mapping) or len(entry) != 1 or next(iter(entry)) not in kinds:
+    if not isinstance(entry, Mapping) or len(entry) != 1 or next(iter(entry)) not in _BOUNDS:
         raise InputError(f"allocate: {where}: a text such as '0.5 mm @ 95 %', or rms: or worst_case: with a limit")
-    kind, text = next(iter(entry.items()))
+    kind, given = next(iter(entry.items()))
+    text = str(given)
     try:
         limit = units.parse(text, units.LENGTH, units.ANGLE)
     except InputError as error:

@@ -10,7 +10,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.allocation.problem import Tolerance
+from precision_pin.analyses.allocation.problem import Tolerance, beside
 from precision_pin.analyses.worst_case.convex_bodies import Supports
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.space import Space
@@ -109,7 +109,9 @@ def contributions(
         if wide.slopes.shape != whole.slopes.shape:
             raise InputError(f"allocate: {one.path} changes which numbers are drawn; only a tolerance can be chosen")
         if np.abs(wide.mean - whole.mean).max() > _LEAST * size:
-            raise InputError(f"allocate: {one.path} changes the mean of the error; only a tolerance can be chosen")
+            raise InputError(
+                f"allocate: {one.path} changes the mean of the error and cannot be chosen{beside(model, one.path)}"
+            )
         parts.append(_without_rounding((wide.slopes - whole.slopes) / (_WIDE - 1), scale))
         reaches.append((wide.reach - whole.reach) / (_WIDE - 1))
         advance(1)

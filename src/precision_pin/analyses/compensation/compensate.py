@@ -148,6 +148,7 @@ def _with_laws(
     return CompensationResult(
         provenance=Provenance.of(error_model, 0),
         joints=tuple(error_model.chain.joint_names),
+        prismatic=tuple(error_model.chain.prismatic),
         poses=poses,
         mode=mode,
         weights=weights,

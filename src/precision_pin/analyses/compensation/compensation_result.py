@@ -38,8 +38,8 @@ class CompensationResult(JsonResult):
     ----------
     provenance
         Robot and software versions.
-    joints, poses
-        Joints in chain order, and the poses as they were asked for.
+    joints, prismatic, poses
+        Joints in chain order, which of them slide, and the poses as they were asked for.
     mode, weights
         What was corrected, and the weights of the components, ``(6,)``; ``None`` where they must vanish.
     correction
@@ -57,6 +57,7 @@ class CompensationResult(JsonResult):
 
     provenance: Provenance
     joints: tuple[str, ...]
+    prismatic: tuple[bool, ...]
     poses: PoseSet
     mode: Mode
     weights: Array | None

@@ -20,7 +20,7 @@ from precision_pin.typing import Array
 __all__ = ["CONVERGED", "Correction", "CorrectionStatus", "correct"]
 
 CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
-"""``corrected``; ``limit``: no correction within the joint limits; ``singular``: the arm is near a singularity and cannot
+"""``corrected``; ``limit``: none was found within the joint limits; ``singular``: the arm is near a singularity and cannot
 correct in every direction; ``unreachable``: Newton's method finds no joint values."""
 
 CONVERGED: Final = 1e-10

@@ -4,7 +4,7 @@ A cube with centre c that holds no point u out of reach has at most the edge 2 m
 this bound is largest, over points known to be out of reach: at first those of a grid. The cube found is looked at on a
 lattice. Where points of it are out of reach, the border of the workspace is found between them and the centre, its points are
 added to the known ones, and the search goes on. The first cube whose lattice is all within reach is the largest, as far as
-lattice and grid see.
+lattice and grid see. It is found with a coarse clearance first, which settles where it is, then with a fine one.
 """
 
 from __future__ import annotations
@@ -37,11 +37,15 @@ _PUSHES: Final = 20
 _ROUNDS: Final = 200
 _BORDERS: Final = 80
 """Most points of the border that are sought in a round."""
-_HALVINGS: Final = 12
-_CLEARANCE: Final = 2e-3
+_HALVINGS: Final = 16
+_COARSE, _FINE = 2e-3, 2e-4
 """Share of the edge that is kept clear of points out of reach: more than halving leaves open."""
 _PREFERENCE: Final = 1e-2
-"""Among cubes that differ by no more the one farthest along x is taken, or along y, z: most robots have several alike."""
+"""Among centres whose room differs by no more the one farthest along x comes first, or along y, z: most robots have several."""
+_ALIKE, _ALIKE_FINE = 5e-3, 5e-4
+"""Of cubes whose edges differ by no more the first is taken."""
+_NEAR: Final = np.linspace(-0.02, 0.02, 3)
+"""Places of more centres around that of the coarse cube, by its edge."""
 _SMALLEST: Final = 0.02
 """Smallest edge by the longest of the box; what is smaller slips through the grid."""
 
@@ -66,23 +70,29 @@ def largest_cube(reach: Reach, low: Array, high: Array) -> tuple[float, Array]:
     room: Array = cKDTree(blocked.T).query(centres.T, p=np.inf)[0]
     along = np.array([1.0, 0.1, 0.01]) @ ((centres - low[:, None]) / (high - low)[:, None])
     preference = 1 + _PREFERENCE * along
-    for _ in range(_ROUNDS):
-        half, centre = _best(blocked, centres, room * preference)
-        edge = 2 * half * (1 - _CLEARANCE)
-        if edge < _SMALLEST * size:
-            break
-        lattice = lattice_of(edge, centre)
-        within = reach(lattice)
-        outside = lattice[:, ~within]
-        if not outside.size:
-            return edge, centre
-        found = outside[:, :: -(-outside.shape[1] // _BORDERS)]
-        centre_is_within = within[lattice.shape[1] // 2]
-        found = _border(reach, centre, found) if centre_is_within else np.column_stack([centre, found])
-        blocked = np.concatenate([blocked, found], axis=1)
-        for point in found.T:
-            room = np.minimum(room, np.abs(centres - point[:, None]).max(axis=0))
-    return 0.0, (low + high) / 2
+    edge, near = 0.0, np.zeros((3, 0))
+    for clearance, alike in ((_COARSE, _ALIKE), (_FINE, _ALIKE_FINE)):
+        for _ in range(_ROUNDS):
+            half, centre = _best(blocked, near, centres, room * preference, alike)
+            edge = 2 * half * (1 - clearance)
+            if edge < _SMALLEST * size:
+                return 0.0, (low + high) / 2
+            lattice = lattice_of(edge, centre)
+            within = reach(lattice)
+            outside = lattice[:, ~within]
+            if not outside.size:
+                break
+            centre_is_within = within[lattice.shape[1] // 2]
+            found = outside[:, :: -(-outside.shape[1] // _BORDERS)]
+            found = _border(reach, centre, found) if centre_is_within else np.column_stack([centre, found])
+            blocked = np.concatenate([blocked, found], axis=1)
+            for point in found.T:
+                room = np.minimum(room, np.abs(centres - point[:, None]).max(axis=0))
+        else:
+            return 0.0, (low + high) / 2
+        around: Array = np.array(np.meshgrid(_NEAR, _NEAR, _NEAR, indexing="ij")).reshape(3, -1)
+        near = centre[:, None] + edge * around
+    return edge, centre
 
 
 def lattice_of(edge: float, centre: Array) -> Array:
@@ -96,12 +106,16 @@ def _grid(low: Array, high: Array, count: int) -> Array:
     return points
 
 
-def _best(blocked: Array, centres: Array, rating: Array) -> tuple[float, Array]:
-    """Return half the edge and the centre of the largest cube that holds no blocked point, from the best of many centres."""
-    found = [_pushed(blocked, centres[:, start]) for start in np.argsort(-rating, kind="stable")[:_STARTS]]
+def _best(blocked: Array, near: Array, centres: Array, rating: Array, alike: float) -> tuple[float, Array]:
+    """Return half the edge and the centre of the largest cube that holds no blocked point, from the best of many centres.
+
+    Of those that are alike one from the centres ``near`` is taken, then the preferred one.
+    """
+    starts = centres[:, np.argsort(-rating, kind="stable")[:_STARTS]]
+    local = sorted((_pushed(blocked, start) for start in near.T), key=lambda cube: -cube[0])
+    found = [*local, *(_pushed(blocked, start) for start in starts.T)]
     largest = max(half for half, _ in found)
-    # the first is of the preferred ones
-    return next(cube for cube in found if cube[0] >= largest * (1 - _PREFERENCE / 2))
+    return next(cube for cube in found if cube[0] >= largest * (1 - alike))
 
 
 def _pushed(blocked: Array, centre: Array) -> tuple[float, Array]:

@@ -130,7 +130,9 @@ def _obstacles(result: AllocationResult) -> str:
     mean = [one for one in parts.sources if one.source == MEAN and one.after > most / 2]
     named = [*mean, *(one for one in scattered[:_MOST_NAMED] if one.after > most / 2)]
     words = [
-        f"{shortened(visible(one.source), _MOST_LETTERS)} {1e3 * one.after:.3g} {unit} ({_state(one)})" for one in named
+        f"{shortened(visible(one.source), _MOST_LETTERS)} {1e3 * one.after:.3g} {unit} ({_state(one)}"
+        + ("; compensate or calibrate removes it)" if one.source == MEAN else ")")
+        for one in named
     ]
     return ", ".join(words) or "nothing of the first order"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Sequence
 
 from precision_pin.analyses.compensation.compensation_result import CompensationResult
@@ -20,14 +21,19 @@ def corrected_csv(result: CompensationResult, columns: Sequence[Column] = ()) ->
     result
         Every pose of it has corrected joint values.
     columns
-        The columns wanted, with their units; times first, then the chain's order, in s, rad and m, if left out.
+        The columns wanted, with their units; times first, then the chain's order, in s, degrees and mm, if left out.
     """
     times = result.poses.times
     of = {name: result.corrected[row] for row, name in enumerate(result.joints)}
-    order = list(columns) or [Column(name, name) for name in of]
+    order = list(columns)
+    if not order:
+        order = [Column("t [s]", "")] if times is not None else []
+        order += [
+            Column(f"{name} [mm]", name, 1e-3) if slides else Column(f"{name} [deg]", name, math.pi / 180)
+            for name, slides in zip(result.joints, result.prismatic, strict=True)
+        ]
     if times is not None:
         of[""] = times
-        order = order if columns else [Column("t", ""), *order]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.heading for column in order])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from precision_pin.analyses.compensation.compensation_result import CompensationResult
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.compensation.figure import figure
-from precision_pin.outputs.compensation.table import EXPLANATION, headline, pose_rows, setting_lines
+from precision_pin.outputs.compensation.table import EXPLANATION, headline, joint_rows, pose_rows, setting_lines
 from precision_pin.outputs.kit.html import Html, items, paragraph, section, table
 from precision_pin.outputs.kit.svg import figure as inline_figure
 from precision_pin.outputs.report.chapter import Chapter
@@ -33,4 +33,8 @@ def _section(result: CompensationResult) -> Html:
     listed = (
         "The poses" if len(rows) > len(result.poses) else f"The worst {len(rows) - 1} of {len(result.poses):,} poses"
     )
-    return section("compensation", "Compensation", items(said), picture, table(listed, rows[0], rows[1:]), *notes)
+    joints = joint_rows(result)
+    values = [table("Corrected joint values", joints[0], joints[1:])] if len(joints) > 1 else []
+    return section(
+        "compensation", "Compensation", items(said), picture, *values, table(listed, rows[0], rows[1:]), *notes
+    )

@@ -12,16 +12,18 @@ from precision_pin.display.text_table import aligned
 from precision_pin.typing import Array
 from precision_pin.visible import shortened, shown, visible
 
-__all__ = ["EXPLANATION", "compensation_table", "headline", "pose_rows", "setting_lines"]
+__all__ = ["EXPLANATION", "compensation_table", "headline", "joint_rows", "pose_rows", "setting_lines"]
 
 _MOST_ROWS: Final = 20
 _MOST_LETTERS: Final = 16
-EXPLANATION: Final = "first: what one step with the nominal Jacobian leaves; 95 %: quantile of |d| in mm, first order"
+EXPLANATION: Final = (
+    "first: what one step with the nominal Jacobian leaves; 95 %: quantile of |d| in mm of a normal law, first order"
+)
 _ZERO: Final = 1e-9
 """Errors (m and rad) below which nothing is left to correct."""
 _CORRECTED: Final = {"position": "position", "pose": "position and attitude"}
 _REASONS: Final = {
-    "limit": "no correction within the joint limits",
+    "limit": "no correction was found within the joint limits",
     "singular": "near a singularity, where not every direction can be corrected",
     "unreachable": "no joint values found",
 }
@@ -30,7 +32,10 @@ _REASONS: Final = {
 def compensation_table(result: CompensationResult) -> str:
     """Return what the correction leaves: the worst pose first in words, then a row for each pose, mm and mrad."""
     rows = pose_rows(result)
-    lines = [*headline(result), "", *setting_lines(result), "", *aligned(rows)]
+    joints = joint_rows(result)
+    lines = [*headline(result), "", *setting_lines(result), ""]
+    lines += ["corrected joint values", *aligned(joints), ""] if len(joints) > 1 else []
+    lines += aligned(rows)
     hidden = len(result.poses) - len(rows) + 1
     lines += [f"{hidden:,} more poses are in the JSON"] if hidden else []
     refused = [reason for reason in _REASONS if reason in result.correction.status]
@@ -71,7 +76,8 @@ def headline(result: CompensationResult) -> list[str]:
         )
     before, after = (np.where(corrected, within[0], -1.0) for within in (result.within_before, result.within_after))
     lines.append(
-        f"95 % of robots within {1e3 * before.max():.4g} mm at the worst pose before, {1e3 * after.max():.4g} mm after"
+        f"95 % quantile of |d| of a normal law, first order: {1e3 * before.max():.4g} mm at the worst pose before, "
+        f"{1e3 * after.max():.4g} mm after; not sampled"
     )
     refused = int((~corrected).sum())
     lines += [f"{refused:,} of {len(names):,} poses have no correction"] if refused else []
@@ -94,6 +100,35 @@ def pose_rows(result: CompensationResult) -> list[list[str]]:
         "pose", "|d| mm", "first", "after", "|δ| mrad", "after", "95 %", "after", "what remains", "status",
     ]  # fmt: skip
     return [header, *(_row(result, pose) for pose in _listed(result))]
+
+
+def joint_rows(result: CompensationResult) -> list[list[str]]:
+    """Return a header and rows of corrected joint values, ° and mm: of one pose a row for each joint, else for each pose."""
+    units = [("mm", 1e3) if slides else ("°", 180 / np.pi) for slides in result.prismatic]
+    names = [shortened(visible(name), _MOST_LETTERS) for name in result.joints]
+
+    def written(value: float, unit: tuple[str, float]) -> str:
+        return f"{value * unit[1]:.4f}" if np.isfinite(value) else "-"
+
+    if len(result.poses) == 1:
+        if not np.isfinite(result.corrected).all():
+            return [[]]
+        columns = zip(names, units, result.poses.q[:, 0].tolist(), result.corrected[:, 0].tolist(), strict=True)
+        return [
+            ["joint", "", "asked", "corrected", "change"],
+            *([name, unit[0], *(written(value, unit) for value in (q, to, to - q))] for name, unit, q, to in columns),
+        ]
+    header = ["pose", *(f"{name} {unit}" for name, (unit, _) in zip(names, units, strict=True))]
+    return [
+        header,
+        *(
+            [
+                shortened(visible(result.poses.labels[pose]), _MOST_LETTERS),
+                *(written(value, unit) for value, unit in zip(result.corrected[:, pose].tolist(), units, strict=True)),
+            ]
+            for pose in _listed(result)
+        ),
+    ]
 
 
 def _row(result: CompensationResult, pose: int) -> list[str]:
