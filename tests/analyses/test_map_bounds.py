@@ -108,7 +108,7 @@ def test_bounds_of_normal_laws_are_close_and_of_others_wide_enough_to_warn():
     assert made.quantile_bounds[1, 0, :, 0] == pytest.approx([stats.halfnorm.ppf(0.95) * 1e-4] * 2, rel=0.02)
     rare = pp.map_poses(arm(x=LAWS["rare"](1e-3), y=Normal(1e-4)), [[0.3]], verify=0)
     assert "W_NORMAL_LAW" in rare.warnings[0]
-    assert rare.quantile[2, 0, 0] < rare.quantile_bounds[2, 0, 0, 0]  # the closed form is out of the question
+    assert rare.quantile[2, 0, 0] > 1.4 * rare.quantile_bounds[2, 0, 1, 0]  # the closed form is out of the question
 
 
 def test_a_law_that_is_mostly_normal_has_close_bounds():

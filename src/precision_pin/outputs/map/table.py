@@ -51,7 +51,7 @@ def map_table(result: MapResult) -> str:
     lines += [
         "",
         "quantiles of |d| in mm, |δ| in mrad, closed form; limits: of the exact 95 %, whatever the laws;",
-        f"sampled: interval of the 95 %, exact model; {marks}cause: of most variance",
+        f"sampled: its interval, exact model; {marks}cause: of most variance",
     ]
     lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
     return "\n".join(lines)
