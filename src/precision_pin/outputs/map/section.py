@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from precision_pin.analyses.map.map_result import LEVELS, MapResult
+from precision_pin.analyses.map.map_result import MapResult
 from precision_pin.outputs.kit.html import Html, items, paragraph, section, table
 from precision_pin.outputs.kit.svg import figure as inline_figure
-from precision_pin.outputs.map.figure import figure, worst_said
+from precision_pin.outputs.map.figure import figure
 from precision_pin.outputs.map.table import answers, verdict_lines, worst_rows
 from precision_pin.outputs.report.chapter import Chapter
 from precision_pin.outputs.view.places import PlacesData
@@ -21,10 +21,9 @@ def _section(result: MapResult) -> Html:
             figure(result, quantity),
             f"map-{quantity}",
             f"Map of the {quantity} error over {len(result.poses):,} poses: {said[0]}",
-            f"Within how much {symbol} 95 % of robots stay, to first order, at the worst branch and tool angle of each place; "
-            f"{worst_said(result, norm, LEVELS.index(0.95))}.",
+            f"Within how much {symbol} 95 % of robots stay, to first order, at the worst branch and tool angle of each place.",
         )
-        for norm, (quantity, symbol) in enumerate((("position", "|d|"), ("attitude", "|δ|")))
+        for quantity, symbol in (("position", "|d|"), ("attitude", "|δ|"))
     ]
     note = paragraph(
         "Quantiles of |d| in mm, of |δ| in mrad, in closed form, to first order; limits: of the exact 95 %, whatever the laws; "

@@ -51,7 +51,7 @@ def map_table(result: MapResult) -> str:
     lines += [
         "",
         "quantiles of |d| in mm, |δ| in mrad, closed form; limits: of the exact 95 %, whatever the laws;",
-        f"sampled: its interval, exact model; {marks}cause: of most variance",
+        f"sampled: its interval; {marks}cause: of most variance",
     ]
     lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
     return "\n".join(lines)
@@ -141,7 +141,7 @@ def _cells(result: MapResult, pose: int) -> dict[str, str]:
     """Return the cells of a row by their headings; what matters least is left out where a row would not fit a terminal."""
     several = len(result.specifications) > 1
     cells = {"pose": shortened(visible(result.poses.labels[pose]), _MOST_LETTERS)}
-    if result.relative is None and not several:
+    if result.relative is None and not result.specifications:
         cells["median"] = _number(result.quantile[0, 0, pose])
     low, high = 1e3 * result.quantile_bounds[_LEVEL, 0, :, pose]
     cells |= {"95 %": _number(result.quantile[_LEVEL, 0, pose]), "limits": f"{low:.3g}-{high:.3g}"}
