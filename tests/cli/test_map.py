@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+from scipy import stats
 
 SHEET = "4dof.errors.yaml"
 GRID = """
@@ -32,6 +33,57 @@ def test_a_grid_is_mapped_and_the_first_lines_answer(run, folder, new_files):
     assert [pose["status"] for pose in made["poses"]].count("unreachable") == 2
     assert new_files() == {"grid.yaml", "map.json"}
     assert run("map", SHEET, "--grid", "grid.yaml", "--spec", "1 mm", "--quiet").code == 1
+
+
+ARM = {
+    "arm.urdf": """<robot name="arm"><link name="base"/><link name="upper"/><link name="tool"/>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="flange" type="fixed"><parent link="upper"/><child link="tool"/><origin xyz="0.7 0 0"/></joint></robot>""",
+    "arm.errors.yaml": """precision-pin: 1
+robot: arm.urdf
+tip: tool
+gravity: none
+poses: {a1: 0 deg, a2: 0.1 deg, a3: 0.2 deg, b1: 90 deg, b2: 90.1 deg, b3: 90.2 deg, b4: 89.9 deg, b5: 89.8 deg}
+sources:
+  - frame: {frame: tool, x: LAW, z: {normal: 0.1 mm}}
+  - joint_offset: {joint: shoulder, offset: {normal: {std: 0.42 mrad}}}
+""",
+}
+
+
+@pytest.mark.parametrize(
+    ("law", "spec", "closed", "share"),
+    [
+        # beyond 1 mm with the upper value of 1.2 mm alone, which 1.5 % of robots have
+        ("{two_point: 0.6 mm, centre: 0.6 mm, probability: 0.015}", "x 1 mm @ 99 %", 0.99996, 0.985),
+        ("{two_point: 0.6 mm, centre: 0.6 mm, probability: 0.005}", "x 1 mm @ 99 %", 0.99996, 0.995),
+        # mean and standard deviation 1 mm: ln x has the variance ln 2 and the mean -ln 2/2, and 2.0811 = (ln 4 + ln 2/2)/√ln 2
+        ("{lognormal: {std: 1 mm}, mean: 1 mm}", "x 4 mm @ 99 %", stats.norm.cdf(3), stats.norm.cdf(2.0811)),
+        # 1 mm to one side or the other
+        ("{two_point: 1 mm}", "x 1.01 mm @ 95 %", stats.norm.cdf(1.01) - stats.norm.cdf(-1.01), 1.0),
+    ],
+)  # fmt: skip
+def test_the_verdict_is_that_of_the_exact_law_and_not_of_the_closed_form(run, folder, law, spec, closed, share):
+    for name, text in ARM.items():
+        (folder / name).write_text(text.replace("LAW", law))
+    done = run("map", "arm.errors.yaml", "--all-poses", "--spec", spec, "--json", "map.json")
+    written = json.loads((folder / "map.json").read_text())
+    made, poses = written["spec"][0], written["poses"]
+    assert poses[0]["probability"][0] == pytest.approx(closed, abs=2e-3)
+    required = made["required"]
+    assert (share >= required) != (closed >= required) or share == 0.995
+    assert made["met"] == (share >= required)
+    assert f": {'MET' if share >= required else 'NOT MET'} - worst" in done.out
+    assert done.code == (0 if share >= required else 1)
+    for pose in poses[:3]:
+        (low, high), (least, most) = pose["judged"]["interval"][0], pose["probability_bounds"][0]
+        assert low <= share <= high
+        assert least <= share <= most + 1e-12
+        assert pose["judged"]["verdict"] == ["met" if share >= required else "not met"]
+    if share < required:
+        assert made["worst_pose"] in ("a1", "a2", "a3")
+        assert made["sampled"]["interval"][1] < required
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_the_layout_follows_the_places(poses, kind, axes):
 
 
 def test_a_heat_map_shows_the_value_of_each_place():
-    made = pp.map_poses(PAPER, PLANE, verify=0, specifications=["20 mm"])
+    made = pp.map_poses(PAPER, PLANE, verify=1, specifications=["20 mm"])
     drawn = figure(made)
     (mesh,) = drawn.axes[0].collections[:1]
     field = np.ma.filled(mesh.get_array().reshape(5, 6), np.nan)

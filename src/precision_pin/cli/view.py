@@ -171,6 +171,7 @@ def _layers(
     seed: int,
 ) -> list[Layer]:
     """Return what is shown beside the arm."""
+    from precision_pin.analyses.map.map_poses import VERIFIED
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.view.calibrated import CalibrationLayer
     from precision_pin.outputs.view.compensated import CompensationLayer
@@ -179,7 +180,7 @@ def _layers(
 
     layers: list[Layer] = []
     if map_file is not None:
-        layers.append(PlacesData.of(map_of(sheet, read_grid(sheet, map_file), seed)))
+        layers.append(PlacesData.of(map_of(sheet, read_grid(sheet, map_file), seed, verify=VERIFIED)))
     if path_file is not None:
         layers.append(PathLayer.of(path_of(sheet, read_path(sheet, path_file), seed)))
     if compensate_file is not None:

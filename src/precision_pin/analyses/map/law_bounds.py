@@ -314,8 +314,8 @@ class Vectors:
     def _heavier(self) -> tuple[Array, Array]:
         return principal_axes(self.mean, self.proxy)
 
-    def quantile_bounds(self, level: float) -> Array:
-        """Return limits of the quantile of the length, ``(2, P)``: the lower one, and the upper one."""
+    def quantile_bounds(self, level: float, quantile: Array) -> Array:
+        """Return limits of the quantile of the length, ``(2, P)``, given the quantile of the normal law ``(P,)``."""
         left = _OF_TAIL * (1 - level)
         beyond = self.remainder * left ** (-1 / 4)
         above, below = level + left, level - left
@@ -325,9 +325,10 @@ class Vectors:
         low = np.sqrt(np.maximum(square - spread * np.sqrt((1 - below) / below), 0.0))
         near = self.replaced < 1 - above
         if near.any():
-            axes = self.axes[0][:, near], self.axes[1][:, near]
-            high[near] = np.minimum(high[near], norm_quantiles(*axes, above + self.replaced[near]))
-            low[near] = np.maximum(low[near], norm_quantiles(*axes, np.maximum(below - self.replaced[near], 1e-6)))
+            axes, change = (self.axes[0][:, near], self.axes[1][:, near]), self.replaced[near]
+            start = None if change.any() else quantile[near]
+            high[near] = np.minimum(high[near], norm_quantiles(*axes, above + change, start))
+            low[near] = np.maximum(low[near], norm_quantiles(*axes, np.maximum(below - change, 1e-6), start))
         return np.stack([np.maximum(low - beyond, 0.0), high + beyond])
 
     def share_bounds(self, limit: float) -> Array:

@@ -281,6 +281,11 @@ def _closed_form(
         return full
 
     laws = _laws(closed.mean, closed.covariance)
+    quantiles = _quantiles(laws)
+    bounds = [
+        np.stack([law.quantile_bounds(level, of) for law, of in zip(closed.vectors[:2], row, strict=True)])
+        for level, row in zip(LEVELS, quantiles, strict=True)
+    ]
     limits = [closed.vectors[vectors.index(_rows_of(one))].share_bounds(one.limit) for one in specifications]
     relative = None
     if reference is not None:
@@ -297,13 +302,11 @@ def _closed_form(
         poses=poses,
         mean=spread(closed.mean),
         covariance=spread(closed.covariance),
-        quantile=spread(_quantiles(laws)),
-        quantile_bounds=spread(
-            np.stack([np.stack([law.quantile_bounds(level) for law in closed.vectors[:2]]) for level in LEVELS])
-        ),
+        quantile=spread(quantiles),
+        quantile_bounds=spread(np.stack(bounds)),
         specifications=specifications,
         probability=spread(_probabilities(closed, laws, specifications)),
-        probability_bounds=spread(np.reshape(limits, (len(limits), 2, -1))),
+        probability_bounds=spread(np.reshape(limits, (len(limits), 2, closed.mean.shape[1]))),
         judged=Judged.nothing(len(specifications), len(poses)),
         sources=names,
         shares=spread(closed.shares),

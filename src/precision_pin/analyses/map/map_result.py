@@ -264,7 +264,7 @@ class MapResult(JsonResult):
             "quantile_attitude_bounds": _listed(self.quantile_bounds[:, 1, :, pose]),
             "probability": _listed(self.probability[:, pose]),
             "probability_bounds": _listed(self.probability_bounds[:, :, pose]),
-            "judged": self._judged_dict(pose),
+            "judged": self.judged.to_dict(pose),
             "dominant_source": dominant or None,
             "shares": _listed(self.shares[:, pose]),
         }
@@ -276,17 +276,6 @@ class MapResult(JsonResult):
                 "quantile_attitude": _listed(self.relative.quantile[:, 1, pose]),
             }
         return entry
-
-    def _judged_dict(self, pose: int) -> dict[str, Any] | None:
-        of = self.judged
-        if not of.samples[pose] or not self.specifications:
-            return None
-        return {
-            "samples": int(of.samples[pose]),
-            "probability": _listed(of.probability[:, pose]),
-            "interval": _listed(of.interval[:, :, pose]),
-            "verdict": of.verdicts(pose),
-        }
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the map as a data frame, m and rad: a row for each pose.

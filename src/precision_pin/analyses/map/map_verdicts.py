@@ -18,15 +18,17 @@ from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.statistics import Specification, SpecificationResult, Verdict
 from precision_pin.typing import Array
 
-__all__ = ["FIRST_ROUND", "ROUNDS", "Judged", "MapVerdict", "Sampled", "map_verdicts"]
+__all__ = ["FIRST_ROUND", "MET", "NOT_JUDGED", "ROUNDS", "Judged", "MapVerdict", "Sampled", "map_verdicts"]
 
 ROUNDS: Final = (2_000, 20_000, 200_000)
-"""Robots at a pose in each round of sampling; the next one samples the poses that are still undecided."""
+"""Robots at a pose in each round of sampling; the next one samples the poses that are still undecided, the last one only for
+specifications that are met or undecided everywhere."""
 FIRST_ROUND: Final = ROUNDS[0]
 _TOGETHER: Final = 20_000
 """Poses sampled at a time."""
 _WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "undecided", "nothing to judge", "met")
 _UNDECIDED: Final = _WORST_FIRST.index("undecided")
+MET: Final = _WORST_FIRST.index("met")
 NOT_JUDGED: Final = len(_WORST_FIRST)
 
 
@@ -120,7 +122,10 @@ class Judged:
             for begin in range(0, left.size, _TOGETHER):
                 chosen = left[begin : begin + _TOGETHER]
                 judged = judged.taking(sample(chosen, count, of_round, advance))
-            left = left[(judged.order[:, left] == _UNDECIDED).any(axis=0)]
+            undecided = judged.order == _UNDECIDED
+            if count == ROUNDS[-2]:
+                undecided &= (judged.order > 0).all(axis=1, keepdims=True)
+            left = left[undecided[:, left].any(axis=0)]
         return judged
 
     def taking(self, sampled: Sampled, *, again: bool = False) -> Judged:
@@ -139,6 +144,17 @@ class Judged:
         probability[:, poses] = np.where(takes, result.probability, probability[:, poses])
         interval[:, :, poses] = np.where(takes[:, None], result.probability_interval, interval[:, :, poses])
         return Judged(samples, probability, interval, order)
+
+    def to_dict(self, pose: int) -> dict[str, Any] | None:
+        """Return the verdicts at a pose in the ``precision-pin/map/1`` schema; ``None`` where there are none."""
+        if not self.samples[pose] or not len(self.order):
+            return None
+        return {
+            "samples": int(self.samples[pose]),
+            "probability": self.probability[:, pose].tolist(),
+            "interval": self.interval[:, :, pose].tolist(),
+            "verdict": self.verdicts(pose),
+        }
 
     def verdicts(self, pose: int) -> list[Verdict]:
         """Return the verdict on each specification at a pose."""
@@ -246,7 +262,7 @@ def map_verdicts(
         made.append(
             MapVerdict(
                 one, worst, float(probability[rank, worst]), tuple(bounds[rank, :, worst].tolist()), result,
-                _named(int(codes.min())), int((codes == _WORST_FIRST.index("met")).sum()), open_at.size,
+                _named(int(codes.min())), int((codes == MET).sum()), open_at.size,
                 int((codes < NOT_JUDGED).sum()), int(judged.samples.max()),
                 _needed(judged.probability[rank, open_at], one.required),
             )

@@ -71,20 +71,27 @@ def norm_probabilities(variances: Array, means: Array, radii: Array) -> Array:
     return result
 
 
-def norm_quantiles(variances: Array, means: Array, probability: float | Array) -> Array:
+def norm_quantiles(variances: Array, means: Array, probability: float | Array, near: Array | None = None) -> Array:
     """Return the quantile of |v|, ``(P,)``, for vectors in principal axes ``(3, P)``; relative errors below 1e-5.
 
-    Newton's method in normal scores, from a gamma law with the first two moments of |v|².
+    Newton's method in normal scores, from a gamma law with the first two moments of |v|², or from quantiles ``near`` those
+    wanted, ``(P,)``.
     """
     if variances.shape[1] > _AT_ONCE:
         levels = np.broadcast_to(probability, variances.shape[1:])
-        parts = [norm_quantiles(variances[:, k], means[:, k], levels[k]) for k in _columns(variances.shape[1])]
+        begins = [None if near is None else near[k] for k in _columns(variances.shape[1])]
+        parts = [
+            norm_quantiles(variances[:, k], means[:, k], levels[k], begin)
+            for k, begin in zip(_columns(variances.shape[1]), begins, strict=True)
+        ]
         return np.concatenate(parts)
     law = _Law(variances, means)
     squares, spreads = law.moments
     x = special.gammaincinv(squares**2 / spreads, probability) * (spreads / squares)
     score = special.ndtri(probability)
-    for _ in range(_ROUNDS):
+    if near is not None:
+        x = np.maximum(near**2 - law.constant, 1e-3 * x)
+    for _ in range(_ROUNDS if near is None else 1):
         found, density = law.evaluate(x)
         scores = special.ndtri(np.clip(found, 1e-15, 1 - 1e-15))
         slopes = np.maximum(density, 1e-300) * np.sqrt(2 * np.pi) * np.exp(scores**2 / 2)
@@ -183,7 +190,7 @@ class _Law:
         flattening = np.sqrt(1 + (bend * _ACROSS / _SLOPE) ** 2)
         path = crossing + width * (1j * _ACROSS + bend * _ACROSS**2 / flattening)
         rates = width * (1j + bend * _ACROSS * (1 / flattening + 1 / flattening**3))
-        return crossing, path, np.exp(self._generating(path) - path * x) * rates * _WEIGHTS
+        return crossing, path, self._transformed(path, x) * rates * _WEIGHTS
 
     def argument(self, s: Array) -> Array:
         """Return the argument of K at which K' rises with s, from 0 to infinity."""
@@ -207,14 +214,20 @@ class _Law:
         t = np.where(np.abs(t) >= away, t, np.where(left, -away, away))
         return t, self.derivative(t, 2), self.derivative(t, 3)
 
-    def _generating(self, t: Array) -> Array:
+    def _transformed(self, t: NDArray[np.complex128], x: Array) -> NDArray[np.complex128]:
+        """Return exp(K(t) - t x) at ``t`` ``(nodes, P)`` in the upper half plane."""
         left = 1 - 2 * self._variances[:, None] * t
-        result: Array = (self._squares[:, None] * t / left - np.log(left) / 2).sum(axis=0)
+        pair = left[0] * left[1]
+        product = pair * left[2]
+        # each factor turns by 0 to -π, so that the partial products tell the branch of the square root; logarithms are slower
+        root = np.where((pair.imag > 0) | (product.imag > 0), -1.0, 1.0) * np.sqrt(product)
+        result: NDArray[np.complex128] = np.exp((self._squares[:, None] * t / left).sum(axis=0) - t * x) / root
         return result
 
     def exponent(self, t: Array) -> Array:
         """Return K at real ``t`` ``(P,)`` below its end."""
-        result: Array = self._generating(t[None])[0]
+        left = 1 - 2 * self._variances * t
+        result: Array = (self._squares * t / left - np.log(left) / 2).sum(axis=0)
         return result
 
     def derivative(self, t: Array, order: int) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, final
 
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from precision_pin.analyses.map.map_result import LEVELS, MapResult
+from precision_pin.analyses.map.map_verdicts import MET, NOT_JUDGED
 from precision_pin.display.tables import symbol
 from precision_pin.display.units import WrittenUnit
 from precision_pin.errors import InputError, UnknownNameError
@@ -27,10 +29,11 @@ from precision_pin.outputs.kit.figure_style import (
     wrapped,
 )
 from precision_pin.robot.pose_set import PoseSet
+from precision_pin.statistics.digits import format_interval
 from precision_pin.typing import Array
-from precision_pin.visible import visible
+from precision_pin.visible import shown, visible
 
-__all__ = ["figure", "layout_of"]
+__all__ = ["figure", "layout_of", "worst_said"]
 
 _MOST_NAMED: Final = 24
 """Most poses that are drawn as a list, with their names below the axis."""
@@ -44,6 +47,7 @@ _FLAT: Final = 1e-6
 _MOST_EMPTY: Final = 2.0
 """Cells of a regular grid by places, above which the places are drawn as points."""
 _COLOURS: Final = "cividis"
+_MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
 
 
 @final
@@ -133,7 +137,7 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
             made.set_layout_engine("compressed")
         subplots: dict[str, Any] = {"projection": "3d"} if layout.kind == "space" else {}
         axes = np.atleast_1d(made.subplots(1, 1 if is_curve else len(panels), subplot_kw=subplots, squeeze=True))
-        missed = _missed(result)[nodes]
+        marked = [poses[nodes] for poses in _marked(result)]
         for place, (title, values) in enumerate(panels):
             on = axes[0 if is_curve else place]
             if is_curve:
@@ -144,7 +148,7 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
                     on,
                     layout,
                     values[rank] * unit.per_si,
-                    missed & (not title),
+                    [poses & (not title) for poses in marked],
                     f"{symbol(f'{quantity}.norm')} [{unit.name}]",
                 )
                 on.set_title(title)
@@ -153,7 +157,8 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
             axes[0].set_ylim(bottom=0)
         several = result.poses.node is not None and len(nodes) < len(result.poses)
         alone = "; one branch of each place, neighbours may have others" if result.poses.node is not None else ""
-        caption = f"first order, closed form{'; the worst branch and tool angle of each place' if several else alone}"
+        places_shown = "; the worst branch and tool angle of each place" if several else alone
+        caption = f"first order, closed form{places_shown}; {worst_said(result, norm, rank)}"
         entries, below = labelled(axes.tolist()), wrapped(caption, made)
         what = (
             symbol(f"{quantity}.norm")
@@ -171,18 +176,36 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
     return made
 
 
+def worst_said(result: MapResult, norm: int, rank: int) -> str:
+    """Return a quantile at the worst pose in words: in closed form, its limits, and the interval of what was sampled."""
+    worst = result.worst_first[0]
+    unit = ("mm", "mrad")[norm]
+    low, high = 1e3 * result.quantile_bounds[rank, norm, :, worst]
+    said = (
+        f"at {shown(result.poses.labels[worst])}, the worst{'' if result.sampled is None else ' of those sampled'}, "
+        f"{1e3 * result.quantile[rank, norm, worst]:.4g} {unit}, limits whatever the laws {low:.3g} to {high:.3g} {unit}"
+    )
+    if result.sampled is None or worst not in result.sampled.poses:
+        return said
+    place = int(np.flatnonzero(result.sampled.poses == worst)[0])
+    ends = result.sampled.result.quantile_interval[rank, norm, :, place].tolist()
+    return (
+        said
+        if np.isnan(ends).any()
+        else f"{said}, sampled {' to '.join(format_interval(ends[0], ends[1], 1e3))} {unit}"
+    )
+
+
 def _first_of_nodes(poses: PoseSet) -> NDArray[np.intp]:
     if poses.node is None:
         return np.arange(len(poses))
     return np.unique(poses.node, return_index=True)[1]
 
 
-def _missed(result: MapResult) -> NDArray[np.bool_]:
-    """Return the poses at which some specification is missed in closed form, ``(P,)``."""
-    missed = np.zeros(len(result.poses), dtype=bool)
-    for one, share in zip(result.specifications, result.probability, strict=True):
-        missed |= share < one.required
-    return missed
+def _marked(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the poses at which the sampled robots miss a specification, and those at which they do not decide, ``(P,)`` each."""
+    order = result.judged.order.min(axis=0, initial=NOT_JUDGED)
+    return order == 0, (order > 0) & (order < MET)
 
 
 def _draw_curves(
@@ -208,10 +231,11 @@ def _draw_curves(
         axes.plot(
             places[unknown], np.zeros(unknown.sum()), "x", color=BLACK, markersize=4, label="not reached", clip_on=False
         )
-    missed = _missed(result)[nodes]
-    if missed.any():
-        top = values[LEVELS.index(0.95)]
-        axes.plot(places[missed], top[missed], "o", color=VERMILION, markersize=3.5, label="specification not met")
+    top = values[LEVELS.index(0.95)]
+    for poses, (colour, label) in zip(_marked(result), _MARKS, strict=True):
+        at = poses[nodes]
+        if at.any():
+            axes.plot(places[at], top[at], "o", color=colour, markersize=3.5, label=label)
     axes.set_xlabel(layout.names[0])
     if layout.kind == "list":
         labels = [shortened(visible(result.poses.labels[pose]), _MOST_LETTERS) for pose in nodes]
@@ -221,7 +245,9 @@ def _draw_curves(
         axes.set_xlim(0.5, len(places) + 0.5)
 
 
-def _draw_field(made: Figure, axes: Any, layout: _Layout, values: Array, missed: NDArray[np.bool_], label: str) -> None:
+def _draw_field(
+    made: Figure, axes: Any, layout: _Layout, values: Array, marked: Sequence[NDArray[np.bool_]], label: str
+) -> None:
     """Draw the values over a plane or in space, with what is not reached and where a specification is missed."""
     places = 1e3 * layout.places
     known = np.isfinite(values)
@@ -238,8 +264,9 @@ def _draw_field(made: Figure, axes: Any, layout: _Layout, values: Array, missed:
         )
     if not known.all():
         axes.scatter(*places[:, ~known], c="#999999", s=6, marker="x", linewidths=0.6, label="not reached")
-    if missed.any():
-        axes.scatter(*places[:, missed], c=VERMILION, s=3, marker="o", linewidths=0, label="specification not met")
+    for poses, (colour, name) in zip(marked, _MARKS, strict=True):
+        if poses.any():
+            axes.scatter(*places[:, poses], c=colour, s=3, marker="o", linewidths=0, label=name)
     axes.set_xlabel(layout.names[0])
     axes.set_ylabel(layout.names[1])
     axes.set_aspect("equal")

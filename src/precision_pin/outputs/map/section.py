@@ -26,8 +26,9 @@ def _section(result: MapResult) -> Html:
         for quantity, symbol in (("position", "|d|"), ("attitude", "|δ|"))
     ]
     note = paragraph(
-        "Quantiles of |d| in mm, of |δ| in mrad, in closed form, to first order; sampled: the interval of fresh samples of the "
-        "exact model; cause: of most variance.",
+        "Quantiles of |d| in mm, of |δ| in mrad, in closed form, to first order; limits: of the exact 95 %, whatever the laws; "
+        "sampled: the interval of the 95 % by fresh samples of the exact model; spec: the sampled share inside, * where it is "
+        "not met, ? where the samples do not decide; cause: of most variance.",
         class_="note",
     )
     poses = table("The worst poses of the map", list(rows[0]), [list(row.values()) for row in rows])

@@ -46,11 +46,12 @@ def map_table(result: MapResult) -> str:
         *aligned([list(rows[0]), *(list(row.values()) for row in rows)]),
     ]
     more = len(result.worst_first) - len(_listed(result))
+    marks = "spec: share inside, * not met, ? undecided; " if result.specifications else ""
     lines += [f"and {more:,} more poses: --json FILE writes all"] if more else []
     lines += [
         "",
-        "quantiles of |d| in mm, |δ| in mrad, in closed form; limits: of the 95 %, whatever the laws, to all orders;",
-        "sampled: interval, exact model; * verdict not met, ? undecided; cause: of most variance",
+        "quantiles of |d| in mm, |δ| in mrad, closed form; limits: of the exact 95 %, whatever the laws;",
+        f"sampled: its interval; {marks}cause: of most variance",
     ]
     lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
     return "\n".join(lines)
@@ -143,7 +144,7 @@ def _cells(result: MapResult, pose: int) -> dict[str, str]:
     """Return the cells of a row by their headings; what matters least is left out where a row would not fit a terminal."""
     several = len(result.specifications) > 1
     cells = {"pose": shortened(visible(result.poses.labels[pose]), _MOST_LETTERS)}
-    if result.relative is None and not several:
+    if result.relative is None and not result.specifications:
         cells["median"] = _number(result.quantile[0, 0, pose])
     low, high = 1e3 * result.quantile_bounds[_LEVEL, 0, :, pose]
     cells |= {"95 %": _number(result.quantile[_LEVEL, 0, pose]), "limits": f"{low:.3g}-{high:.3g}"}
@@ -154,7 +155,7 @@ def _cells(result: MapResult, pose: int) -> dict[str, str]:
     cells |= {
         f"spec {rank + 1}": _inside(result, rank, pose) for rank in range(len(result.specifications[:_MOST_SHARES]))
     }
-    if not several:
+    if not several and (result.relative is None or not result.specifications):
         cells["cause"] = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
     return cells
 

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from precision_pin.analyses.map.map_result import LEVELS, MapResult
 from precision_pin.display.html import escaped
+from precision_pin.outputs.map.figure import worst_said
 from precision_pin.outputs.view.scales import ColourScale
 from precision_pin.outputs.view.scene import Colour, Scene
 from precision_pin.typing import Array
@@ -46,11 +47,14 @@ class PlacesData:
         95 % quantile of |d| in closed form, of the worst pose there, m, ``(M,)``; NaN where no joint values are known.
     scale
         Colours of the sizes.
+    worst
+        What was found at the worst pose, in words.
     """
 
     positions: Array
     sizes: Array
     scale: ColourScale
+    worst: str
 
     @classmethod
     def of(cls, result: MapResult) -> PlacesData:
@@ -61,7 +65,8 @@ class PlacesData:
         known = np.isfinite(quantile)
         np.maximum.at(worst, place.ravel()[known], quantile[known])
         sizes = np.where(np.isfinite(worst), worst, np.nan)
-        return cls(positions, sizes, ColourScale.of(sizes[np.isfinite(sizes)]))
+        said = worst_said(result, 0, LEVELS.index(0.95))
+        return cls(positions, sizes, ColourScale.of(sizes[np.isfinite(sizes)]), said)
 
     @property
     def name(self) -> str:
@@ -97,7 +102,7 @@ class PlacesData:
             f'<section aria-label="Map"><h2>Map: 95 % of robots within |d|, {self.scale.unit.name}</h2>'
             f'{self.scale.bar()}<ul class="legend controls"><li><label><input type="checkbox" id="show-map" checked>'
             f'<i class="dot"></i><span>{escaped(words)}</span></label></li></ul>'
-            '<p class="fine">To first order; places and arm are true to scale.</p></section>'
+            f'<p class="fine">To first order; {escaped(self.worst)}. Places and arm are true to scale.</p></section>'
         )
 
 
