@@ -221,6 +221,7 @@ class PathResult(JsonResult):
             "the path is its points: nothing is looked at between them",
             "every robot passes all poses; its draws of unit scope are the same at each",
             "the simultaneous band is the quantile at each pose times one factor, verified with as many fresh robots",
+            *(("the path has no times: speeds of the joints are not looked at",) if self.poses.times is None else ()),
         )
 
     def plot(self) -> Figure:
