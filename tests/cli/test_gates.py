@@ -108,7 +108,7 @@ def test_pages_say_so_too(run, folder):
 def test_an_allocation_at_such_a_pose_is_not_judged(run, folder):
     sheet = (folder / SHEET).read_text("utf-8").replace("250 mm", "1200 mm")
     wanted = "allocate:\n  specs: ['5 mm @ 90 %']\n  tolerances:\n"
-    entry = "    - {path: 'joint_offset[y_axis].offset', cost: {reciprocal: 1 mm}, max: 1 mm}\n"
+    entry = "    - {path: 'joint_offset[y_axis].offset.uniform', cost: {reciprocal: 1 mm}, max: 1 mm}\n"
     (folder / "wanted.yaml").write_text(f"{sheet}{wanted}{entry}", "utf-8")
     stopped = run("allocate", "wanted.yaml", "--json", "result.json")
     assert (stopped.code, WHY in " ".join(stopped.out.split())) == (1, True)
