@@ -232,22 +232,20 @@ def perturbed_yaml(folder: Path, kind: str, seed: int) -> Path:
 
 @pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
 def test_the_file_of_another_model_is_refused_by_name(tmp_path: Path) -> None:
-    """Each model's own files are taken, and those of every other refused, with the right name: three robots of each."""
+    """Each model's own file is taken, and refused for three others, the nearest one among them, with the right name."""
     chains = {kind: Chain.from_urdf(urdf_of(kind, tmp_path), "tool0", "base") for kind in MODELS}
-    wrong = []
-    for kind in MODELS:
-        for seed in range(3):
-            path = perturbed_yaml(tmp_path, kind, seed)
-            assert 1e-3 < pp.ur_calibration(path, chains[kind]).largest_position < 15e-3
-            for other, chain in chains.items():
-                if other == kind:
-                    continue
-                try:
-                    pp.ur_calibration(path, chain)
-                    wrong.append((kind, other, "accepted"))
-                except pp.InputError as error:
-                    if f"this is the calibration of a {kind}, not of a {other}:" not in str(error):
-                        wrong.append((kind, other, str(error)))
+    kinds, wrong = list(MODELS), []
+    for rank, kind in enumerate(kinds):
+        path = perturbed_yaml(tmp_path, kind, rank)
+        assert 1e-3 < pp.ur_calibration(path, chains[kind]).largest_position < 15e-3
+        # a UR3 is nearest to a UR3e, three on, and so on
+        for other in (kinds[rank - 3], kinds[rank - 1], kinds[(rank + 3) % len(kinds)]):
+            try:
+                pp.ur_calibration(path, chains[other])
+                wrong.append((kind, other, "accepted"))
+            except pp.InputError as error:
+                if f"this is the calibration of a {kind}, not of a {other}:" not in str(error):
+                    wrong.append((kind, other, str(error)))
     assert not wrong
 
 
