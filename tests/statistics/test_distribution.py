@@ -203,7 +203,8 @@ def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
             low, high = entry["quantile_interval"]["0.5"]
             assert low < entry["quantiles"]["0.5"] < high
     assert set(read["spec"][0]) == {
-        "quantity", "limit", "required", "probability", "interval", "met", "verdict", "judged", "why_not_judged", "taken_as_exact",
+        "quantity", "limit", "required", "probability", "interval", "met", "verdict", "judged",
+            "why_not_judged", "taken_as_exact",
         "cpk", "cpk_interval",
     }  # fmt: skip
     assert np.shape(read["covariance"]) == (6, 6)
