@@ -28,7 +28,7 @@ from precision_pin.sheet.measurement_entry import MeasurementEntry
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
 from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Source, setting_meanings
 from precision_pin.units import PerEntry, PerJoint, Quantity
 
 PAGES: Final = Path(__file__).parent
@@ -145,7 +145,7 @@ def settings(kind: type[Source]) -> str:
     """Return the settings of a kind of source, in the order of its docstring."""
     hints = typing.get_type_hints(kind, include_extras=True)
     defaults = {field.name: field.default for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    notes = dict(_attributes(kind))
+    notes = setting_meanings(kind)
     firsts = {name: next(key for key, note in notes.items() if _is_about(name, key, note, notes)) for name in defaults}
     rows = []
     for name in sorted(defaults, key=lambda name: list(notes).index(firsts[name])):
@@ -158,17 +158,6 @@ def settings(kind: type[Source]) -> str:
 def _is_about(name: str, key: str, note: str, notes: dict[str, str]) -> bool:
     """Return whether an entry of a docstring is about a setting: lists it, or mentions one that has no entry."""
     return note is notes[name] if name in notes else f"`{name}`" in note
-
-
-def _attributes(kind: type[Source]) -> Iterator[tuple[str, str]]:
-    """Yield the entries of a docstring's section Attributes."""
-    text = inspect.getdoc(kind) or ""
-    section = re.search(r"Attributes\n-+\n(.*?)(?:\n\n\S|\Z)", text, re.DOTALL)
-    assert section is not None, f"{kind.__name__} has no section Attributes"
-    for names, meaning in re.findall(r"^(\S.*)\n((?:    .*\n?)+)", section[1], re.MULTILINE):
-        line = " ".join(meaning.replace("``", "`").split())
-        for name in names.split(", "):
-            yield name, line
 
 
 def _takes_what(hint: Any) -> tuple[str, bool]:

@@ -186,6 +186,7 @@ MOST_NAMED: Final = 3
 """The most quantities that a message names with all their units."""
 
 _PER_CENT: Final = 100
+_MOST_BITS: Final = 64
 _NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _TEXT: Final = re.compile(rf"\s*({_NUMBER}(?:[\s,]+{_NUMBER})*)\s*(\D.*)?", re.ASCII | re.DOTALL)
 _SPELLINGS: Final = (
@@ -213,7 +214,7 @@ def split(text: object) -> tuple[list[float], str]:
     # blanks are joined first: what follows would go through many of them again and again
     match = _TEXT.fullmatch(" ".join(str(text).split()))
     if match is None or "," in match[1]:
-        raise UnitError(f"expected a number with a unit such as '0.1 mm', got {str(text)!r}")
+        raise UnitError(f"expected a number with a unit such as '0.1 mm', got {str(text)!r}{comma_hint(text)}")
     written, unit = match[1].split(), (match[2] or "").strip()
     if unit.startswith("/") and len(written) > 1 and written[-1] == "1":
         unit = written.pop() + unit  # 12e-6 1/K
@@ -223,6 +224,12 @@ def split(text: object) -> tuple[list[float], str]:
     for spelling, ours in _SPELLINGS:
         unit = unit.replace(spelling, ours)
     return numbers, re.sub(r" ?([*/^()]) ?", r"\1", unit)
+
+
+def comma_hint(text: object) -> str:
+    """Return the end of a message about a text with a decimal comma, such as ``0,05 mm``; empty for any other text."""
+    pointed, commas = re.subn(r"(?<=\d),(?=\d)", ".", str(text)[:_PER_CENT])
+    return f"; decimals have a point: {pointed!r}" if commas and _TEXT.fullmatch(pointed) else ""
 
 
 def parse(text: object, *quantities: Quantity) -> float:
@@ -300,7 +307,15 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
     if not unit:
         article = "an" if named[0] in "aeiou" else "a"
         raise UnitError(f"{str(text)!r} has no unit; {article} {named} needs one of: {allowed}")
-    raise UnitError(f"{unit!r} in {str(text)!r} is not a unit of {named}; allowed: {allowed}")
+    bits = f"; {_turn_of_bits(numbers[0])}" if unit in ("bit", "bits") and ANGLE in quantities else ""
+    raise UnitError(f"{unit!r} in {str(text)!r} is not a unit of {named}{bits}; allowed: {allowed}")
+
+
+def _turn_of_bits(bits: float) -> str:
+    """Return how the resolution of an encoder of so many bits is written."""
+    if not (bits.is_integer() and 1 <= bits <= _MOST_BITS):
+        return "an encoder of n bit resolves 360 deg / 2^n"
+    return f"an encoder of {bits:.0f} bit resolves 360 deg / 2^{bits:.0f}, so write '{360 / 2**bits:.6g} deg'"
 
 
 @dataclass(frozen=True)

@@ -235,6 +235,7 @@ def test_columns_may_stand_in_any_order_with_times_and_blank_lines(tmp_path, cha
         (f"{HEADER}\n1,nan,3,4\n", 2, "joint2: 'nan' is not a finite number"),
         (f"{HEADER}\n1,2,3,1e999\n", 2, "joint4: '1e999' is not a finite number"),
         (f"t,{HEADER}\n1,1,2,3,4\n0.5,1,2,3,4\n", 3, "the time goes back from 1 s to 0.5 s"),
+        (f"t,{HEADER}\n0,1,2,3,4\n0,1,2,3,4\n", 3, "the time stands still at 0 s"),
         (f"{HEADER}\n" + "1,2,3,4\n" * 4, 5, "more than 3 poses"),
     ],
 )

@@ -294,3 +294,27 @@ def test_findings_print_as_the_contract_says(refuse: Refuse) -> None:
     assert where.endswith("sheet.yaml:5:")
     assert severity == "error"
     assert rest == "E_UNKNOWN_KEY: unknown key 'static': did you mean 'statics'?"
+
+
+def test_all_mistakes_of_sources_are_found_at_once_each_with_a_hint(refuse: Refuse) -> None:
+    """Unknown joints too where the source has another mistake; a missing key with its meaning; words that are meant."""
+    lines = (
+        ("parameters: {a: {uniform: 0,05 mm}}", "decimals have a point: '0.05 mm'"),
+        ("sources:", ""),
+        ("  - joint_offset: {joint: joint8, offset: {normal: 0.1 degg}}", "no joint on the chain named 'joint8'"),
+        ("  - joint_offset: {joint: joint9, offsett: {normal: 0.1 deg}}", "no joint on the chain named 'joint9'"),
+        (
+            "  - backlash: {joint: joint2, backlash: 1 arcmin}",
+            "'band' is missing: Torque (for a prismatic joint: force) below",
+        ),
+        # 360 deg / 1048576
+        ("  - encoder: {joint: joint2, resolution: 20 bit}", "write '0.000343323 deg'"),
+        ("  - beam: {link: link2, section: rectangle, material: steel}", "a rectangular tube is a box"),
+        ("  - joint_offset: {joint: joint3, offset: '0,1 deg'}", "decimals have a point: '0.1 deg'"),
+    )
+    head = "precision-pin: 1\nrobot: 4dof.urdf\ntip: tool\n"
+    found = refuse(head + "\n".join(line for line, _ in lines) + "\n")
+    for number, (_, said) in enumerate(lines, start=4):
+        here = [finding.message for finding in found if finding.line == number]
+        assert bool(here) == bool(said)
+        assert any(said in message for message in here) or not said, here

@@ -9,7 +9,7 @@ from scipy.special import gammaincinv
 
 from precision_pin.errors import UnknownNameError
 from precision_pin.statistics import Plan, Specification, finish, format_supported, observe, significant_digits, start
-from precision_pin.statistics.summary import SpecificationResult, capability_index
+from precision_pin.statistics.verdicts import SpecificationResult, capability_index
 
 # norm of an isotropic 3-D normal vector, σ = 1 (chi law with three degrees of freedom)
 NORM_QUANTILES = {0.5: 1.538172, 0.95: 2.795483, 0.99: 3.368214, 0.9973: 3.762480}
@@ -203,7 +203,9 @@ def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
             low, high = entry["quantile_interval"]["0.5"]
             assert low < entry["quantiles"]["0.5"] < high
     assert set(read["spec"][0]) == {
-        "quantity", "limit", "required", "probability", "interval", "met", "verdict", "cpk", "cpk_interval",
+        "quantity", "limit", "required", "probability", "interval", "met", "verdict", "judged",
+            "why_not_judged", "taken_as_exact",
+        "cpk", "cpk_interval",
     }  # fmt: skip
     assert np.shape(read["covariance"]) == (6, 6)
     assert np.shape(read["covariance_interval"]) == (6, 6, 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
@@ -16,7 +16,7 @@ from precision_pin.statistics import Grounds
 from precision_pin.typing import Array
 from precision_pin.visible import visible
 
-__all__ = ["beyond_limits", "beyond_speeds", "exact_findings", "exact_findings_at", "grounds_at", "speed_findings"]
+__all__ = ["exact_findings", "exact_findings_at", "grounds_at", "grounds_at_each", "speed_findings"]
 
 _MOST_POSES: Final = 50
 """Poses at which the share of what is taken as exact is computed; of more poses, so many in equal steps."""
@@ -44,10 +44,20 @@ def grounds_at(
     exact = () if lost is None else lost.names
     if model.beyond_limits:
         return Grounds("", exact)
-    return Grounds(beyond_limits(model, values, labels) or beyond_speeds(model, values, times), exact)
+    return Grounds(_outside(model, values, labels) or _too_fast(model, values, times), exact)
 
 
-def beyond_limits(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> str:
+def grounds_at_each(model: ErrorModel, values: Array, labels: Sequence[str]) -> list[Grounds]:
+    """Return the grounds of a verdict at each of many poses ``(n, P)``, by itself."""
+    inside = grounds_at(model, values[:, :0])
+    outside = np.asarray(model.chain.configurations.outside(values).any(axis=0)) & np.full(1, not model.beyond_limits)
+    return [
+        replace(inside, not_judged=_outside(model, values[:, [pose]], [labels[pose]])) if is_outside else inside
+        for pose, is_outside in enumerate(outside.tolist())
+    ]
+
+
+def _outside(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> str:
     """Return which joint is outside its limits first, at poses ``(n, P)``; empty if none is."""
     chain = model.chain
     outside = chain.configurations.outside(values)
@@ -66,7 +76,7 @@ def beyond_limits(model: ErrorModel, values: Array, labels: Sequence[str] = ()) 
     )
 
 
-def beyond_speeds(model: ErrorModel, values: Array, times: NDArray[np.float64] | None) -> str:
+def _too_fast(model: ErrorModel, values: Array, times: NDArray[np.float64] | None) -> str:
     """Return which joint is faster than its ``velocity`` first, between poses ``(n, P)`` at these times; empty if none is.
 
     A velocity of zero limits nothing. Without times nothing can be said.
@@ -95,8 +105,8 @@ def beyond_speeds(model: ErrorModel, values: Array, times: NDArray[np.float64] |
 
 
 def speed_findings(model: ErrorModel, values: Array, times: NDArray[np.float64] | None) -> tuple[Finding, ...]:
-    """Return the warning of :func:`beyond_speeds`."""
-    message = beyond_speeds(model, values, times)
+    """Return the warning of that a joint is faster than its limit between poses ``(n, P)`` at these times."""
+    message = _too_fast(model, values, times)
     return (Finding("warning", "W_JOINT_SPEED", message, model.chain.robot.file),) if message else ()
 
 

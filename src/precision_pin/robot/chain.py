@@ -374,11 +374,10 @@ class Posture:
                     f"{values[joint.name]:.6g}, with the weight beyond it; lock it at another value if that matters"
                 )
                 found.append(Finding("warning", "W_MIMIC", message, self.chain.robot.file, joint.line))
-        is_outside = self.chain.configurations.outside(self.q[:, None])[:, 0].tolist()
-        outside = dict(zip(self.chain.joint_names, is_outside, strict=True))
-        for joint, value in zip(self.chain.joints, self.q, strict=True):
+        outside = self.chain.configurations.outside(self.q[:, None])[:, 0]
+        for joint, value, is_outside in zip(self.chain.joints, self.q, outside, strict=True):
             limit = joint.limit
-            if limit is not None and outside[joint.name]:
+            if limit is not None and is_outside:
                 scale, unit = (1.0, "m") if joint.kind == "prismatic" else (180 / np.pi, "deg")
                 actual, low, high = (f"{scale * x:.6g}" for x in (value, limit.lower, limit.upper))
                 message = f"joint {joint.name} at {actual} {unit} is outside its limits {low} to {high} {unit}"

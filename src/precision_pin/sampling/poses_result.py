@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
@@ -19,7 +19,7 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_name, check_whole
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.verdict_grounds import beyond_limits, grounds_at
+from precision_pin.model.verdict_grounds import grounds_at_each
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.sampling.pose_verdicts import PosesSpecification
 from precision_pin.sampling.versions import versions
@@ -171,7 +171,7 @@ class PosesResult(JsonResult):
     def specification_results(self) -> tuple[PosesSpecification, ...]:
         """Each specification over all poses, judged at each pose as the result of one pose judges it."""
         labels, varying = tuple(pose_labels(self.names)), self._varying()
-        grounds = self._grounds(labels)
+        grounds = grounds_at_each(self.error_model, self.q, labels)
         return tuple(
             PosesSpecification(
                 tuple(
@@ -197,18 +197,6 @@ class PosesResult(JsonResult):
             )
             for rank, spec in enumerate(self.specifications)
         )
-
-    def _grounds(self, labels: Sequence[str]) -> list[Grounds]:
-        """Return what the verdict at each pose rests on."""
-        model = self.error_model
-        inside = grounds_at(model, self.q[:, :0])
-        outside = np.asarray(model.chain.configurations.outside(self.q).any(axis=0))
-        return [
-            replace(inside, not_judged=beyond_limits(model, self.q[:, [pose]], [labels[pose]]))
-            if is_outside and not model.beyond_limits
-            else inside
-            for pose, is_outside in enumerate(outside.tolist())
-        ]
 
     def _everywhere(self, rank: int, varies: bool, grounds: Sequence[Grounds]) -> SpecificationResult:
         """Return the share of robots that keep a specification at all poses."""

@@ -24,6 +24,12 @@ _SHAPES: Final = {
     "model_type": "expected keys with values, {key: value}",
     "string_type": "expected one value, a text without brackets, as in: 5 mm, or 0 0 5 mm for a point",
 }
+_MEANT: Final = {
+    **dict.fromkeys(("rectangle", "rectangular", "square"), "; a rectangular tube is a box, a solid bar is general"),
+    **dict.fromkeys(("round", "circle", "circular", "cylinder", "solid", "bar"), "; a solid round bar is a rod"),
+    **dict.fromkeys(("pipe", "hollow"), "; a round pipe is a tube"),
+}
+"""What is meant by another word for one of a few."""
 MOST_ERRORS: Final = 100
 """Largest number of errors that are listed for a sheet; with more, reading stops."""
 
@@ -77,7 +83,9 @@ class Findings:
             where = where[:2] if is_pose else where
             key = ".".join(map(str, where[len(path) :])) or str(entry["loc"][-1])
             if entry["type"] == "missing":
-                self.error(where, f"the key {str(entry['loc'][-1])!r} is missing", "E_MISSING_KEY")
+                missing = str(entry["loc"][-1])
+                meaning = _meaning(model, entry["loc"])
+                self.error(where, f"the key {missing!r} is missing{f': {meaning}' if meaning else ''}", "E_MISSING_KEY")
             elif where in seen:
                 continue
             elif entry["type"] == "extra_forbidden":
@@ -89,7 +97,8 @@ class Findings:
                 )
                 reason = entry.get("ctx", {}).get("error")
                 below = reason.below if isinstance(reason, SettingReason) else ()
-                self.error((*where, *below), f"{key}: {message[:1].lower()}{message[1:]}")
+                meant = _MEANT.get(str(entry["input"]).strip().lower(), "") if entry["type"] == "literal_error" else ""
+                self.error((*where, *below), f"{key}: {message[:1].lower()}{message[1:]}{meant}")
             seen.add(where)
 
     def walk(self, path: Path, location: Path) -> Path:
@@ -149,6 +158,15 @@ def _within(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
     entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, entry in entries:
         yield from _within(entry, (*path, key))
+
+
+def _meaning(model: type[BaseModel], location: Path) -> str:
+    """Return what a key at pydantic's location is, from its own description; empty where it has none."""
+    for key in location[:-1]:
+        if key in model.model_fields:
+            model = _inner(model.model_fields[str(key)].annotation) or model
+    found = [field for name, field in model.model_fields.items() if location[-1] in (name, field.alias)]
+    return (found[0].description or "").removesuffix(".") if found else ""
 
 
 def _keys(model: type[BaseModel], location: Path) -> list[str]:

@@ -16,7 +16,7 @@ from precision_pin import units
 from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Draw, Extension, LabelledSpace, Space
-from precision_pin.errors import Finding, InputError, SheetError, nearest
+from precision_pin.errors import Finding, InputError, SheetError, UnknownNameError, nearest
 from precision_pin.inputs.files import UnreadableFileError, read_text_file
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.robot.approach import Approach
@@ -220,12 +220,13 @@ def _read(contents: Contents) -> Sheet:
     arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
     chain = read_chain(document, findings, overrides, folder) if arm_is_known else None
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
-    sources, stated = _sources(document, findings, known, Context(named, slides, folder))
+    sources, stated, broken = _sources(document, findings, known, Context(named, slides, folder))
     draws = tuple(dict.fromkeys(parameter.draw for parameter in named.values()))
     space = correlated_space(draws, document.correlations, findings, unread)
     if chain is None:
         findings.refuse()
         raise SheetError("the robot could not be read")
+    _check_joints(broken, chain, findings)
     poses, approaches = parse_poses(document.poses, findings, chain)
     _try_terms(chain, space, sources, poses, approaches, findings)
     listed = tuple(sources.values())
@@ -366,9 +367,10 @@ def _parameters(
 
 def _sources(
     document: Document, findings: Findings, known: Mapping[str, type[Source]], context: Context
-) -> tuple[dict[int, Source], dict[int, dict[str, Origin]]]:
-    """Return the sources that could be read, and where their numbers come from, by position in the sheet."""
+) -> tuple[dict[int, Source], dict[int, dict[str, Origin]], dict[Path, Mapping[str, Any]]]:
+    """Return the sources that could be read, where their numbers come from, by position, and the settings of the others."""
     sources: dict[int, Source] = {}
+    broken: dict[Path, Mapping[str, Any]] = {}
     origins: dict[int, dict[str, Origin]] = {}
     for k, entry in enumerate(document.sources):
         path: Path = ("sources", k)
@@ -393,12 +395,22 @@ def _sources(
             valid = model.model_validate(settings, context=context)
         except ValidationError as error:
             findings.take_validation(error, (*path, name), model)
+            broken[*path, name] = settings
             continue
         try:
             sources[k] = known[name](**{field: getattr(valid, field) for field in model.model_fields})
         except InputError as error:
             findings.take((*path, name), error)
-    return sources, origins
+            broken[*path, name] = settings
+    return sources, origins, broken
+
+
+def _check_joints(broken: Mapping[Path, Mapping[str, Any]], chain: Chain, findings: Findings) -> None:
+    """Report unknown joints of sources that could not be read for another reason, so that all errors are found at once."""
+    for path, settings in broken.items():
+        name = settings.get("joint")
+        if isinstance(name, str) and name not in chain.joint_names:
+            findings.take(path, UnknownNameError("joint on the chain", name, chain.joint_names))
 
 
 def _try_terms(

@@ -34,7 +34,7 @@ from precision_pin.sheet.settings import (
 )
 from precision_pin.sheet.text import Path
 from precision_pin.sources import catalogue
-from precision_pin.terms.source import SettingField, Source, setting_fields, takes_law
+from precision_pin.terms.source import SettingField, Source, setting_fields, setting_meanings, takes_law
 from precision_pin.units import PerEntry, PerJoint, Quantity, parse_vector
 
 __all__ = [
@@ -128,8 +128,12 @@ class Document(BaseModel):
 @cache
 def source_model(kind: type) -> type[BaseModel]:
     """Return the pydantic model of a source's settings (or of a part of them), whose fields are those of the class."""
+    meanings = setting_meanings(kind)
     entries: dict[str, Any] = {
-        entry.name: (_field_type(entry), ... if entry.default is MISSING else entry.default)
+        entry.name: (
+            _field_type(entry),
+            Field(... if entry.default is MISSING else entry.default, description=meanings.get(entry.name)),
+        )
         for entry in setting_fields(kind)
     }
     config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)

@@ -146,7 +146,7 @@ def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], fo
     if law is None:
         raise InputError(
             "expected a law, such as {uniform: 0.1 mm}, or a tolerance, such as ±0.1 mm; write a number that does not vary as "
-            "{fixed: 0.1 mm}"
+            f"{{fixed: 0.1 mm}}{units.comma_hint(value)}"
         )
     return parse_law(name, law, quantities, folder)
 
@@ -173,7 +173,10 @@ def parse_law(
     options = law_options(key)
     for other in value:
         if other != key and other not in options:
-            raise SettingError((other,), f"{other!r} is no setting of the law {key}: {nearest(other, options)}")
+            # {uniform: 0,05 mm} is {uniform: 0} and a key "05 mm"
+            comma = f"{value[key]},{other}" if value[other] in (None, "") else ""
+            hint = units.comma_hint(comma) or f": {nearest(other, options)}"
+            raise SettingError((other,), f"{other!r} is no setting of the law {key}{hint}")
     reader = LawReader(value, tuple(quantities), folder)
     scope = reader.scope()
     law = laws[key].from_sheet(reader)

@@ -23,18 +23,8 @@ from precision_pin.statistics.intervals import (
 from precision_pin.statistics.plan import Plan, Specification
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import BINS, COLUMNS, sketch_columns, sketch_edges
-from precision_pin.statistics.summary import (
-    NO_GROUNDS,
-    NO_SPREAD,
-    Extreme,
-    Grounds,
-    SpecificationResult,
-    Summary,
-    VectorDistribution,
-    Verdict,
-    finish,
-    judge,
-)
+from precision_pin.statistics.summary import NO_SPREAD, Extreme, Summary, VectorDistribution, finish
+from precision_pin.statistics.verdicts import NO_GROUNDS, Grounds, SpecificationResult, Verdict, judge
 
 __all__ = [
     "BINS",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import itertools
 import re
 import typing
@@ -79,6 +80,16 @@ def setting_fields(kind: type) -> tuple[SettingField, ...]:
     """Return the settings of a kind of source, or of the class of a part of a setting."""
     hints = typing.get_type_hints(kind, include_extras=True)
     return tuple(SettingField(entry.name, hints[entry.name], entry.default) for entry in dataclasses.fields(kind))
+
+
+@cache
+def setting_meanings(kind: type) -> dict[str, str]:
+    """Return what each setting of a kind of source is, from the section Attributes of its docstring, on one line."""
+    section = re.search(r"Attributes\n-+\n(.*?)(?:\n\n\S|\Z)", inspect.getdoc(kind) or "", re.DOTALL)
+    found: dict[str, str] = {}
+    for names, text in re.findall(r"^(\S.*)\n((?:    .*\n?)+)", section[1] if section else "", re.MULTILINE):
+        found |= dict.fromkeys(names.split(", "), " ".join(text.replace("``", "`").split()))
+    return found
 
 
 def takes_law(hint: Any) -> bool:

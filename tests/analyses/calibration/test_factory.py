@@ -208,6 +208,48 @@ def test_the_yaml_of_the_ros_driver_is_read_as_urdf_readers_do(tmp_path: Path) -
     assert finding.code == "W_FACTORY_ANGLES"
 
 
+def perturbed_yaml(folder: Path, kind: str, seed: int) -> Path:
+    """Return the YAML of a robot of a model: every frame off by some tenths of a millimetre and of a milliradian.
+
+    The tip of such a robot is 1 to 8 mm from the nominal one's, as those of robots that their maker has measured are.
+    """
+    joints, flange = nominal_ur(kind).joints, nominal_ur(kind).flange
+    rng = np.random.default_rng(seed)
+    lines, before = ["kinematics:"], np.eye(4)
+    for name, frame in zip(NAMES, [*joints[:5], flange], strict=True):
+        step = np.linalg.inv(before) @ frame
+        turn = Rotation.from_matrix(step[:3, :3]) * Rotation.from_rotvec(rng.normal(0, 1e-3, 3))
+        numbers = [*(step[:3, 3] + rng.normal(0, 5e-4, 3)), *turn.as_euler("xyz")]
+        keys = ("x", "y", "z", "roll", "pitch", "yaw")
+        lines.append(
+            f"  {name}: {{{', '.join(f'{key}: {x!r}' for key, x in zip(keys, map(float, numbers), strict=True))}}}"
+        )
+        before = frame
+    path = folder / f"{kind}-{seed}.yaml"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+def test_the_file_of_another_model_is_refused_by_name(tmp_path: Path) -> None:
+    """Each model's own file is taken, and refused for three others, the nearest one among them, with the right name."""
+    chains = {kind: Chain.from_urdf(urdf_of(kind, tmp_path), "tool0", "base") for kind in MODELS}
+    kinds, wrong = list(MODELS), []
+    for rank, kind in enumerate(kinds):
+        path = perturbed_yaml(tmp_path, kind, rank)
+        assert 1e-3 < pp.ur_calibration(path, chains[kind]).largest_position < 15e-3
+        # a UR3 is nearest to a UR3e, three on, and so on
+        for other in (kinds[rank - 3], kinds[rank - 1], kinds[(rank + 3) % len(kinds)]):
+            try:
+                pp.ur_calibration(path, chains[other])
+                wrong.append((kind, other, "accepted"))
+            except pp.InputError as error:
+                if f"this is the calibration of a {kind}, not of a {other}:" not in str(error):
+                    wrong.append((kind, other, str(error)))
+    assert not wrong
+
+
 def test_sources_of_a_model_stay_beside_the_factory_calibration(tmp_path: Path) -> None:
     chain = chain_of("UR3", tmp_path)
     model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint=chain.joint_names[2], offset=pp.Normal(1e-4))])

@@ -173,8 +173,7 @@ def _refuse_other_model(file: str, kind: str, found: UrKinematics, q: Array) -> 
     if rms[best] < _CLEARLY * rms[kind]:
         message = (
             f"this is the calibration of a {best}, not of a {kind}: its tip is {1e3 * rms[best]:.3g} mm rms from that of a "
-            f"nominal {best} and {1e3 * rms[kind]:.3g} mm from that of a {kind}; give the robot's own file, or the URDF "
-            f"of a {best}"
+            f"nominal {best} and {1e3 * rms[kind]:.3g} mm from that of a {kind}; give the URDF of a {best}, or another file"
         )
         raise InputError([Finding("error", "E_DATA", message, file)])
 

@@ -221,6 +221,7 @@ class PathResult(JsonResult):
             "every robot passes all poses; its draws of unit scope are the same at each",
             f"the simultaneous band is the quantile at each pose times one factor, so large that at {self.confidence:.0%} "
             "confidence no fewer robots keep it than stated",
+            *(("the path has no times: speeds of the joints are not looked at",) if self.poses.times is None else ()),
         )
 
     def plot(self) -> Figure:

@@ -1,0 +1,170 @@
+"""Verdicts on specifications, and what they rest on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Final, Literal, final
+
+from precision_pin.visible import visible
+
+__all__ = ["NO_GROUNDS", "Grounds", "SpecificationResult", "Verdict", "capability_index", "judge"]
+
+Verdict = Literal["met", "not met", "not judged", "undecided", "nothing to judge"]
+
+
+def judge(*, holds: bool, fails: bool, varies: bool = True) -> Verdict:
+    """Return the verdict on a specification.
+
+    Parameters
+    ----------
+    holds, fails
+        Whether the whole interval of the probability is at least the required probability, or below it.
+    varies
+        Whether the quantity differs from robot to robot. Where it does not, no tolerance acts on it, and being inside
+        proves nothing.
+    """
+    if fails:
+        return "not met"
+    if not varies:
+        return "nothing to judge"
+    return "met" if holds else "undecided"
+
+
+def capability_index(inside: float) -> float:
+    """Return Φ⁻¹(P)/3: the Cpk of a normal characteristic with one limit and the share P inside it.
+
+    This is a third of the benchmark Z of process capability (Bothe, *Measuring Process Capability*, 1997). It depends on
+    the share alone, so that it applies to any law, and to two limits, whose two tails are added. A value of 1 is 99.865 %,
+    1.33 is 99.9968 %. It is infinite for a share of 0 or 1.
+    """
+    if not 0 < inside < 1:
+        return math.copysign(math.inf, inside - 0.5)
+    return NormalDist().inv_cdf(inside) / 3
+
+
+@final
+@dataclass(frozen=True)
+class Grounds:
+    """What a verdict rests on besides the samples.
+
+    Attributes
+    ----------
+    not_judged
+        Why nothing is judged, such as a joint outside its limits; empty where a verdict can be given.
+    exact
+        Sources and parameters whose laws a change of the sheet has replaced by single values.
+    """
+
+    not_judged: str = ""
+    exact: tuple[str, ...] = ()
+
+    def said(self, verdict: Verdict) -> str:
+        """Return a verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        if verdict == "not judged":
+            return f"NOT JUDGED: {self.why}"
+        return f"{verdict.upper()}{self.taken if verdict == 'met' else ''}"
+
+    @property
+    def why(self) -> str:
+        """Why nothing is judged, and how it would be; empty where a verdict can be given."""
+        return f"{self.not_judged}; --beyond-limits judges all the same" if self.not_judged else ""
+
+    @property
+    def taken(self) -> str:
+        """What follows the word "met": `` with … taken as exact``; empty where nothing is."""
+        return f" with {', '.join(map(visible, self.exact))} taken as exact" if self.exact else ""
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the keys that every entry of ``spec`` has in JSON."""
+        return {
+            "judged": not self.not_judged,
+            "why_not_judged": self.not_judged or None,
+            "taken_as_exact": list(self.exact),
+        }
+
+
+NO_GROUNDS: Final = Grounds()
+"""Of a verdict that rests on the samples alone."""
+
+
+@final
+@dataclass(frozen=True)
+class SpecificationResult:
+    """Result of a specification: the share of samples inside its limit.
+
+    Attributes
+    ----------
+    quantity, limit, required
+        The specification.
+    probability
+        Share of samples with |quantity| ≤ limit, counted exactly.
+    interval
+        Clopper-Pearson interval of the probability.
+    varies
+        True if the quantity differs from robot to robot.
+    grounds
+        What keeps it from being judged, and what it takes as exact.
+    """
+
+    quantity: str
+    limit: float
+    required: float
+    probability: float
+    interval: tuple[float, float]
+    varies: bool = True
+    grounds: Grounds = NO_GROUNDS
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the specification.
+
+        ``"met"`` if the lower end of the interval is at least the required probability, ``"not met"`` if the upper end
+        is below it, otherwise ``"undecided"``; ``"nothing to judge"`` if the quantity is inside but does not vary; and
+        ``"not judged"`` whatever the samples say where :attr:`grounds` give a reason.
+        """
+        if self.grounds.not_judged:
+            return "not judged"
+        low, high = self.interval
+        return judge(holds=low >= self.required, fails=high < self.required, varies=self.varies)
+
+    @property
+    def met(self) -> bool:
+        """True if the verdict is ``"met"``."""
+        return self.verdict == "met"
+
+    @property
+    def said(self) -> str:
+        """The verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        return self.grounds.said(self.verdict)
+
+    @property
+    def cpk(self) -> float:
+        """Process capability index of the share inside, :func:`capability_index`."""
+        return capability_index(self.probability)
+
+    @property
+    def cpk_interval(self) -> tuple[float, float]:
+        """Interval of :attr:`cpk`: the indices of the ends of the share's interval."""
+        low, high = self.interval
+        return capability_index(low), capability_index(high)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the entry of ``spec`` in the ``precision-pin/analysis/1`` schema; an infinite index is null."""
+        return {
+            "quantity": self.quantity,
+            "limit": self.limit,
+            "required": self.required,
+            "probability": self.probability,
+            "interval": list(self.interval),
+            "met": self.met,
+            "verdict": self.verdict,
+            **self.grounds.to_dict(),
+            "cpk": _finite(self.cpk),
+            "cpk_interval": [_finite(end) for end in self.cpk_interval],
+        }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
