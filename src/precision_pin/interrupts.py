@@ -3,7 +3,8 @@
 Such a signal ends the process at once, by the exit code 128 + its number, after what was being written is removed and
 processes of our own are ended. No exception is raised for it: one that falls into a library's import, or into a callback
 of a compiler, is lost there or comes out as another. Only where something is to be kept (:func:`unwinding`) is
-KeyboardInterrupt raised; where that does not end the process either, or the signal cannot be heeded because the process
+KeyboardInterrupt raised, in a compiler or a finaliser once it is done (:func:`raise_if_interrupted`); where that does not
+end the process either, or the signal cannot be heeded because the process
 is deep in a library, a thread ends it after some seconds.
 
 This is the first module that the program imports, and it imports next to nothing.
@@ -27,6 +28,9 @@ NAMES: Final[dict[int, str]] = {signal.SIGINT: "interrupted", signal.SIGTERM: "t
 PATIENCE: Final = 1.0
 LONG_PATIENCE: Final = 15.0
 """Seconds after which a signal ends the process although it does something else; the second, while it unwinds."""
+
+_LOSING: Final = (f"{os.sep}llvmlite{os.sep}", f"{os.sep}numba{os.sep}", "weakref")
+"""Parts of the names of files whose functions C calls back: an exception is printed there, and lost."""
 
 
 @final
@@ -147,18 +151,23 @@ def _heed(number: int, frame: FrameType | None) -> None:
     again, _state.number = _state.number, _state.number or number
     if _state.held:
         return
-    if again or not _state.unwinding or _is_importing(frame):
+    files, names = _running(frame)
+    # libraries make other exceptions of one that is raised in an import
+    if again or not _state.unwinding or "<frozen importlib._bootstrap>" in files:
         _leave()
+    if "__del__" in names or any(part in file for part in _LOSING for file in files):
+        return
     raise KeyboardInterrupt
 
 
-def _is_importing(frame: FrameType | None) -> bool:
-    """Return whether a module is being imported; libraries make other exceptions of one that is raised there."""
+def _running(frame: FrameType | None) -> tuple[set[str], set[str]]:
+    """Return the files and the names of the functions that are running."""
+    files, names = set(), set()
     while frame is not None:
-        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
-            return True
+        files.add(frame.f_code.co_filename)
+        names.add(frame.f_code.co_name)
         frame = frame.f_back
-    return False
+    return files, names
 
 
 def _watch(reading: int) -> None:
@@ -201,6 +210,11 @@ def _leave() -> None:
 
 def _end_processes() -> None:
     """Kill the processes that compute for this one; they would end by themselves, but later."""
+    with suppress(Exception):  # it may have been interrupted anywhere, in what is called here too
+        _kill_children()
+
+
+def _kill_children() -> None:
     if "multiprocessing.process" in sys.modules:
         import multiprocessing
 

@@ -21,6 +21,8 @@ from numba.core.caching import NullCache
 from numba.core.errors import NumbaError
 from numba.core.registry import cpu_target
 
+from precision_pin.interrupts import raise_if_interrupted
+
 __all__ = [
     "INTERPRETED",
     "cached_entry",
@@ -116,6 +118,8 @@ def call(
                 ahead()
             make_ready(function, arguments)
             _ready.add((function, variant))
+        if threading.current_thread() is threading.main_thread():
+            raise_if_interrupted()
     return function(*arguments)
 
 

@@ -483,6 +483,11 @@ def calls() -> Iterator[Call]:
     yield call("Chain.joint_index", chain.joint_index, {"name": "joint1"}, {"name": "joint"})
     yield call("Chain.link_frame", chain.link_frame, {"name": chain.tip}, {"name": "link"})
     yield call("Chain.frame_place", chain.frame_place, {"name": chain.tip}, {"name": "link"})
+    for name in ("end", "seat", "runs_backwards"):
+        yield call(f"Chain.{name}", getattr(chain, name), {"link": 4}, link="zero")
+    yield call("Chain.axis_alignment", chain.axis_alignment, {"joint": 3}, joint="zero")
+    for name in ("direction_of", "torque_on"):
+        yield call(f"Posture.{name}", getattr(chain.at(POSE), name), {"joint": 3}, joint="zero")
     yield call(
         "Chain.with_payload", chain.with_payload, {"mass": 1.0, "centre": [0.0, 0.0, 0.1], "at": chain.tip},
         {"centre": "centre", "at": "link"}, mass=NOT_NEGATIVE, at=OPTIONAL,
@@ -576,6 +581,8 @@ def calls() -> Iterator[Call]:
     yield call("mcpc.joint_placements", pp.mcpc.joint_placements, {"mcpc": arm_mcpc})
     for name in ("forward_kinematics", "jacobian", "jacobian_base", "propagation"):
         yield call(f"Mcpc.{name}", getattr(arm_mcpc, name), {"q": POSE}, {"q": "joint values"})
+    for name in ("link_pose", "joint_pose", "link_matrix"):
+        yield call(f"Mcpc.{name}", getattr(arm_mcpc, name), {"link": 4}, link="zero")
     yield call("Mcpc.perturbed", arm_mcpc.perturbed, {"parameter_errors": np.zeros(26)})
     poses = pp.sample_poses(arm, [next(iter(arm.poses)), POSE], samples=64)
     yield call("PosesResult.between", poses.between, {"one": 0, "other": 1}, {"one": "pose", "other": "pose"},

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import fnmatch
+import itertools
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +15,8 @@ import pytest
 import precision_pin as pp
 from precision_pin.inputs import memory
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.robot.ur_kinematics import read_ur_calibration
+from precision_pin.sheet.changes import matches
 
 MODEL = pp.ErrorModel.load(PAPER_SHEET)
 AT = MODEL.at()
@@ -94,3 +99,45 @@ def test_many_poses_tell_how_far_they_are_within_a_second(listed: bool) -> None:
     with pytest.raises(KeyboardInterrupt):
         pp.sample_poses(MODEL, poses, samples=1000, progress=first_step)
     assert time.perf_counter() - begun < 3  # it takes a third of a second on a quiet machine
+
+
+LONG = 100_000
+"""Characters of a text that is made to take long."""
+FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "the heading of a column": (f"joint1{' ' * LONG}[deg\n0\n", lambda file: pp.read_trajectory(file, CHAIN)),
+    "brackets in a heading": ("[" * LONG + "\n0\n", lambda file: pp.read_trajectory(file, CHAIN)),
+    "blank lines": ("\n" * LONG, lambda file: read_ur_calibration(file, "ur3e")),
+    "a line of blanks": (" " * LONG, lambda file: read_ur_calibration(file, "ur3e")),
+    "lists without an end": ("delta_theta = [\n" * (LONG // 15), lambda file: read_ur_calibration(file, "ur3e")),
+}
+TEXTS: dict[str, Callable[[], object]] = {
+    "a specification": lambda: pp.specification("x" + " " * LONG + "@"),
+    "a target": lambda: pp.monte_carlo(MODEL, samples=1, until="1" + " " * LONG + "to"),
+    "a unit": lambda: MODEL.with_({"payload.mass": "1" + " 1" * LONG + " x"}),
+    "stars in a path": lambda: MODEL.with_({"parameters." + "*a" * (LONG // 2): "1 mm"}),
+    "brackets in a path": lambda: MODEL.with_({"a[" + "]#1" * (LONG // 3) + "!": "1 mm"}),
+}
+
+
+@pytest.mark.parametrize("what", [*FILES, *TEXTS])
+def test_a_text_made_to_take_long_is_refused_at_once(what: str, tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text(FILES[what][0] if what in FILES else "")
+    begun = time.process_time()
+    with pytest.raises(pp.InputError) as refused:
+        FILES[what][1](file) if what in FILES else TEXTS[what]()
+    assert time.process_time() - begun < 0.5
+    assert len(str(refused.value)) < 2500
+
+
+def test_many_stars_match_a_long_name_at_once() -> None:
+    begun = time.process_time()
+    assert not matches("*a" * 30 + "*b", "a" * LONG)
+    assert matches("*a" * 30 + "*b", "a" * LONG + "b")
+    assert time.process_time() - begun < 0.1
+
+
+def test_patterns_match_as_those_of_a_shell_do() -> None:
+    names = ["".join(one) for length in range(5) for one in itertools.product("ab", repeat=length)]
+    patterns = ["".join(one) for length in range(5) for one in itertools.product("ab*", repeat=length)]
+    assert [(p, n) for p in patterns for n in names if matches(p, n) != fnmatch.fnmatchcase(n, p)] == []

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import llvmlite.binding as llvm
 import pytest
 from fuzzing.interrupts import CASES, disturb, run_undisturbed
 
@@ -96,6 +97,31 @@ def test_a_signal_in_an_import_ends_the_process_at_once(heeded, tmp_path, monkey
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(Left), interrupts.unwinding():
         import signals_in_it  # noqa: F401
+
+
+def test_a_signal_in_the_compiler_is_heeded_when_it_is_done(heeded, capfd):
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine()
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly("define void @f() {\n ret void\n}"), machine)
+    # LLVM, which is C, calls this: an exception would be printed and lost
+    engine.set_object_cache(lambda module, code: signal.raise_signal(signal.SIGTERM))
+    with pytest.raises(KeyboardInterrupt), interrupts.unwinding():
+        engine.finalize_object()
+        assert interrupts.came() == signal.SIGTERM
+        interrupts.raise_if_interrupted()
+    assert capfd.readouterr().err == ""
+
+
+def test_a_signal_in_a_finaliser_is_heeded_when_it_is_done(heeded, capfd):
+    class Ended:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGHUP)
+
+    with pytest.raises(KeyboardInterrupt), interrupts.unwinding():
+        Ended()
+        interrupts.raise_if_interrupted()
+    assert capfd.readouterr().err == ""
 
 
 def test_signals_that_are_ignored_stay_so():

@@ -28,6 +28,7 @@ from precision_pin.sampling.saved import SAMPLES, packed, unpacked
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Foreign
 from precision_pin.statistics import State, start
+from precision_pin.statistics.accumulate import LARGEST
 from sampling.cases import AT, MODEL, PLAN, Muddled, assert_same_bits, in_one_go, work
 
 IDENTITY = {"seed": "0", "the error model": "ab12"}
@@ -44,6 +45,14 @@ def small_state(count: int) -> State:
     filled = {name: generator.integers(0, 99, entry.shape).astype(entry.dtype) for name, entry in arrays.items()}
     filled["sketch"] = np.zeros_like(filled["sketch"])
     filled["sketch"][:, 0] = count
+    # what samples could give: so many kept a limit, the largest norms in order and the others none
+    filled["inside"] = np.minimum(filled["inside"], count)
+    filled["highest"] = filled["lowest"] + filled["highest"]
+    kept = min(count, LARGEST)
+    filled["largest"] = np.sort(filled["largest"])[:, ::-1]
+    filled["largest"][:, kept:] = -np.inf
+    filled["largest_units"] %= max(count, 1)
+    filled["largest_units"][:, kept:] = -1
     return State(**{**NARROW, **filled, "count": count})
 
 

@@ -67,6 +67,13 @@ MEMBERS: dict[str, tuple[str, bytes, int]] = {
     "fewer than none": ("count", array(np.array(-5)), zipfile.ZIP_STORED),
     "a count of others": ("count", array(np.array(10**15)), zipfile.ZIP_STORED),
     "several counts": ("count", array(np.array([1, 2])), zipfile.ZIP_STORED),
+    "a smallest value that is none": ("lowest", array(np.full(8, np.nan)), zipfile.ZIP_STORED),
+    "a largest value that is none": ("highest", array(np.full(8, np.nan)), zipfile.ZIP_STORED),
+    "an infinite largest value": ("highest", array(np.full(8, np.inf)), zipfile.ZIP_STORED),
+    "a largest value below the smallest": ("highest", array(np.full(8, -1e9)), zipfile.ZIP_STORED),
+    "largest norms that are none": ("largest", array(np.full((2, 10), np.nan)), zipfile.ZIP_STORED),
+    "largest norms in ascending order": ("largest", array(np.tile(np.arange(10.0), (2, 1))), zipfile.ZIP_STORED),
+    "largest norms of no samples": ("largest_units", array(np.full((2, 10), 2**62)), zipfile.ZIP_STORED),
 }
 
 

@@ -23,7 +23,7 @@ from precision_pin.cli.options import (
     seed_option,
     target_option,
 )
-from precision_pin.cli.poses import check_poses, pose_files, read_poses
+from precision_pin.cli.poses import check_poses, pose_files, pose_values, read_poses
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
@@ -361,7 +361,7 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int, measurement: Me
 
     if _gives_poses(options):
         asked = read_poses(sheet, options, _MOST)
-        values = [sheet.poses[one.where] if isinstance(one.where, str) else one.where for one in asked]
+        values = [pose_values(sheet, one) for one in asked]
         names = tuple(one.name for one in asked)
         return PoseSet.at(sheet.chain, np.ascontiguousarray(np.array(values).T), names), asked.noted_in(sheet)
     number = count if options["random"] is None else options["random"]

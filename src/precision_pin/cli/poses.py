@@ -27,6 +27,7 @@ __all__ = [
     "AskedPoses",
     "check_poses",
     "pose_files",
+    "pose_values",
     "read_grid",
     "read_pose_set",
     "read_poses",
@@ -127,7 +128,7 @@ def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses
 
     from precision_pin.robot.approach import ApproachedPose
 
-    values = np.column_stack([_values(sheet, pose) for pose in poses])
+    values = np.column_stack([pose_values(sheet, pose) for pose in poses])
     approached = [
         replace(pose, where=ApproachedPose(pose.where, tuple(directions)))
         for pose, directions in zip(poses, _approaches(sheet, values, approach).T.tolist(), strict=True)
@@ -158,8 +159,14 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
     return np.repeat(np.array(directions, dtype=np.int8)[:, None], values.shape[1], axis=1)
 
 
-def _values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
-    """Return the joint values of a pose without an approach."""
+def pose_values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
+    """Return the joint values of a pose without an approach.
+
+    Raises
+    ------
+    UnknownNameError
+        The sheet has no such pose.
+    """
     where = next(iter(sheet.poses)) if pose.where is None else pose.where
     if isinstance(where, str):
         if where not in sheet.poses:
@@ -208,7 +215,7 @@ def _read_pose_set(sheet: Sheet, options: PoseOptions, most: int) -> PoseSet:
         return read_way(sheet, options["trajectory"], options, most).poses
     asked = _read_poses(sheet, options, most)
     poses = PoseSet.at(
-        sheet.chain, np.column_stack([_values(sheet, pose) for pose in asked]), tuple(pose.name for pose in asked)
+        sheet.chain, np.column_stack([pose_values(sheet, pose) for pose in asked]), tuple(pose.name for pose in asked)
     )
     own = [sheet.approaches.get(pose.name, ()) for pose in asked]
     if not any(own):

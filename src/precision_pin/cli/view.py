@@ -106,7 +106,7 @@ def command(
     machine only, until Ctrl-C, and rebuilt whenever the sheet or the robot changes.
     """
     from precision_pin.draws.space import check_seed
-    from precision_pin.outputs.view import MOST_POINTS, limits_kept, page
+    from precision_pin.outputs.view import MOST_POINTS, check_factor, limits_kept, page
     from precision_pin.sampling import check_samples
     from precision_pin.statistics.specification import specification
 
@@ -115,6 +115,8 @@ def command(
     check_seed(seed)
     if samples > MOST_POINTS:
         raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_POINTS}")
+    if factor is not None:
+        check_factor(factor)
     check_poses(arm)
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"

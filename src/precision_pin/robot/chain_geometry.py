@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_name, check_numbers, check_text
+from precision_pin.inputs.arguments import check_name, check_numbers, check_text, check_whole
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.robot.places import (
     ORDER_END,
@@ -127,8 +127,14 @@ class ChainGeometry:
         return replace(self, target=target)
 
     def runs_backwards(self, link: int) -> bool:
-        """Return whether a chain link's far end is its end nearer the file's root, at its own joint in the file."""
-        if link < len(self.joints):
+        """Return whether a chain link's far end is its end nearer the file's root, at its own joint in the file.
+
+        Raises
+        ------
+        InputError
+            As :meth:`end`.
+        """
+        if self._link(link) < len(self.joints):
             return bool(self.reversed_joints[link])
         return self.robot.path(self.base, self.tip)[-1].reversed
 
@@ -153,12 +159,24 @@ class ChainGeometry:
         return self.link_frames[check_name("link", name, self.link_frames)]
 
     def end(self, link: int) -> Place:
-        """Return the place at a chain link's far end: joint i+1's origin frame before its motion, or the tip."""
-        return self._places[link][0]
+        """Return the place at a chain link's far end: joint i+1's origin frame before its motion, or the tip.
+
+        Raises
+        ------
+        InputError
+            There is no such link; 0 is the base, n the last of n joints' link.
+        """
+        return self._places[self._link(link)][0]
 
     def seat(self, link: int) -> Place:
-        """Return the place of the next joint's seat, after the link's end and in the same frame."""
-        return self._places[link][1]
+        """Return the place of the next joint's seat, after the link's end and in the same frame.
+
+        Raises
+        ------
+        InputError
+            As :meth:`end`.
+        """
+        return self._places[self._link(link)][1]
 
     def frame_place(self, name: str) -> Place:
         """Return the place at a URDF link's frame on the path from base to tip; the tip's is the last link's end.
@@ -178,8 +196,27 @@ class ChainGeometry:
         return Place(where.link, (ORDER_FRAME, where.path_rank), f"frame {name}", where.frame)
 
     def axis_alignment(self, joint: int) -> Array:
-        """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x."""
-        return alignment(self.written_axes[joint])
+        """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x.
+
+        Raises
+        ------
+        InputError
+            There is no such joint; 0 is the first.
+        """
+        return alignment(self.written_axes[self.joint_number(joint)])
+
+    def joint_number(self, joint: int) -> int:
+        """Return a joint's position, 0-based, after a check.
+
+        Raises
+        ------
+        InputError
+            There is no such joint.
+        """
+        return check_whole("the number of a joint on the chain", joint, 0, len(self.joints) - 1)
+
+    def _link(self, link: int) -> int:
+        return check_whole("the number of a link of the chain", link, 0, len(self.joints))
 
     @cached_property
     def _places(self) -> tuple[tuple[Place, Place], ...]:

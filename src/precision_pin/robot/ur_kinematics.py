@@ -130,23 +130,30 @@ def read_ur_calibration(path: str | os.PathLike[str], name: str, *, x_y_z: bool 
     except UnreadableFileError as error:
         raise InputError(f"the factory calibration {file} {error.reason}") from None
     note_input(file)
-    if any(re.search(rf"^\s*{key}\s*=", text, re.MULTILINE) for key in _DELTAS):
+    if any(_assigned(text, key) for key in _DELTAS):
         deltas = [_list(file, text, key) for key in _DELTAS]
         theta, a, d, alpha = (one + delta for one, delta in zip(_nominal(name), deltas, strict=True))
         return UrKinematics.of_dh(theta, a, d, alpha)
     return _of_yaml(file, text, x_y_z=x_y_z)
 
 
+def _assigned(text: str, key: str) -> re.Match[str] | None:
+    """Return where a line assigns a key."""
+    # blanks within the line only: blank lines would be gone through again from each of them
+    return re.search(rf"^[^\S\n]*{key}[^\S\n]*=", text, re.MULTILINE)
+
+
 def _list(file: str, text: str, key: str) -> Array:
-    found = re.search(rf"^\s*{key}\s*=\s*\[([^\]]*)\]", text, re.MULTILINE)
-    if found is None:
+    found = _assigned(text, key)
+    opening, _, rest = ("", "", "") if found is None else text[found.end() :].partition("[")
+    if found is None or opening.strip() or "]" not in rest:
         raise _wrong(file, f"{key} = [six numbers] is missing")
     try:
-        values = np.array([float(part) for part in found[1].split(",")])
+        values = np.array([float(part) for part in rest.partition("]")[0].split(",")])
     except ValueError:
         values = np.zeros(0)
     if values.shape != (6,) or not np.isfinite(values).all():
-        raise _wrong(file, f"{key} needs six numbers", text[: found.start(1)].count("\n") + 1)
+        raise _wrong(file, f"{key} needs six numbers", text[: found.end()].count("\n") + 1)
     return values
 
 

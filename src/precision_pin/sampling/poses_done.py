@@ -18,6 +18,8 @@ NAMES: Final = (
     "probability", "probability_interval",
 )  # fmt: skip
 """Arrays of a group of poses, fields of :class:`precision_pin.sampling.poses_result.PosesResult`."""
+_ALWAYS: Final = ("mean", "norm_mean", "norm_max", "probability", "probability_interval")
+"""Those that any number of samples gives."""
 
 
 @final
@@ -60,12 +62,16 @@ def _check(state: PosesDone) -> None:
     Raises
     ------
     ValueError
-        More poses are finished than there are, or means of them are not finite.
+        More poses are finished than there are, or numbers of them are infinite, or not numbers where samples always give
+        some.
     """
     if not 0 <= state.count <= state.values[0].shape[-1]:
         raise ValueError("its counts are inconsistent")
-    if not np.isfinite(state.arrays()["mean"][:, : state.count]).all():
-        raise ValueError("its means are not finite")
+    for name, array in state.arrays().items():
+        done = array[..., : state.count]
+        # few samples leave the others without a number
+        if np.isinf(done).any() or (name in _ALWAYS and np.isnan(done).any()):
+            raise ValueError(f"its {name} is not finite")
 
 
 POSES: Final = Codec[PosesDone](lambda state: state.count, _check, "poses")

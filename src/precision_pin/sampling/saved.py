@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from precision_pin.errors import InputError
 from precision_pin.statistics import State
+from precision_pin.statistics.accumulate import LARGEST
 
 __all__ = ["SAMPLES", "Codec", "largest", "packed", "unpacked"]
 
@@ -99,14 +100,28 @@ def _check(state: State) -> None:
     Raises
     ------
     ValueError
-        The counts are inconsistent, or sums are not finite.
+        The counts are inconsistent, sums or extremes are not finite, or the extremes are out of order.
     """
-    sketched = state.sketch.sum(axis=1)
+    sketched, inside = state.sketch.sum(axis=1), state.inside
     sums = (state.sums, state.products, state.norm_squares)
     if state.count < 0 or state.sketch.min() < 0 or (sketched != state.count).any():
         raise ValueError("its counts are inconsistent")
+    if not ((inside >= 0) & (inside <= state.count)).all():
+        raise ValueError("more samples keep a specification than there are")
     if not all(np.isfinite(part).all() for part in sums):
         raise ValueError("its sums are not finite")
+    kept = min(state.count, LARGEST)
+    largest, units = state.largest[:, :kept], state.largest_units[:, :kept]
+    extremes = (state.lowest, state.highest, largest) if state.count else ()
+    if not all(np.isfinite(part).all() for part in extremes):
+        raise ValueError("its smallest and largest values are not finite")
+    # without samples they are infinite
+    ordered = (state.lowest <= state.highest).all() or not state.count
+    rest = (state.largest[:, kept:] == -np.inf).all() and (state.largest_units[:, kept:] == -1).all()
+    if not (
+        ordered and rest and (np.diff(largest, axis=1) <= 0).all() and ((units >= 0) & (units < state.count)).all()
+    ):
+        raise ValueError("its smallest and largest values are out of order")
 
 
 SAMPLES: Final = Codec[State](lambda state: state.count, _check, "samples")

@@ -19,7 +19,7 @@ from precision_pin.terms.labelled_sources import labels
 from precision_pin.terms.source import Source
 from precision_pin.visible import shown
 
-__all__ = ["Change", "change_text", "parse_change", "plain_data", "values_at"]
+__all__ = ["Change", "change_text", "matches", "parse_change", "plain_data", "values_at"]
 
 _SINGLE: Final = ("gravity", "statics", "target", "calibrated", "measurement")
 _SECTIONS: Final = ("parameters", "poses", "locked", *_SINGLE)
@@ -180,7 +180,7 @@ def _source_paths(
     """Yield the paths in the sources that a pattern of labels names; without brackets it must name one source only."""
     is_kind = "[" not in pattern
     names = [next(iter(entry)) for entry in data["sources"]] if is_kind else list(known)
-    chosen = [k for k, name in enumerate(names) if _matches(pattern, name)]
+    chosen = [k for k, name in enumerate(names) if matches(pattern, name)]
     if not chosen:
         error = UnknownNameError("source", pattern, {*known, *_SECTIONS, *(names if is_kind else ())})
         raise _wrong(change, error.findings[0].message, error.code)
@@ -204,7 +204,7 @@ def _walk(value: Any, rest: str, path: Path, change: Change, *, may_add: bool) -
     if isinstance(value, dict):
         # the longest key first: names of parameters may hold dots and brackets
         for end in sorted({step.start() for step in _STEP.finditer(rest)} - {0}, reverse=True):
-            keys = [key for key in value if _matches(rest[:end], key)]
+            keys = [key for key in value if matches(rest[:end], key)]
             if keys:
                 for key in keys:
                     yield from _below(value[key], rest[end:], (*path, key), change)
@@ -231,8 +231,22 @@ def _below(value: Any, rest: str, path: Path, change: Change) -> Iterator[Path]:
         yield path
 
 
-def _matches(pattern: str, name: str) -> bool:
-    return re.fullmatch(".*".join(map(re.escape, pattern.split("*"))), name) is not None
+def matches(pattern: str, name: str) -> bool:
+    """Return whether a name is that of a pattern, in which ``*`` stands for any characters."""
+    first, *others = pattern.split("*")
+    if not others:
+        return pattern == name
+    if not name.startswith(first):
+        return False
+    at = len(first)
+    *middle, last = others
+    for part in middle:
+        # the first place leaves the most room to the others, so that none has to be tried again
+        found = name.find(part, at)
+        if found < 0:
+            return False
+        at = found + len(part)
+    return at <= len(name) - len(last) and name.endswith(last)
 
 
 def _wrong(change: Change, message: str, code: str = "E_PATH") -> InputError:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, final
 
 from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.sheet.changes import matches
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE
 from precision_pin.sheet.text import Path
@@ -120,13 +120,11 @@ def origins_by_path(
         path: Path = (PROVENANCE, pattern)
         try:
             origin = read_origin(value)
-            expression = re.compile(".*".join(map(re.escape, pattern.split("*"))))
-            matched = [name for name in known if expression.fullmatch(name)]
+            matched = [name for name in known if matches(pattern, name)]
             setting = ""
             if not matched:
                 label, _, setting = pattern.rpartition(".")
-                expression = re.compile(".*".join(map(re.escape, label.split("*"))))
-                matched = [name for name in labels if label and expression.fullmatch(name)]
+                matched = [name for name in labels if label and matches(label, name)]
             if not matched:
                 raise UnknownNameError("parameter or source", pattern, known)
             found |= {f"{name}.{setting}" if setting else name: origin for name in matched}

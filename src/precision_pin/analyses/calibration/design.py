@@ -168,6 +168,24 @@ class Station:
         )
         return result
 
+    def noise_root(self, measurement: Measurement, by_error: Array, variances: Array) -> Array:
+        """Return the lower triangular root of :meth:`noise`, of the same arguments.
+
+        Raises
+        ------
+        InputError
+            The tool varies between visits so much that beside it the instrument's own deviation is lost in rounding.
+        """
+        noise = self.noise(measurement, by_error, variances)
+        try:
+            return np.asarray(np.linalg.cholesky(noise), dtype=float)
+        except np.linalg.LinAlgError:
+            widest, least = float(np.sqrt(np.diag(noise).max())), float(np.sqrt(variances.min()))
+            raise InputError(
+                f"numbers of scope visit or pose spread a reading by {widest:.3g}, beside which the instrument's standard "
+                f"deviation of {least:.3g} is lost in rounding; give smaller tolerances, or a larger deviation"
+            ) from None
+
 
 def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]]:
     """Return joint values ``(n, P)`` and names of poses: a list, an array ``(n, P)``, a mapping or a pose set.
@@ -255,7 +273,7 @@ def stack_at_means(
         rows = list(station.rows)
         slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
         own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
-        root = np.linalg.cholesky(station.noise(measurement, slopes.error, given[rows] ** 2))
+        root = station.noise_root(measurement, slopes.error, given[rows] ** 2)
         white = scipy.linalg.solve_triangular(root, np.tile(own, (len(rows), 1)), lower=True)
         white = white.reshape(len(rows), measurement.size, -1)
         by_z[rows], by_nuisance[rows] = np.split(white, [unit.root.shape[1]], axis=2)

@@ -79,8 +79,7 @@ class Problem:
         roots: list[Array] = []
         for station in stations:
             slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, start)
-            noise = station.noise(measurement, slopes.error, deviations[list(station.rows)] ** 2)
-            roots.append(np.asarray(np.linalg.cholesky(noise), dtype=float))
+            roots.append(station.noise_root(measurement, slopes.error, deviations[list(station.rows)] ** 2))
         bounds = _bounds(model, unit)
         return cls(model, unit, measurement, tuple(stations), readings, deviations, tuple(roots), start, *bounds)
 

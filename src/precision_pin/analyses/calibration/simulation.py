@@ -151,7 +151,7 @@ def _root(station: Station, measurement: Measurement) -> Array:
     zero = np.zeros(len(measurement.nuisances))
     slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
     variances = np.tile(measurement.deviations**2, (len(station.rows), 1))
-    return np.asarray(np.linalg.cholesky(station.noise(measurement, slopes.error, variances)), dtype=float)
+    return station.noise_root(measurement, slopes.error, variances)
 
 
 def _residuals(

@@ -17,7 +17,7 @@ from precision_pin.draws.laws.numerics import NORMAL_MOMENTS, Moments, triangula
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_numbers, shown
+from precision_pin.inputs.arguments import check_numbers, check_whole, shown
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
@@ -153,6 +153,7 @@ class JointNormal(Law):
 
     def interval(self, number: int) -> tuple[float, float]:
         """Return the number's mean ± 8.6 σ, within its bounds."""
+        check_whole("the index of a number of the law", number, 0, self.size - 1)
         mean, reach = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
         low, high = self.bounds[number] if self.bounds else (-math.inf, math.inf)
         return max(mean - reach, low), min(mean + reach, high)

@@ -18,7 +18,7 @@ from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations, spread
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_number, check_numbers, shown
+from precision_pin.inputs.arguments import check_number, check_numbers, check_whole, shown
 from precision_pin.inputs.memory import check_memory
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
@@ -143,7 +143,13 @@ class Law(ABC):
         """Return the bounds of a number of the law (0-based) in every sample.
 
         They are the ends of its support. For a law made from normal numbers they are its values at ±8.6 standard deviations.
+
+        Raises
+        ------
+        InputError
+            The law has no such number.
         """
+        check_whole("the index of a number of the law", number, 0, self.size - 1)
         direction = np.zeros(self.size)
         direction[number] = 1.0
         return -self.support(-direction), self.support(direction)

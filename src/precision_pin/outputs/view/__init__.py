@@ -7,7 +7,7 @@ scripts of the page's own add what shows errors, from numbers.
 
 from precision_pin.outputs.view.page import page, script_hashes
 from precision_pin.outputs.view.poses import ViewPose, limits_kept
-from precision_pin.outputs.view.scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES
+from precision_pin.outputs.view.scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, check_factor
 
 __all__ = [
     "DEFAULT_POINTS",
@@ -15,6 +15,7 @@ __all__ = [
     "MOST_POSES",
     "Shown",
     "ViewPose",
+    "check_factor",
     "limits_kept",
     "page",
     "script_hashes",

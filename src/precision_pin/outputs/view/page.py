@@ -6,7 +6,6 @@ import base64
 import hashlib
 import importlib.resources
 import json
-import math
 import os
 import string
 from collections.abc import Iterable, Sequence
@@ -38,6 +37,7 @@ from precision_pin.outputs.view.scales import (
     MOST_POSES,
     ColourScale,
     arm_length,
+    check_factor,
     default_factor,
     middle_of,
     round_number,
@@ -129,8 +129,10 @@ def page(
     ------
     InputError
         No poses or more than 200, or of several chains; errors of another shape, none, or not finite; a factor that is
-        not positive; a wrong seed; more than 100,000 points.
+        not from 10⁻⁹ to 10¹²; a wrong seed; more than 100,000 points.
     """
+    if factor is not None:
+        check_factor(factor)
     poses = _checked(shown)
     if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 1 <= points <= MOST_POINTS:
         raise InputError(f"the cloud can show 1 to {MOST_POINTS:,} points, got {points!r}")
@@ -149,8 +151,6 @@ def page(
 
     factors = [choose_factor(False), choose_factor(True)] if factor is None else [float(factor)] * 2
     first_factor = factors[about_mean]
-    if not (math.isfinite(first_factor) and first_factor > 0):
-        raise InputError(f"the exaggeration factor must be a positive number, got {factor!r}")
     scale = ColourScale.of(np.concatenate([np.linalg.norm(one.errors[:3], axis=0) for one in poses]))
     spacing = round_number(_GRID_SPACING * length)
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from precision_pin.display.html import escaped
 from precision_pin.display.units import WrittenUnit
+from precision_pin.inputs.arguments import check_number
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics.summary import NO_SPREAD
 from precision_pin.typing import Array
@@ -23,6 +24,7 @@ __all__ = [
     "MOST_POSES",
     "ColourScale",
     "arm_length",
+    "check_factor",
     "default_factor",
     "middle_of",
     "picture_axes",
@@ -122,6 +124,19 @@ def picture_axes(direction: ArrayLike) -> Array:
     right = np.cross((0.0, 0.0, 1.0), toward)
     right /= np.linalg.norm(right)
     return np.array([right, np.cross(toward, right)])
+
+
+def check_factor(factor: object) -> None:
+    """Check an exaggeration factor.
+
+    Raises
+    ------
+    InputError
+        It is no number from 10⁻⁹ to 10¹², with which everything drawn still has finite places.
+    """
+    check_number(
+        "the exaggeration factor", factor, "a positive number from 1e-9 to 1e12", lambda value: 1e-9 <= value <= 1e12
+    )
 
 
 def default_factor(

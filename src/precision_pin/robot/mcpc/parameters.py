@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin import se3
 from precision_pin.display.html import Table, rendered
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_numbers
+from precision_pin.inputs.arguments import check_numbers, check_whole
 from precision_pin.typing import Array
 
 __all__ = ["Mcpc", "McpcRow"]
@@ -334,8 +334,7 @@ class Mcpc:
         return [self.joint_pose(i, value) @ self.link_pose(i) for i, value in enumerate(values)]
 
     def _check_link(self, link: int) -> None:
-        if not 0 <= link <= self.joint_count:
-            raise InputError(f"mcpc link: {link} is not in 0..{self.joint_count}")
+        check_whole("the number of an mcpc link", link, 0, self.joint_count)
 
 
 def finite_array(what: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:

@@ -7,7 +7,6 @@ import io
 import itertools
 import math
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
@@ -237,9 +236,11 @@ def _columns(header: Sequence[str], chain: Chain) -> list[Column]:
 
 def _column(heading: str, chain: Chain, *, is_first: bool) -> Column:
     """Return a column by its heading: a joint's name, or times, and a unit in brackets."""
-    match = re.fullmatch(r"(.+?)\s*\[([^\[\]]*)\]", heading)
+    name, unit = heading, None
+    before, bracket, within = heading.removesuffix("]").rpartition("[")
     # a joint's own name may end in brackets
-    name, unit = (heading, None) if match is None or heading in chain.joint_names else (match[1], match[2].strip())
+    if heading.endswith("]") and "]" not in within and bracket and before and heading not in chain.joint_names:
+        name, unit = before.rstrip(), within.strip()
     if name in chain.joint_names:
         slides = chain.prismatic[chain.joint_index(name)]
         return Column(heading, name, _factor(heading, unit, units.LENGTH if slides else units.ANGLE))
