@@ -89,7 +89,7 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Unpac
     if count > _MOST:
         raise InputError([Finding("error", "E_USAGE", f"{count:,} readings; at most {_MOST:,} are allowed")])
     model = ErrorModel.from_sheet(sheet)
-    poses = [pose.where for pose in asked]
+    poses = [pose.name if pose.where is None else pose.where for pose in asked]
     q, _ = model.configurations(poses)
     approaches = model.approaches_of(poses, q)
     q = np.repeat(q, cycles or 1, axis=1)
