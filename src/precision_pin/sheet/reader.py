@@ -216,7 +216,7 @@ def _read(contents: Contents) -> Sheet:
     poses, approaches = parse_poses(document.poses, findings, chain)
     _try_terms(chain, space, sources, poses, approaches, findings)
     listed = tuple(sources.values())
-    estimates = _estimates(document, chain, space, listed, poses, folder, findings)
+    estimates = _estimates(document, space, listed, folder, findings)
     measurement = _measurement(document, chain, findings)
     names = labels(listed)
     origins = {
@@ -263,26 +263,14 @@ def _measurement(document: Document, chain: Chain, findings: Findings) -> Measur
 
 
 def _estimates(
-    document: Document,
-    chain: Chain,
-    space: Space,
-    sources: Sequence[Source],
-    poses: Mapping[str, Array],
-    folder: FilePath,
-    findings: Findings,
+    document: Document, space: Space, sources: Sequence[Source], folder: FilePath, findings: Findings
 ) -> Estimates | None:
-    """Return the estimates of a calibration that the sheet names; with them every source must still have terms."""
+    """Return the estimates of a calibration that the sheet names."""
     if document.calibrated is None or findings.found:
         return None
     try:
         estimates = read_estimates(document.calibrated, folder)
-        names = labels(sources)
-        left = estimates.remaining_space(space.including(own_draws(sources, names)))
-        posture = chain.at(next(iter(poses.values()), np.zeros(len(chain.joints))))
-        for source, label in zip(sources, names, strict=True):
-            one = BoundSource(source, LabelledSpace(left, label))
-            for _ in one.terms(load_posture(posture, [one])):
-                pass
+        estimates.remaining_space(space.including(own_draws(sources, labels(sources))))
     except InputError as error:
         findings.take(("calibrated",), error)
         return None
