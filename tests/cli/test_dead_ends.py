@@ -35,6 +35,7 @@ WITH_ROBOT = {
     "view": ("--out", "page.html"),
     "report": ("--out", "page.html"),
     "export": ("--out", "built"),
+    "simulate": ("--out", "readings.csv"),
     "calibrate": ("--forecast",),
 }
 FEW = ("--samples", "200")
@@ -304,6 +305,7 @@ QUICK = {
     "analyze": ("example:ur5", *FEW),
     "view": (*FEW, "--out", "view.html"),
     "export": ("--units", "2", "--out", "built"),
+    "simulate": ("--out", "readings.csv"),
     "check": (),
     "mcpc": (),
     "init": ("4dof.urdf", "--force"),

@@ -58,6 +58,7 @@ INPUTS = {
     "view over the sheet": ("view", "4dof.errors.yaml", "--out", "sheet.html"),
     "view over the trajectory": ("view", "4dof.errors.yaml", "--trajectory", "way.csv", "--out", "way.html"),
     "export over a table": ("export", "table3.yaml", "--out", "."),
+    "simulate over the poses": ("simulate", "4dof.errors.yaml", "--trajectory", "way.csv", "--out", "way.csv"),
     "init over the robot": ("init", "4dof.urdf", "--force", "--out", "4dof.urdf"),
     "init over a mesh": ("init", "mesh.urdf", "--force", "--out", "part.stl"),
 }

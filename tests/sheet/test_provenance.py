@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from typing import Any
 
+import numpy as np
 import pytest
 
 import precision_pin as pp
 from cli.conftest import GANTRY, LONG
 from precision_pin.errors import InputError, SheetError
 from precision_pin.model.origins import origin_shares
+from precision_pin.robot.examples import PAPER_SHEET
 
 SLIDE, TURN = "joint_offset[y_axis]", f"joint_offset[{LONG}]"
 
@@ -64,6 +68,52 @@ def test_by_setting_by_path_and_not_stated(model_of):
     assert by_path.assumed == (SLIDE,)
     changed = half.with_({f"{SLIDE}.provenance": "assumed"})
     assert shares(changed) == pytest.approx({"measured": TURNED, "assumed": 1 - TURNED})
+
+
+def test_a_calibrated_number_is_measured_where_half_of_its_variance_is_gone(model_of, tmp_path):
+    """The two numbers are one draw then; by hand, with a covariance that adds half of itself to each share."""
+    slide, turn, together = 0.02e-3, 0.09e-3, 0.5e-9
+    estimates = {
+        "names": ["slide", f"{TURN}.offset"],
+        "mean": {"slide": 1e-5, f"{TURN}.offset": 0.0},
+        "covariance": [[slide**2, together], [together, turn**2]],
+    }
+    text = json.dumps({"schema": "precision-pin/calibration/1", "posterior": estimates})
+    (tmp_path / "arm.calibration.json").write_text(text)
+    stated = {"provenance": "drawing"}, {"assumed": "true"}
+    model = model_of(*stated, calibrated="arm.calibration.json")
+    assert len(model.space.draws) == 1
+    # 0.02 of 0.058 mm is mostly read, 0.09 of 0.1 mrad is still a guess; the turn moves the tool, 500 mm away, along y
+    own, both = (slide**2, (0.5 * turn) ** 2), 0.5 * together
+    whole = sum(own) + 2 * both
+    assert shares(model) == pytest.approx(
+        {"measured": (own[0] + both) / whole, "assumed": (own[1] + both) / whole}, rel=1e-6
+    )
+    assert model.owners == ((SLIDE, TURN),)
+    assert pp.map_poses(model, ["home"], verify=0).to_dict()["provenance"].keys() == {"measured", "assumed"}
+
+
+def test_a_number_of_one_sign_keeps_it_after_a_calibration(tmp_path):
+    """Two compliances of which only the sum is known: the normal law of each alone would reach below zero."""
+    shutil.copy(PAPER_SHEET.with_name("4dof.urdf"), tmp_path)
+    soft = {"uniform": "4e-7 rad/(N*m)", "mean": "1e-6 rad/(N*m)"}
+    sheet = {
+        "precision-pin": 1, "robot": "4dof.urdf", "tip": "tool", "poses": {"home": "-90 3 88 -91 deg"},
+        "sources": [{"joint_compliance": {"joint": name, "compliance": soft}} for name in ("joint2", "joint3")],
+        "calibrated": "arm.calibration.json",
+    }  # fmt: skip
+    names = [f"joint_compliance[{name}].compliance" for name in ("joint2", "joint3")]
+    variance = (4e-7) ** 2 / 3
+    covariance = [[variance, -0.999 * variance], [-0.999 * variance, variance]]
+    estimates = {"names": names, "mean": dict.fromkeys(names, 1e-6), "covariance": covariance}
+    text = json.dumps({"schema": "precision-pin/calibration/1", "posterior": estimates})
+    (tmp_path / "arm.calibration.json").write_text(text)
+    model = pp.ErrorModel.from_dict(sheet, tmp_path)
+    x = model.space.sample(0, 0, 200_000)
+    assert x.min() >= 3e-7  # half of the least that the law allows
+    assert (x == 3e-7).mean() < 1e-2  # beyond it the normal law has 0.1 %
+    uncut = x[:, (x > 3e-7).all(axis=0)]
+    assert uncut.sum(axis=0).std() == pytest.approx(np.sqrt(0.002 * variance), rel=0.01)  # the sum stays known
 
 
 @pytest.mark.parametrize(

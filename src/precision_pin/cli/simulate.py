@@ -63,7 +63,7 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Unpac
     import numpy as np
 
     from precision_pin.analyses.calibration.design import stations_of
-    from precision_pin.analyses.calibration.simulation import simulate_readings
+    from precision_pin.analyses.calibration.simulation import as_measured, simulate_readings
     from precision_pin.display.tables import milli
     from precision_pin.draws.draw import MOST_VISITS
     from precision_pin.draws.space import check_seed
@@ -90,14 +90,17 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Unpac
     if count > _MOST:
         raise InputError([Finding("error", "E_USAGE", f"{count:,} readings; at most {_MOST:,} are allowed")])
     model = ErrorModel.from_sheet(sheet)
-    poses = [pose.where for pose in asked]
+    poses = [pose.name if pose.where is None else pose.where for pose in asked]
     q, _ = model.configurations(poses)
     approaches = model.approaches_of(poses, q)
     q = np.repeat(q, cycles or 1, axis=1)
     approaches = None if approaches is None else np.repeat(approaches, cycles or 1, axis=1)
     stations = stations_of(model, q, measurement, approaches)
-    readings = simulate_readings(stations, measurement, model, seed=seed, first=unit)[:, :, 0]
-    what = f"{count:,} readings" if cycles is None else f"{cycles} cycles at {len(asked):,} poses"
+    simulated = simulate_readings(stations, measurement, model, seed=seed, first=unit)[:, :, 0]
+    readings = as_measured(simulated, stations, measurement)
+    what = (
+        f"{count:,} reading{'s' if count > 1 else ''}" if cycles is None else f"{cycles} cycles at {len(asked):,} poses"
+    )
     changed = f" with {', '.join(options['changes'])}" if options["changes"] else ""
     truth = (
         f"{what} of {measurement.kind}, std {milli(measurement.std, 3)} mm, of robot {unit} of seed {seed} of "

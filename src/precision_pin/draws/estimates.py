@@ -50,6 +50,7 @@ class Estimates:
 
         All others are one joint normal draw, ``calibrated``, under their own names. Those whose law has bounds within the
         reach of the normal one are cut at them, unless a combination of them with others is known: cutting would undo it.
+        None crosses zero that its law keeps on one side of it.
 
         Raises
         ------
@@ -111,7 +112,9 @@ def bounds_of(law: Law, number: int) -> tuple[float, float]:
 def _clip(normal: JointNormal, bounds: Sequence[tuple[float, float]]) -> Law:
     """Return the law with those bounds that lie within its reach; the normal law itself if none does.
 
-    A number of which a combination with others is known is not cut: that would undo what is known of the combination.
+    A number of which a combination with others is known is not cut there: that would undo what is known of the combination.
+    But one that its law keeps on one side of zero, such as a stiffness, stays there: it is cut half way from its bound to zero,
+    which the normal law hardly reaches.
     """
     std = np.sqrt(np.diag(normal.covariance))
     unit = np.where(std > 0, std, 1.0)
@@ -121,8 +124,9 @@ def _clip(normal: JointNormal, bounds: Sequence[tuple[float, float]]) -> Law:
     reached = []
     for k, (low, high) in enumerate(bounds):
         first, last = normal.interval(k)
-        is_free = own[k] > _FREE
-        reached.append((low if is_free and first < low else -np.inf, high if is_free and last > high else np.inf))
+        if own[k] <= _FREE:
+            low, high = (low / 2 if low >= 0 else -np.inf), (high / 2 if high <= 0 else np.inf)
+        reached.append((low if first < low else -np.inf, high if last > high else np.inf))
     return dataclasses.replace(normal, bounds=tuple(reached)) if np.isfinite(reached).any() else normal
 
 

@@ -149,16 +149,27 @@ def test_tolerances_that_act_alike_are_named() -> None:
     assert set(group.names) == {name for name in found.model.space.components if "joint2" in name}
 
 
+def test_a_calibration_that_does_not_say_what_its_readings_show_is_fitted_again(tmp_path: Path) -> None:
+    """One without prior, and one with a number at the bound of its law."""
+    model, robots = model_of({}), robots_of(4)
+    expected = [one.scale for one in pp.population(model, robots, TRACKER).tolerances]
+    without = pp.calibrate(model, robots[0], TRACKER, prior=False)
+    bounded = json.loads(pp.calibrate(model, robots[1], TRACKER).to_json()) | {"at_bounds": ["any"]}
+    (tmp_path / "b.json").write_text(json.dumps(bounded))
+    found = pp.population(model, [without, tmp_path / "b.json", *robots[2:]], TRACKER)
+    np.testing.assert_allclose([one.scale for one in found.tolerances], expected, rtol=1e-9)
+    with pytest.raises(pp.InputError, match=r"b\.json: .* were measured in another way"):
+        pp.population(model, [tmp_path / "b.json", without], pp.Measurement())
+
+
 def test_misuse_is_refused_in_one_line(tmp_path: Path) -> None:
     model, robots = model_of({}), robots_of(2)
     result = pp.calibrate(model, robots[0], TRACKER)
-    without = pp.calibrate(model, robots[0], TRACKER, prior=False)
     (tmp_path / "a.json").write_text(json.dumps({"schema": "other"}))
     other = model_of({"joint_offset[joint2].offset": 2.0})
     for wrong, message in (
         ([robots[0]], "at least two robots"),
         ("a.json", "at least two robots"),
-        ([result, without], "a calibration without prior"),
         ([result, tmp_path / "a.json"], "is no result of calibrate"),
         ([result, tmp_path / "b.json"], "b.json does not exist"),
         ([pp.calibrate(other, robots[0], TRACKER), result], "its prior is not that of this sheet"),

@@ -13,6 +13,7 @@ import numpy as np
 
 from precision_pin.analyses.calibration.calibrate import measured_problem, without_gross_errors
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, measurement_of, project_out
 from precision_pin.analyses.calibration.identifiability import Group, subspaces
 from precision_pin.analyses.calibration.variance_components import Evidence, variance_components
@@ -268,10 +269,16 @@ def _evidence(
     model: ErrorModel, unit: UnitNumbers, robot: object, measurement: Measurement | None
 ) -> tuple[Array, Array]:
     """Return A ``(U, U)`` and b ``(U,)`` of one robot."""
+    found, file = None, "a calibration"
     if isinstance(robot, CalibrationResult):
-        return _of_calibration(model, unit, robot.to_dict(), "a calibration")
-    if isinstance(robot, str | os.PathLike) and Path(robot).suffix.lower() == ".json":
-        return _of_calibration(model, unit, _read(os.fspath(robot)), os.fspath(robot))
+        found = robot.to_dict()
+    elif isinstance(robot, str | os.PathLike) and Path(robot).suffix.lower() == ".json":
+        file = os.fspath(robot)
+        found = _read(file)
+    if found is not None:
+        if "data" not in found or (found.get("prior") and not found.get("at_bounds")):
+            return _of_calibration(model, unit, found, file)
+        robot = _readings(found, file, measurement_of(model, measurement))
 
     given, _, whole = measured_problem(model, robot, measurement_of(model, measurement))
     used, best, _ = without_gross_errors(whole, given, has_prior=True)
@@ -293,6 +300,29 @@ def _read(file: str) -> dict[str, Any]:
     if not isinstance(data, dict) or data.get("schema") != CalibrationResult.schema:
         raise InputError(f"{file} is no result of calibrate ({CalibrationResult.schema}); calibrate --json writes it")
     return data
+
+
+def _readings(data: dict[str, Any], file: str, measurement: Measurement) -> CalibrationData:
+    """Return the readings that a calibration keeps, of one whose estimates do not say what they show.
+
+    Raises
+    ------
+    InputError
+        They were measured in another way, or are not complete.
+    """
+    if data.get("measurement") != measurement.to_dict():
+        raise InputError(
+            f"{file}: estimated at a bound or without prior, so that its readings are fitted again, and they were measured in "
+            "another way; give the options of that calibration"
+        )
+    try:
+        given = data["data"]
+        q, readings = (np.array(given[name], dtype=float) for name in ("q", "readings"))
+        std, group = (np.array(given.get(name, ()), dtype=float) for name in ("std", "group"))
+        lines = tuple(map(int, data["lines"]))
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{file}: the readings are not complete; let calibrate write it again") from None
+    return CalibrationData(np.ascontiguousarray(q.T), readings, std, group, file, lines)
 
 
 def _of_calibration(model: ErrorModel, unit: UnitNumbers, data: dict[str, Any], file: str) -> tuple[Array, Array]:

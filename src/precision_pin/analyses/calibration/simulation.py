@@ -8,6 +8,7 @@ from typing import Final, final
 import numpy as np
 import scipy.linalg
 
+from precision_pin import se3
 from precision_pin.analyses.calibration.design import (
     Station,
     UnitNumbers,
@@ -25,7 +26,7 @@ from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
-__all__ = ["SimulatedCalibrations", "simulate_calibrations", "simulate_readings"]
+__all__ = ["SimulatedCalibrations", "as_measured", "simulate_calibrations", "simulate_readings"]
 
 _STEPS: Final = 30
 _SETTLED: Final = 1e-9
@@ -138,6 +139,26 @@ def simulate_readings(
             errors = station.at.exact(_with_later_draws(model, x, seed, number, visit, first))
             readings[row] += measurement.predict(station.at.posture.pose, errors, set_up)
     return readings
+
+
+def as_measured(readings: Array, stations: tuple[Station, ...], measurement: Measurement) -> Array:
+    """Return readings ``(P, m)`` of one robot as an instrument gives them, in the axes of a known base: whole attitudes.
+
+    Parameters
+    ----------
+    readings
+        As :func:`simulate_readings` has them: of a pose, the turn from the nominal attitude.
+    stations, measurement
+        Poses and instrument.
+    """
+    if measurement.kind != "pose":
+        return readings
+    result = readings.copy()
+    for station in stations:
+        rows = list(station.rows)
+        turned = np.einsum("ijn,jk->ikn", se3.exp_rotation(readings[rows, 3:].T), station.at.posture.pose[:3, :3])
+        result[rows, 3:] = se3.log_rotation(turned).T
+    return result
 
 
 def _with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: int = 0, first: int = 0) -> Array:
