@@ -337,5 +337,5 @@ def test_nominal_statics_do_not_hide_an_upright_arm_that_buckles():
     upright = leaning(1.5, 0.0)
     nominal = ErrorModel(upright.chain, Space(), upright.sources, upright.poses)
     (finding,) = nominal.statics_findings(nominal.at())
-    assert finding.code == "W_STATICS"
+    assert finding.code == "W_NO_REST"
     assert "buckles under its loads: beyond 0.667 times these" in finding.message

@@ -26,8 +26,10 @@ __all__ = ["count_columns", "echo_data", "messages", "prepare_streams", "raise_i
 _USUAL_COLUMNS: Final = 80
 """Of a terminal that does not say."""
 
-_VALUE: Final = re.compile(r" (?=-?[\d.]+(?:°|[,)]| ?mm\b| ?m\b))|(?<=[\d.]) (?=(?:%|mm|mrad|m|°)(?:[^\w]|$))")
-"""The blank between a joint and its value, and between a number and its unit."""
+_VALUE: Final = re.compile(
+    r" (?=-?[\d.]+(?:°|[,)]| ?mm\b| ?m\b))|(?<=[\d.]) (?=(?:%|mm|mrad|m|°)(?:[^\w]|$))|(?<=\|) (?=-?\d)"
+)
+"""The blank between a joint or symbol and its value, and between a number and its unit."""
 
 
 @final

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
@@ -14,6 +15,8 @@ __all__ = ["MOST_ROWS", "Table", "escaped", "preformatted", "rendered"]
 MOST_ROWS: Final = 20
 """Rows shown of a table; a line below says how many more there are."""
 
+_COLUMNS: Final = 100
+"""Of a sentence in text whose lines are kept."""
 _LEFT: Final = ' style="text-align: left"'
 _RIGHT: Final = ' style="text-align: right; white-space: nowrap"'
 
@@ -25,8 +28,13 @@ def escaped(text: str) -> str:
 
 
 def preformatted(text: str) -> str:
-    """Return lines of text as HTML that keeps them."""
-    return "<pre>{}</pre>".format("\n".join(map(escaped, text.splitlines())))
+    """Return lines of text as HTML that keeps them; long sentences go on below, rows of tables do not."""
+    lines = (
+        part
+        for line in text.splitlines()
+        for part in ([line] if len(line) <= _COLUMNS or "  " in line.strip() else textwrap.wrap(line, _COLUMNS))
+    )
+    return "<pre>{}</pre>".format("\n".join(map(escaped, lines)))
 
 
 @final
