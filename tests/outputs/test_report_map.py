@@ -31,7 +31,7 @@ def test_the_map_has_a_section_and_its_verdict_stands_at_the_top():
     kept = [int((found.probability[rank] >= 0.95).sum()) for rank in range(2)]
     verdicts = re.findall(r"On the map: .*?: (MET|NOT MET) - .*?met at (\d+) of 30 poses", head)
     assert verdicts == [("NOT MET", str(kept[0])), ("MET", "30")]
-    assert f"On the map: worst pose pose {int(np.argmax(found.quantile[1, 0])) + 1}" in head
+    assert f"On the map: worst pose 'pose {int(np.argmax(found.quantile[1, 0])) + 1}'" in reader.text
     own = text[text.index('id="map"') :]
     worst = int(np.argmax(found.quantile[1, 0]))
     assert f"pose {worst + 1}" in own

@@ -102,6 +102,11 @@ def test_the_cloud_fills_a_fair_part_of_the_picture_and_the_limit_has_room(at):
     assert near.shows_limit
     assert not far.shows_limit
     assert draw_picture(at.posture, Cloud(0 * errors)).factor == 1
+    # drawn from an error far away, the cloud is as large as it is about zero; a limit is about zero
+    moved = Cloud(errors + np.reshape([36e-3, 0.0, 0.0], (3, 1)), 2.8e-3, 42e-3, True, (36e-3, 0.0, 0.0))
+    from_mean = draw_picture(at.posture, moved)
+    assert from_mean.factor == draw_picture(at.posture, Cloud(errors, 2.8e-3)).factor
+    assert not from_mean.shows_limit
 
 
 @pytest.mark.slow

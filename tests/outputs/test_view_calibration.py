@@ -269,15 +269,17 @@ def test_the_section_has_the_numbers_of_the_json(case):
 
 
 @pytest.mark.slow
-def test_the_head_of_the_page_warns_where_it_has_to(case):
+def test_the_head_of_the_page_has_the_verdict_what_is_left_and_what_has_no_weight(case):
     _, result, _ = case
-    (line,) = calibration_chapter(result).answers
-    assert line.startswith(f"Calibration: 1 reading was given no weight: row {ROW}, ")
-    assert calibration_chapter(replace(result, gross_errors=())).answers == ()
+    verdict, left, gross = calibration_chapter(result).answers
+    assert verdict.startswith("Calibration: the model explains the readings: chi-square ")
+    assert "mm" in left
+    assert gross.startswith(f"Calibration: 1 reading was given no weight: row {ROW}, ")
+    assert calibration_chapter(replace(result, gross_errors=())).answers == (verdict, left)
     wrong = replace(result, gross_errors=(), chi_square=1e4)
     assert wrong.verdict == "disagrees"
-    (line,) = calibration_chapter(wrong).answers
-    assert line.startswith("Calibration: the model does NOT explain the readings: chi-square 1e+04 for ")
+    head = calibration_chapter(wrong).answers[0]
+    assert head.startswith("Calibration: the model does NOT explain the readings: chi-square 1e+04 for ")
 
 
 def test_a_notebook_shows_the_lines_of_the_table(case):

@@ -40,7 +40,7 @@ _SHOWN: Final = (
 
 
 def calibration_chapter(result: CalibrationResult) -> Chapter:
-    """Return a calibration as a chapter; at the head of the page that the model does not explain the readings, and gross errors.
+    """Return a calibration as a chapter; at the head whether the model explains the readings, what is left, and gross errors.
 
     Parameters
     ----------

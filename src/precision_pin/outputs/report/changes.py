@@ -109,4 +109,4 @@ def _outcome(errors: Array, quantity: str, asked: SpecificationResult | None) ->
     share, interval = kept / values.size, clopper_pearson(kept, values.size, 0.95)
     said = SpecificationResult(quantity, asked.limit, asked.required, share, interval, True)
     text = f"{format_share(share, interval, asked.required)[0]} %, "
-    return [size, joined([text, element("strong", said.verdict, class_="good" if said.met else "bad")])]
+    return [size, element("span", text, element("strong", said.verdict, class_="good" if said.met else "bad"))]
