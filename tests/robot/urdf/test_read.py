@@ -438,3 +438,38 @@ def test_long_nonsense_is_judged_quickly(arm, findings_of, text):
     assert {one.code for one in found} & {"E_NUMBER", "E_NOT_FINITE"}
     assert all(len(one.message) < 600 for one in found)
     assert time.perf_counter() - started < 5
+
+
+TURNING = (
+    '<robot name="r"{root}><link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/>'
+    '<child link="b"/><origin {origin}xyz="0 0 1"/><axis xyz="0 0 1"/><limit {limit}effort="1" velocity="1"/></joint></robot>'
+)
+
+
+@pytest.mark.parametrize(
+    ("root", "origin", "limit", "codes"),
+    [
+        ("", "", "", []),
+        ("", 'xy:="1" ', "", ["E_XML_SYNTAX"]),
+        ("", ':xy="1" ', "", ["E_XML_SYNTAX"]),
+        ("", 'p:a:b="1" ', "", ["E_XML_SYNTAX"]),
+        ("", 'p:xyz="1" ', "", ["E_XML_SYNTAX"]),  # the prefix is not declared
+        (' xmlns:p="http://p"', 'p:xyz="1" ', "", []),
+        ("", 'xmlns:p="http://p" p:xyz="1" ', "", []),
+        ("", "", 'lower="-3.1416" upper="3.1416" ', []),  # a whole turn is what a continuous joint has
+        ("", "", 'lower="-inf" upper="inf" ', []),
+        ("", "", 'lower="-1" upper="1" ', ["W_LIMITS"]),
+    ],
+)
+def test_names_with_colons_and_limits_of_a_whole_turn(tmp_path, root, origin, limit, codes):
+    file = tmp_path / "r.urdf"
+    file.write_text(TURNING.format(root=root, origin=origin, limit=limit))
+    found = [one.code for one in urdf.read(file).findings]
+    assert [code for code in found if code in ("E_XML_SYNTAX", "W_LIMITS")] == codes
+
+
+def test_a_packed_file_is_said_to_be_packed(tmp_path):
+    file = tmp_path / "r.urdf"
+    file.write_bytes(gzip.compress(TURNING.format(root="", origin="", limit="").encode()))
+    (finding,) = urdf.read(file).findings
+    assert (finding.code, "gzip" in finding.message) == ("E_XML_SYNTAX", True)
