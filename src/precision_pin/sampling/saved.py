@@ -118,7 +118,9 @@ def _check(state: State) -> None:
     # without samples they are infinite
     ordered = (state.lowest <= state.highest).all() or not state.count
     rest = (state.largest[:, kept:] == -np.inf).all() and (state.largest_units[:, kept:] == -1).all()
-    if not (ordered and rest and (np.diff(largest, axis=1) <= 0).all() and ((units >= 0) & (units < state.count)).all()):
+    if not (
+        ordered and rest and (np.diff(largest, axis=1) <= 0).all() and ((units >= 0) & (units < state.count)).all()
+    ):
         raise ValueError("its smallest and largest values are out of order")
 
 

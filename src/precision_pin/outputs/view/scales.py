@@ -114,7 +114,9 @@ def check_factor(factor: object) -> None:
     InputError
         It is no number from 10⁻⁹ to 10¹², with which everything drawn still has finite places.
     """
-    check_number("the exaggeration factor", factor, "a positive number from 1e-9 to 1e12", lambda value: 1e-9 <= value <= 1e12)
+    check_number(
+        "the exaggeration factor", factor, "a positive number from 1e-9 to 1e12", lambda value: 1e-9 <= value <= 1e12
+    )
 
 
 def default_factor(
