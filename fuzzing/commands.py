@@ -158,8 +158,9 @@ class Ran:
 def command(files: Sequence[Path], count: int, seed: int, start: int, workers: int) -> None:
     """Run command lines at random: every command with its own options, at the limits of what they take.
 
-    Each must end with exit code 0 to 2, without a traceback or a warning of a library, in 40 s of processor time; what is wrong is said in
-    lines that name an error; JSON is valid; nothing unfinished is left. Given FILES are attacked beside the built-in ones.
+    Each must end with exit code 0 to 2, without a traceback or a warning of a library, in 40 s of processor time;
+    what is wrong is said in lines that name an error; JSON is valid; nothing unfinished is left. Given FILES are attacked
+    beside the built-in ones.
     """
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
@@ -428,13 +429,8 @@ class _Line:
         if chance.random() < 0.1:
             found.insert(0, self._file(".urdf"))
         if name == "calibrate":
-            modes = (
-                ["read.csv"],
-                [self._changed("read.csv")],
-                ["--forecast"],
-                ["--plan", "4"],
-                ["--population", "read.csv", "read.csv"],
-            )
+            several = ["--population", "read.csv", "read.csv"]
+            modes = (["read.csv"], [self._changed("read.csv")], ["--forecast"], ["--plan", "4"], several)
             found += chance.choice((*modes, [self._file(".csv")]))
         return found
 

@@ -21,6 +21,7 @@ from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.space import Draw, Space
+from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.exact_law.figure import figure
 from precision_pin.outputs.exact_law.table import table
@@ -476,3 +477,8 @@ def test_command(tmp_path, monkeypatch, capsys):
     code, _, err = run("--pose", "none")
     assert code == 2
     assert "Traceback" not in err
+
+
+def test_a_spread_that_is_lost_in_rounding_is_refused():
+    with pytest.raises(InputError, match="its spread is lost in rounding"):
+        NormalNorm(np.array([0.0, 0.0, 2e13]), np.diag([1e-8, 1e-8, 0.0])).quantile(0.5)

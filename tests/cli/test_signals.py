@@ -84,6 +84,36 @@ def test_files_of_a_folder_are_moved_all_or_none(heeded, tmp_path, monkeypatch):
     assert sorted(os.listdir(tmp_path / "new")) == ["one", "three", "two"]
 
 
+@pytest.mark.slow
+def test_of_two_processes_that_write_one_folder_one_writes_all_of_it(tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from precision_pin.display.files import whole_folder\n"
+        "for line in sys.stdin:\n"
+        "    with whole_folder(Path(line.strip())) as stage:\n"
+        "        for k in range(300): (stage / str(k)).write_text(sys.argv[1])\n"
+        "        print(flush=True); sys.stdin.readline()\n"
+        "    print(flush=True)\n"
+    )
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", code, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        )
+        for name in "ab"
+    ]
+    mixed = []
+    for round_ in range(10):
+        for text in (f"{tmp_path}/{round_}\n", "\n"):  # all files are written, then both move theirs
+            for process in both:
+                process.stdin.write(text)
+            for process in both:
+                process.stdout.readline()
+        found = {file.read_text() for file in (tmp_path / str(round_)).iterdir()}
+        mixed += [round_] if len(found) > 1 else []
+    for process in both:
+        process.communicate()
+    assert mixed == []
+
+
 def test_work_that_is_worth_keeping_is_unwound_and_a_second_signal_is_not_waited_for(heeded):
     with pytest.raises(KeyboardInterrupt), interrupts.unwinding():
         signal.raise_signal(signal.SIGTERM)
@@ -106,9 +136,10 @@ def test_a_signal_in_the_compiler_is_heeded_when_it_is_done(heeded, capfd):
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly("define void @f() {\n ret void\n}"), machine)
     # LLVM, which is C, calls this: an exception would be printed and lost
     engine.set_object_cache(lambda module, code: signal.raise_signal(signal.SIGTERM))
-    with pytest.raises(KeyboardInterrupt), interrupts.unwinding():
+    with interrupts.unwinding():
         engine.finalize_object()
-        assert interrupts.came() == signal.SIGTERM
+    assert interrupts.came() == signal.SIGTERM
+    with pytest.raises(KeyboardInterrupt):
         interrupts.raise_if_interrupted()
     assert capfd.readouterr().err == ""
 
@@ -118,8 +149,9 @@ def test_a_signal_in_a_finaliser_is_heeded_when_it_is_done(heeded, capfd):
         def __del__(self) -> None:
             signal.raise_signal(signal.SIGHUP)
 
-    with pytest.raises(KeyboardInterrupt), interrupts.unwinding():
+    with interrupts.unwinding():
         Ended()
+    with pytest.raises(KeyboardInterrupt):
         interrupts.raise_if_interrupted()
     assert capfd.readouterr().err == ""
 

@@ -6,6 +6,7 @@ ends the program removes it.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import secrets
 import shutil
@@ -154,10 +155,22 @@ def _move_all(stage: Path, target: Path, path: Path) -> None:
     for file in files:
         if (target / file.name).is_dir():
             raise OutputError(f"cannot write {path / file.name}: it is a folder")
-    with held():
+    with held(), _alone_in(target):
         for file in files:
             file.replace(target / file.name)
         stage.rmdir()
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Let no other process move its files into a folder meanwhile: of two, the last one's are there, all of them."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager

@@ -391,15 +391,8 @@ class Posture:
         )
 
     def direction_of(self, joint: int) -> int:
-        """Return the direction in which a joint (0-based) moved last: 1, -1, or 0 where it is not known.
-
-        Raises
-        ------
-        InputError
-            There is no such joint.
-        """
-        number = self.chain.joint_number(joint)
-        return self.approach[number] if self.approach else 0
+        """Return the direction in which a joint (0-based) moved last: 1, -1, or 0 where it is not known."""
+        return (self.approach or (0,) * len(self.chain.joints))[self.chain.joint_number(joint)]
 
     def with_loads(self, loads: Sequence[Load]) -> Posture:
         """Return the posture with further weights."""
@@ -440,11 +433,6 @@ class Posture:
         """Return the torque or force of the loads on a joint (0-based), N·m or N, by the parameters that multiply it.
 
         Numbers, or arrays ``(P,)``.
-
-        Raises
-        ------
-        InputError
-            There is no such joint.
         """
         joint = self.chain.joint_number(joint)
         beyond = [load for load in self.loads if load.link > joint]

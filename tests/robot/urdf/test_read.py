@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import gzip
 import math
 import time
 
@@ -11,6 +12,7 @@ import pytest
 from precision_pin.errors import UrdfError
 from precision_pin.robot.urdf import Cylinder, Inertial, Limit, Limits, Shape, parse
 from precision_pin.robot.urdf.editing import Placement, UrdfText
+from precision_pin.robot.urdf.meshcontent import BrokenMeshError, _check_obj
 
 SHOULDER_LIMIT = '<limit lower="-2" upper="2" effort="50" velocity="1.5"/>'
 ELBOW_AXIS = '<axis xyz="0 -1 0"/>'
@@ -438,3 +440,48 @@ def test_long_nonsense_is_judged_quickly(arm, findings_of, text):
     assert {one.code for one in found} & {"E_NUMBER", "E_NOT_FINITE"}
     assert all(len(one.message) < 600 for one in found)
     assert time.perf_counter() - started < 5
+
+
+TURNING = (
+    '<robot name="r"{root}><link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/>'
+    '<child link="b"/><origin {origin}xyz="0 0 1"/><axis xyz="0 0 1"/><limit {limit}effort="1" velocity="1"/></joint></robot>'
+)
+
+
+def codes_of(data: bytes) -> list[str]:
+    try:
+        return [one.code for one in parse(data, "r.urdf").findings]
+    except UrdfError as error:
+        return [one.code for one in error.findings]
+
+
+@pytest.mark.parametrize(
+    ("root", "origin", "limit", "codes"),
+    [
+        ("", "", "", []),
+        ("", 'xy:="1" ', "", ["E_XML_SYNTAX"]),
+        ("", ':xy="1" ', "", ["E_XML_SYNTAX"]),
+        ("", 'p:a:b="1" ', "", ["E_XML_SYNTAX"]),
+        ("", 'p:xyz="1" ', "", ["E_XML_SYNTAX"]),  # the prefix is not declared
+        (' xmlns:p="http://p"', 'p:xyz="1" ', "", []),
+        ("", 'xmlns:p="http://p" p:xyz="1" ', "", []),
+        ("", "", 'lower="-3.1416" upper="3.1416" ', []),  # a whole turn is what a continuous joint has
+        ("", "", 'lower="-inf" upper="inf" ', []),
+        ("", "", 'lower="-1" upper="1" ', ["W_LIMITS"]),
+    ],
+)
+def test_names_with_colons_and_limits_of_a_whole_turn(root, origin, limit, codes):
+    found = codes_of(TURNING.format(root=root, origin=origin, limit=limit).encode())
+    assert [code for code in found if code in ("E_XML_SYNTAX", "W_LIMITS")] == codes
+
+
+def test_a_packed_file_is_said_to_be_packed():
+    with pytest.raises(UrdfError, match="E_XML_SYNTAX: this is a gzip file"):
+        parse(gzip.compress(TURNING.format(root="", origin="", limit="").encode()), "r.urdf")
+
+
+@pytest.mark.parametrize("face", ["1 2 4", "1 2 -9", "1/1/1 2/9999999999/1 3/1/1", "1//1 2//-9999999999 3//1"])
+def test_a_face_of_far_indices_is_broken(face):
+    data = f"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nf {face}\n".encode()
+    with pytest.raises(BrokenMeshError, match="indices outside"):
+        _check_obj(data, lambda name: b"")

@@ -19,6 +19,7 @@ import numpy as np
 from scipy import optimize, special
 
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
+from precision_pin.errors import InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.typing import Array
 
@@ -94,11 +95,22 @@ class NormalNorm:
         return self._evaluate(_sphere, inner) * r / np.where(inner > 0, inner, np.inf)
 
     def quantile(self, p: float) -> float:
-        """Return the radius of the ball with this probability, by Brent's method."""
+        """Return the radius of the ball with this probability, by Brent's method.
+
+        Raises
+        ------
+        InputError
+            Beside the constant part the spread is lost in rounding.
+        """
 
         def excess(r: float) -> float:
             return float(self.cumulative(np.array([r]))[0]) - p
 
+        if self.high - self.low <= 1e-14 * self.high:
+            raise InputError(
+                f"the constant part of an error is {self.low:.3g} (m or rad), beside which its spread is lost in rounding; "
+                "mend the mean of an offset"
+            )
         root: float = optimize.brentq(excess, self.low, self.high, xtol=1e-15 * self.high, rtol=1e-14)
         return root
 

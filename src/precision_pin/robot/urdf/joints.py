@@ -14,6 +14,8 @@ from precision_pin.robot.urdf.xmltree import Node
 
 __all__ = ["check_mimics", "read_joint"]
 
+HALF_TURN = 3.14
+"""rad, as it is often written."""
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
 UNSUPPORTED = ("floating", "planar")
 UNIT_TOLERANCE = 1e-6
@@ -169,7 +171,8 @@ def _open_limits(
     remarks = []
     if kind == "continuous":
         missing = [name for name in missing if name in ("effort", "velocity")]
-        written = [name for name in ("lower", "upper") if values[name]]
+        # limits of a whole turn or more say the same as none
+        written = [name for name in ("lower", "upper") if 0 < abs(values[name] or 0.0) < HALF_TURN]
         if written:
             remarks.append(f"a continuous joint turns without end, so {' and '.join(written)} are ignored")
     zero = [name for name in missing if name in ("lower", "upper")]
@@ -178,7 +181,8 @@ def _open_limits(
         remarks.append(f"{' and '.join(zero)} not given, 0 is used")
     if unlimited:
         remarks.append(f"{' and '.join(unlimited)} not given, no limit is used")
-    infinite = [name for name, value in values.items() if value is not None and math.isinf(value)]
+    limiting = values if kind != "continuous" else ("effort", "velocity")
+    infinite = [name for name in limiting if math.isinf(values[name] or 0.0)]
     if infinite:
         remarks.append(f"{' and '.join(infinite)} infinite")
     if remarks:

@@ -143,28 +143,36 @@ def _lines(data: bytes) -> list[str]:
 
 
 def _check_obj(data: bytes, companion: Companion) -> None:
-    vertices = 0
+    seen = {"v": 0, "vt": 0, "vn": 0}
     lowest, highest = 1, 0
+    others = {"vt": 0, "vn": 0}
     for line in _lines(data):
         words = line.split()
         if not words:
             continue
         if words[0] == "v":
             _finite(words[1:4], 3)
-            vertices += 1
+            seen["v"] += 1
+        elif words[0] in others:
+            seen[words[0]] += 1
         elif words[0] == "f":
-            # negative indices count backwards from the vertices seen so far
             corners = [int(word.partition("/")[0]) for word in words[1:]]
+            for word in words[1:]:
+                for kind, part in zip(others, word.split("/")[1:], strict=False):
+                    others[kind] = max(others[kind], abs(int(part or 0)))
             if len(corners) < 3:
                 raise BrokenMeshError("holds a face with fewer than three corners")
-            corners = [corner if corner > 0 else vertices + 1 + corner for corner in corners]
+            # negative indices count backwards from the vertices seen so far
+            corners = [corner if corner > 0 else seen["v"] + 1 + corner for corner in corners]
             lowest, highest = min(lowest, *corners), max(highest, *corners)
         elif words[0] == "mtllib":
             _read_materials(line.split(None, 1)[1].strip(), companion)
     if not highest and lowest == 1:
         raise BrokenMeshError("holds no faces")
-    if lowest < 1 or highest > vertices:
-        raise BrokenMeshError(f"holds face indices outside its {vertices} vertices")
+    if lowest < 1 or highest > seen["v"]:
+        raise BrokenMeshError(f"holds face indices outside its {seen['v']} vertices")
+    if any(largest > seen[kind] for kind, largest in others.items()):
+        raise BrokenMeshError("holds face indices outside its texture points or normals")
 
 
 def _read_materials(name: str, companion: Companion) -> None:

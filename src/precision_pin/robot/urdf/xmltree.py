@@ -23,6 +23,12 @@ ENCODINGS = {
 WIDE = {"utf-16-le": (codecs.BOM_UTF16_LE, b"<\0"), "utf-16-be": (codecs.BOM_UTF16_BE, b"\0<")}
 READ = "UTF-8, UTF-16, ISO-8859-1, ISO-8859-15, windows-1252 and US-ASCII are read"
 DECLARATION = re.compile(r"""<\?xml\s[^>]*?\sencoding\s*=\s*["']([A-Za-z][A-Za-z0-9._-]*)["']""")
+PACKED = {
+    b"\x1f\x8b": "a gzip file",
+    b"PK\x03\x04": "a zip archive",
+    b"BZh": "a bzip2 file",
+    b"\xfd7zXZ\0": "an xz file",
+}
 LONGEST_DECLARATION = 400
 # a start tag up to a tab or line end in one of its attributes
 BREAK = re.compile(
@@ -99,6 +105,9 @@ def _plain_utf8(data: bytes, limits: Limits) -> bytes:
         raise _Refused("E_TOO_BIG", message, None)
     if not data.strip():
         raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
+    packed = next((name for start, name in PACKED.items() if data.startswith(start)), None)
+    if packed is not None:
+        raise _Refused("E_XML_SYNTAX", f"this is {packed}, not a URDF; unpack it first", 1)
     text = _decode(data)
     if not text.strip():
         raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
@@ -166,6 +175,8 @@ class _Builder:
         self._elements = 0
         self._open: list[Node] = []
         self._xacro: list[tuple[int, str]] = []
+        self._declared: list[tuple[int, str]] = [(0, "xml"), (0, "xmlns")]
+        self._wrong_name: tuple[int, str] | None = None
         parser = expat.ParserCreate(encoding="utf-8")
         self._parser = parser
         parser.XmlDeclHandler = self._declaration
@@ -183,6 +194,9 @@ class _Builder:
             more = f" (and {len(self._xacro) - 1} more)" if len(self._xacro) > 1 else ""
             message = f"unprocessed xacro: {what}{more}; run `xacro FILE > robot.urdf` and give that file"
             raise _Refused("E_XACRO", message, line)
+        if self._wrong_name is not None:
+            line, message = self._wrong_name
+            raise _Refused("E_XML_SYNTAX", f"not well-formed XML: {message}", line)
 
     def _declaration(self, version: str, encoding: str | None, standalone: int) -> None:
         # a declaration found earlier has been changed to UTF-8
@@ -202,6 +216,7 @@ class _Builder:
         self._elements += 1 + len(attributes)
         self._check_limits(tag, attributes, line)
         self._note_xacro(tag, attributes, line)
+        self._check_prefixes(tag, attributes, line)
         if self._opaque_depth is not None:
             return
         node = Node(tag, attributes, line)
@@ -219,6 +234,8 @@ class _Builder:
         if self._opaque_depth is None or self._depth == self._opaque_depth:
             self._open.pop()
             self._opaque_depth = None
+        while self._declared[-1][0] == self._depth:
+            self._declared.pop()
         self._depth -= 1
 
     def _check_limits(self, tag: str, attributes: dict[str, str], line: int) -> None:
@@ -232,6 +249,18 @@ class _Builder:
         if max(map(len, (tag, *attributes, *attributes.values()))) > limits.text_length:
             message = f"a name or attribute of <{tag[:40]}> is over {limits.text_length} characters"
             raise _Refused("E_TOO_BIG", message, line)
+
+    def _check_prefixes(self, tag: str, attributes: dict[str, str], line: int) -> None:
+        """Note the first name with a colon that XML with namespaces does not allow; expat reads without them."""
+        self._declared += [(self._depth, name[6:]) for name in attributes if name.startswith("xmlns:")]
+        for name in (tag, *attributes):
+            if ":" not in name or self._wrong_name is not None:
+                continue
+            prefix, _, rest = name.partition(":")
+            if not prefix or not rest or ":" in rest:
+                self._wrong_name = line, f"{shown(name)} is no name; one colon may follow a prefix"
+            elif all(prefix != known for _, known in self._declared):
+                self._wrong_name = line, f"the prefix {shown(prefix)} of {shown(name)} is not declared"
 
     def _note_xacro(self, tag: str, attributes: dict[str, str], line: int) -> None:
         if tag.startswith("xacro:"):
