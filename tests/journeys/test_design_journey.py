@@ -57,6 +57,9 @@ def test_design(desk, arm, record_property):
     within = float((away <= limit).mean())
     # 200 robots show a share of 95 % as 90 % or more with a probability of 99.9 %
     assert within >= 0.90
+    # the same robots, one by one
+    same = desk.json("analyze", new, "--samples", BUILT, "--seed", 3, "--spec", spec, code=(0, 1))["spec"][0]
+    assert same["probability"] == pytest.approx(within, abs=1e-12)
     middle = desk.json("analyze", new, *SAMPLES)["position"]["norm"]["quantiles"]["0.5"]
     # four standard deviations of the share below a median
     assert (away < middle).mean() == pytest.approx(0.5, abs=4 * 0.5 / math.sqrt(BUILT))
