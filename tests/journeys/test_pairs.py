@@ -43,7 +43,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
         robots = ("mine.calibration.json", "readings1.csv", "readings2.csv")
         desk.run("calibrate", SHEET, "--population", *robots, "--sheet", "shop.errors.yaml")
         desk.run("simulate", SHEET, "--all-poses", "--cycles", 3, "--out", "cycles.csv")
-        desk.run("export", SHEET, "--out", "built")
+        desk.run("export", SHEET, "--out", "robots")
         desk.run("compensate", SHEET, "--trajectory", "plan.csv", "--csv", "corrected.csv", code=(0, 1))
         yield desk
 
@@ -52,7 +52,7 @@ def sheets() -> dict[str, str]:
     """Return the sheets by the command that writes them."""
     return {
         "init": SHEET,
-        "allocate --out": f"chosen/{SHEET}",
+        "allocate --out": "chosen/allocated.errors.yaml",
         "calibrate --sheet": "mine.errors.yaml",
         "calibrate --population --sheet": "shop.errors.yaml",
     }
@@ -71,7 +71,7 @@ def test_sheets(written, writer, reader):
     written.run(reader, sheets()[writer], *READERS[reader], code=codes(reader))
 
 
-ROBOTS = {"export": "built/scara.unit0000.urdf", "calibrate --urdf": "mine.urdf"}
+ROBOTS = {"export": "robots/scara.unit0000.urdf", "calibrate --urdf": "mine.urdf"}
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_paths(written, writer, reader):
         ("iso9283", SHEET, "--all-poses", "--robots", "20", "--measured", "cycles.csv"),
         ("analyze", SHEET, "--samples", "200", "--set", "calibrated=mine.calibration.json"),
         ("calibrate", "mine.errors.yaml", "readings1.csv", "--sheet", "again.errors.yaml"),
-        ("compare", SHEET, "mine.errors.yaml", "shop.errors.yaml", f"chosen/{SHEET}", "--samples", "200"),
+        ("compare", SHEET, "mine.errors.yaml", "shop.errors.yaml", "chosen/allocated.errors.yaml", "--samples", "200"),
     ],
     ids=" ".join,
 )

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
-from ruamel.yaml import YAML
+from precision_pin.errors import PrecisionPinWarning
+from precision_pin.sheet import read as read_sheet
 
 _NUMBER = re.compile(r"[\d.]+(e-?\d+)?")
 _LAWS = ("uniform", "normal")
@@ -52,6 +54,9 @@ class Tolerance:
 def ranked(sheet: Path, budget: Any) -> list[Tolerance]:
     """Return the tolerances that can be changed, that with the largest share in the first pose of a budget first."""
     found: dict[str, Tolerance] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionPinWarning)
+        read = read_sheet(sheet)
     for line in budget["poses"][0]["draws"]:
         kind, _, rest = line["name"].partition("[")
         label, _, setting = line["name"].rpartition("]")
@@ -60,16 +65,10 @@ def ranked(sheet: Path, budget: Any) -> list[Tolerance]:
         setting = "radius" if kind == "axis_install" else setting.lstrip(".")
         path = f"{label}].{setting}"
         if path not in found:
-            value = _written(sheet, kind, label.partition("[")[2], setting)
-            if value is None:
+            assert read.contents is not None
+            values = read.contents.values_at(read, path)
+            if len(values) != 1:
                 continue
-            found[path] = Tolerance(path, value)
+            found[path] = Tolerance(path, values[0])
         found[path].share += line["share"]["position"]
     return sorted(found.values(), key=lambda one: -one.share)
-
-
-def _written(sheet: Path, kind: str, place: str, setting: str) -> Any:
-    """Return the value of a setting in the text of a sheet; None where another source has the same label."""
-    entries = [entry[kind] for entry in YAML(typ="safe").load(sheet)["sources"] if kind in entry]
-    own = [one for one in entries if place in (one.get("joint"), one.get("frame"), one.get("link"), one.get("at"))]
-    return own[0].get(setting) if len(own) == 1 else None
