@@ -175,6 +175,9 @@ def test_a_specification_is_met_when_the_lower_end_reaches_it(run):
             "probability": 1.0,
             "interval": [pytest.approx(share, rel=1e-12), 1.0],
             "met": verdict,
+            "judged": True,
+            "why_not_judged": None,
+            "taken_as_exact": [],
             "verdict": "met" if verdict else "undecided",  # all are inside: too few samples, no failure
             "cpk": None,
             "cpk_interval": [pytest.approx(stats.norm.ppf(share) / 3, rel=1e-9), None],

@@ -82,7 +82,7 @@ def test_every_key_and_type(run):
     assert len(data["spec"]) == 2
     for entry in data["spec"]:
         keys = ["quantity", "limit", "required", "probability", "interval", "met", "verdict", "cpk", "cpk_interval"]
-        assert sorted(entry) == sorted(keys)
+        assert sorted(entry) == sorted([*keys, "judged", "why_not_judged", "taken_as_exact"])
         assert entry["met"] is (entry["verdict"] == "met")
         low, high = entry["interval"]
         assert 0 <= low <= entry["probability"] <= high <= 1

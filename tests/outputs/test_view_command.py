@@ -208,10 +208,10 @@ def written(folder: Path, content: str | bytes) -> Path:
 
 
 def test_columns_may_stand_in_any_order_with_times_and_blank_lines(tmp_path, chain):
-    path = written(tmp_path, "\ufefft, joint4 ,joint2,joint1,joint3\r\n0.5,4,2,1,3\r\n\r\n0.5,-4,-2e-1,-1,-3\r\n")
+    path = written(tmp_path, "\ufefft, joint4 ,joint2,joint1,joint3\r\n0.5,4,2,1,3\r\n\r\n0.75,-4,-2e-1,-1,-3\r\n")
     way = read_trajectory(path, chain, 10)
     np.testing.assert_array_equal(way.values, [[1, 2, 3, 4], [-1, -0.2, -3, -4]])
-    np.testing.assert_array_equal(way.times, [0.5, 0.5])
+    np.testing.assert_array_equal(way.times, [0.5, 0.75])
     untimed = read_trajectory(written(tmp_path, f"{HEADER}\n1,2,3,4\n5,6,7,8\n"), chain, 10)
     assert untimed.times is None
     assert untimed.names == ("row 1", "row 2")

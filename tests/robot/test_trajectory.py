@@ -30,26 +30,26 @@ def way(folder, chain, text, most=1000):
     return pp.read_trajectory(folder / "way.csv", chain, most)
 
 
-WAY = "time [ms], swing [old] [deg], rail [mm]\n0,0,0\n500,30,100\n500,30,200\n2000,90,-1100\n"
+WAY = "time [ms], swing [old] [deg], rail [mm]\n0,0,0\n500,30,100\n750,30,200\n2000,90,-1100\n"
 
 
 def test_units_of_the_header(tmp_path, chain):
     read = way(tmp_path, chain, WAY)
-    np.testing.assert_allclose(read.times, [0, 0.5, 0.5, 2], rtol=1e-15)
+    np.testing.assert_allclose(read.times, [0, 0.5, 0.75, 2], rtol=1e-15)
     np.testing.assert_allclose(read.values[:, 0], [0, 0.1, 0.2, -1.1], rtol=1e-15)
     np.testing.assert_allclose(read.values[:, 1], np.radians([0, 30, 30, 90]), rtol=1e-15)
     plain = way(tmp_path, chain, "t,swing [old],rail\n0,0,0\n0.5,0.25,0.1\n")
     np.testing.assert_array_equal(plain.values, [[0, 0], [0.1, 0.25]])
     poses = read.poses
     assert poses.status == ("reached", "reached", "reached", "limit")
-    assert poses.names == ("t = 0 s", "t = 0.5 s", "t = 0.5 s", "t = 2 s")
+    assert poses.names == ("t = 0 s", "t = 0.5 s", "t = 0.75 s", "t = 2 s")
     np.testing.assert_array_equal(poses.times, read.times)
 
 
 def test_poses_between_the_rows_by_hand(tmp_path, chain):
     read = way(tmp_path, chain, WAY)
     finer = read.refined(time_step=0.5)
-    np.testing.assert_allclose(finer.times, [0, 0.5, 0.5, 1, 1.5, 2], rtol=1e-15)
+    np.testing.assert_allclose(finer.times, [0, 0.5, 0.75, 0.75 + 1.25 / 3, 0.75 + 2.5 / 3, 2], rtol=1e-15)
     third = (1.3 / 3, math.pi / 9)
     np.testing.assert_allclose(finer.values[3], [0.2 - third[0], math.pi / 6 + third[1]], rtol=1e-14)
     assert [float(f"{row:.4f}") for row in finer.rows] == [1, 2, 3, 3.3333, 3.6667, 4]

@@ -26,7 +26,7 @@ the eighth moments, and what products and formulas have beyond first order to dr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, final
 
@@ -296,8 +296,14 @@ class Vectors:
     @classmethod
     def joined(cls, parts: Sequence[Vectors]) -> Vectors:
         """Return the errors at the poses of all parts."""
-        names = [one.name for one in fields(cls)]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names))
+        values = zip(*(part._values for part in parts), strict=True)
+        return cls(*(np.concatenate(columns, axis=-1) for columns in values))
+
+    @property
+    def _values(self) -> tuple[Array, ...]:
+        return (
+            self.mean, self.covariance, self.proxy, self.square_spread, self.replaced, self.farthest, self.remainder
+        )  # fmt: skip
 
     @cached_property
     def axes(self) -> tuple[Array, Array]:

@@ -30,6 +30,7 @@ _WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "undecided", "nothing to 
 _UNDECIDED: Final = _WORST_FIRST.index("undecided")
 MET: Final = _WORST_FIRST.index("met")
 NOT_JUDGED: Final = len(_WORST_FIRST)
+"""Place of "not judged" after them: nothing was sampled, or the pose is outside joint limits."""
 
 
 @final
@@ -52,7 +53,7 @@ class Sampled:
     def verdicts(self) -> NDArray[np.intp]:
         """Place of each verdict among those from the worst to the best, ``(S, K)``."""
         of = self.result.specification_results
-        found = [[_WORST_FIRST.index(one.verdict) for one in every.results] for every in of]
+        found = [[(*_WORST_FIRST, "not judged").index(one.verdict) for one in every.results] for every in of]
         return np.array(found, dtype=np.intp).reshape(len(of), len(self.poses))
 
 
