@@ -326,7 +326,7 @@ class Vectors:
         near = self.replaced < 1 - above
         if near.any():
             axes, change = (self.axes[0][:, near], self.axes[1][:, near]), self.replaced[near]
-            start = None if change.any() else quantile[near]
+            start = level, quantile[near]
             high[near] = np.minimum(high[near], norm_quantiles(*axes, above + change, start))
             low[near] = np.maximum(low[near], norm_quantiles(*axes, np.maximum(below - change, 1e-6), start))
         return np.stack([np.maximum(low - beyond, 0.0), high + beyond])
