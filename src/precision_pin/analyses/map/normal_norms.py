@@ -49,8 +49,8 @@ _FAR: Final = 60.0
 """Largest |s| of an argument of K: there 1 - t/end is exp(-s)."""
 _MOST_STEPS: Final = 100
 _LAST_STEP: Final = 1e-6
-_AT_ONCE: Final = 512
-"""Vectors computed together."""
+_AT_ONCE: Final = 128
+"""Vectors whose integrals are computed together; their arrays stay in the processor's cache."""
 
 
 def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array]:
@@ -69,9 +69,6 @@ def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array]:
 
 def norm_probabilities(variances: Array, means: Array, radii: Array) -> Array:
     """Return P(|v| ≤ r), ``(P,)``, for vectors in principal axes ``(3, P)`` and radii ``(P,)``; errors below 1e-7."""
-    if radii.size > _AT_ONCE:
-        parts = [norm_probabilities(variances[:, k], means[:, k], radii[k]) for k in _columns(radii.size)]
-        return np.concatenate(parts)
     law = _Law(variances, means)
     found = law.evaluate(np.maximum(radii**2 - law.constant, 0.0))[0]
     result: Array = np.where(law.still, (radii**2 >= law.constant).astype(float), found)
@@ -86,14 +83,6 @@ def norm_quantiles(
     Newton's method in normal scores, from a gamma law with the first two moments of |v|²; ``near`` are a probability near the
     one wanted and its quantiles ``(P,)``, by which the start is corrected.
     """
-    count = variances.shape[1]
-    if count > _AT_ONCE:
-        levels = np.broadcast_to(probability, (count,))
-        parts = [
-            norm_quantiles(variances[:, k], means[:, k], levels[k], None if near is None else (near[0], near[1][k]))
-            for k in _columns(count)
-        ]
-        return np.concatenate(parts)
     law = _Law(variances, means)
     squares, spreads = law.moments
     x = special.gammaincinv(squares**2 / spreads, probability)
@@ -102,15 +91,16 @@ def norm_quantiles(
     else:
         known = np.maximum(near[1] ** 2 - law.constant, 1e-3 * squares)
         x *= known / special.gammaincinv(squares**2 / spreads, near[0])
-    score = special.ndtri(probability)
+    score, going = special.ndtri(probability), np.ones(x.shape, dtype=np.bool_)
     for _ in range(_ROUNDS):
         found, density = law.evaluate(x)
         scores = special.ndtri(np.clip(found, 1e-15, 1 - 1e-15))
         slopes = np.maximum(density, 1e-300) * np.sqrt(2 * np.pi) * np.exp(scores**2 / 2)
         # the score is nearly linear in the logarithm of x far in the tails
-        change = np.clip((score - scores) / (slopes * x), -1.0, 1.0)
+        change = np.where(going, np.clip((score - scores) / (slopes * x), -1.0, 1.0), 0.0)
         x = x * np.exp(change)
-        if np.abs(change).max(initial=0.0) < _CLOSE:
+        going = np.abs(change) >= _CLOSE
+        if not going.any():
             break
     result: Array = np.sqrt(np.where(law.still, 0.0, x) + law.constant)
     return result
@@ -160,10 +150,6 @@ def norm_quantile_slopes(mean: Array, covariance: Array, radii: Array) -> Array:
     return np.asarray(np.einsum("pik,klp,pjl->ijp", vectors, np.where(law.still, 0.0, slopes), vectors))
 
 
-def _columns(count: int) -> list[slice]:
-    return [slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE)]
-
-
 class _Law:
     """Law of |v|² minus what is constant of it, for vectors in principal axes ``(3, P)``."""
 
@@ -186,29 +172,37 @@ class _Law:
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
         """Return probability and density at ``x`` ``(P,)``."""
-        crossing, path, values = self._integrand(x)
-        density = values.imag.sum(axis=0)
-        beyond = (values / path).imag.sum(axis=0)
-        probability: Array = np.clip(np.where(crossing > 0, 1 - beyond, -beyond), 0.0, 1.0)
+        saddle = self._crossing(x)
+        density, beyond = np.empty((2, len(x)))
+        for first in range(0, len(x), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            path, values = self._integrand(x, saddle, part)
+            density[part] = values.imag.sum(axis=0)
+            beyond[part] = (values / path).imag.sum(axis=0)
+        probability: Array = np.clip(np.where(saddle[0] > 0, 1 - beyond, -beyond), 0.0, 1.0)
         return probability, density
 
     def variance_slopes(self, x: Array, means: Array) -> Array:
         """Return the derivative of the quantile ``x`` with respect to the covariance in principal axes, ``(3, 3, P)``."""
-        _, path, values = self._integrand(x)
+        path, values = self._integrand(x, self._crossing(x), slice(None))
         wide = 1 / (1 - 2 * self._variances[:, None] * path)
         turned = means[:, None] * wide
         rates = 2 * path * turned[:, None] * turned[None] + np.eye(3)[:, :, None, None] * wide
         return np.asarray((values * rates).imag.sum(axis=2) / values.imag.sum(axis=0))
 
-    def _integrand(self, x: Array) -> tuple[Array, NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return where the path crosses the real axis ``(P,)``, its nodes and the weighted integrand ``(nodes, P)``."""
-        crossing, second, third = self._crossing(x)
+    def _integrand(
+        self, x: Array, saddle: tuple[Array, Array, Array], part: slice
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the nodes of the path through a saddle as of `_crossing` and the weighted integrand, ``(nodes, P)``."""
+        crossing, second, third = (of[part] for of in saddle)
         width = 1 / np.sqrt(second)
         bend = third * width / (6 * second)
-        flattening = np.sqrt(1 + (bend * _ACROSS / _SLOPE) ** 2)
-        path = crossing + width * (1j * _ACROSS + bend * _ACROSS**2 / flattening)
-        rates = width * (1j + bend * _ACROSS * (1 / flattening + 1 / flattening**3))
-        return crossing, path, self._transformed(path, x) * rates * _WEIGHTS
+        flattening = 1 / np.sqrt(1 + (bend * _ACROSS / _SLOPE) ** 2)
+        path, rates = np.empty((2, _NODES, len(width)), dtype=np.complex128)
+        path.real, path.imag = crossing + width * bend * _ACROSS**2 * flattening, width * _ACROSS
+        rates.real = width * bend * _ACROSS * _WEIGHTS * (flattening + flattening**3)
+        rates.imag = width * _WEIGHTS
+        return path, self._transformed(path, x[part], part) * rates
 
     def argument(self, s: Array) -> Array:
         """Return the argument of K at which K' rises with s, from 0 to infinity."""
@@ -237,14 +231,14 @@ class _Law:
         t = np.where(np.abs(t) >= away, t, np.where(left, -away, away))
         return t, self.derivatives(t)[1], self.third_derivative(t)
 
-    def _transformed(self, t: NDArray[np.complex128], x: Array) -> NDArray[np.complex128]:
+    def _transformed(self, t: NDArray[np.complex128], x: Array, part: slice) -> NDArray[np.complex128]:
         """Return exp(K(t) - t x) at ``t`` ``(nodes, P)`` in the upper half plane."""
-        left = 1 - 2 * self._variances[:, None] * t
+        left = 1 - 2 * self._variances[:, None, part] * t
         pair = left[0] * left[1]
         product = pair * left[2]
         # each factor turns by 0 to -π, so that the partial products tell the branch of the square root; logarithms are slower
         root = np.where((pair.imag > 0) | (product.imag > 0), -1.0, 1.0) * np.sqrt(product)
-        result: NDArray[np.complex128] = np.exp((self._squares[:, None] * t / left).sum(axis=0) - t * x) / root
+        result: NDArray[np.complex128] = np.exp((self._squares[:, None, part] * t / left).sum(axis=0) - t * x) / root
         return result
 
     def exponent(self, t: Array) -> Array:
@@ -279,9 +273,9 @@ def _root(function: Callable[[Array], tuple[Array, Array]], start: Array, least:
         low, high = np.where(values <= 0, at, low), np.where(values >= 0, at, high)
         change = -values / np.maximum(slopes, 1e-300)
         newton = (at + change >= low) & (at + change <= high) & (2 * np.abs(change) <= last)
-        change = np.where(newton, change, (low + high) / 2 - at)
+        # where a step is small the next one would be as small as its square
+        change = np.where(last < _LAST_STEP, 0.0, np.where(newton, change, (low + high) / 2 - at))
         at, last = at + change, np.abs(change)
-        # the next step would be as small as the square of this one
         if last.max(initial=0.0) < _LAST_STEP:
             break
     return at
