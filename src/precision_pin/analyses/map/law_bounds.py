@@ -184,9 +184,7 @@ class LawShapes:
         """Return bounds of the fourth moment's root of what position and attitude have beyond first order, ``(2, P)``."""
         (terms, components, slopes), eighth, fourth = self._beyond(chunk.table)
         # few of the products of draws and terms are other than zero
-        turn, move = (
-            _sums(np.abs(slopes)[:, None] * arms[terms], components, len(self.groups)) for arms in chunk.arms
-        )
+        turn, move = (_sums(np.abs(slopes)[:, None] * arms[terms], components, len(self.groups)) for arms in chunk.arms)
         variance = self.space.block_covariance.variances
         count = int(self.groups.max(initial=-1)) + 1
         turns, moves = (_sums(self.eighth[:, None] * of, self.groups, count) for of in (turn, move))

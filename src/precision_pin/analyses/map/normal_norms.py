@@ -200,7 +200,7 @@ class _Law:
         flattening = 1 / np.sqrt(1 + (bend * _ACROSS / _SLOPE) ** 2)
         path, rates = np.empty((2, _NODES, len(width)), dtype=np.complex128)
         path.real, path.imag = crossing + width * bend * _ACROSS**2 * flattening, width * _ACROSS
-        rates.real = width * bend * _ACROSS * _WEIGHTS * (flattening + flattening**3)
+        rates.real = width * bend * _ACROSS * _WEIGHTS * flattening * (1 + flattening**2)
         rates.imag = width * _WEIGHTS
         return path, self._transformed(path, x[part], part) * rates
 
