@@ -311,6 +311,10 @@ class Vectors:
         names = [one.name for one in fields(cls)]
         return cls(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names))
 
+    def of(self, part: slice) -> Vectors:
+        """Return the errors at some of the poses."""
+        return Vectors(*(getattr(self, one.name)[..., part] for one in fields(self)))
+
     @cached_property
     def axes(self) -> tuple[Array, Array]:
         """Variances and means along the principal axes, ``(3, P)`` each."""
