@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -212,7 +213,7 @@ def _read_pose_set(sheet: Sheet, options: PoseOptions, most: int) -> PoseSet:
     if options["grid"] is not None:
         return read_grid(sheet, options["grid"], most)
     if options["trajectory"] is not None:
-        return read_way(sheet, options["trajectory"], options, most).poses
+        return pose_set_of(read_way(sheet, options["trajectory"], options, most))
     asked = _read_poses(sheet, options, most)
     poses = PoseSet.at(
         sheet.chain, np.column_stack([pose_values(sheet, pose) for pose in asked]), tuple(pose.name for pose in asked)
@@ -235,7 +236,9 @@ def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROW
     from precision_pin import units
     from precision_pin.robot.pose_sources.trajectory import read_trajectory
 
-    way = read_trajectory(file, sheet.chain, most)
+    size = os.path.getsize(file) if os.path.isfile(file) else 0
+    with progress_bar(size, "reading", "B") as progress:
+        way = read_trajectory(file, sheet.chain, most, progress)
     kinds = {"time_step": units.TIME, "angle_step": units.ANGLE, "length_step": units.LENGTH}
     steps: dict[str, float] = {}
     for text in options["steps"]:
@@ -251,6 +254,12 @@ def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROW
             message = error.findings[0].message.removeprefix(f"{kind}: ")
             raise InputError([Finding("error", "E_TRAJECTORY", f"--step {text!r}: {message}", file)]) from None
     return way.refined(**steps, most=most)
+
+
+def pose_set_of(way: Trajectory) -> PoseSet:
+    """Return the poses of a trajectory, and show progress."""
+    with progress_bar(len(way.rows), "poses", "poses") as step:
+        return way.pose_set(step)
 
 
 def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] | None:

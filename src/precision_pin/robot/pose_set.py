@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, final
 
@@ -26,6 +26,8 @@ SINGULAR_BELOW: Final = 0.01
 """Smallest singular value of the scaled Jacobian below which an arm is near a singularity."""
 NO_BRANCH: Final = -1
 """Branch of a pose given by its joint values."""
+_AT_ONCE: Final = 4096
+"""Poses whose statuses are found together."""
 
 
 @final
@@ -82,18 +84,33 @@ class PoseSet:
         fix_fields(self)
 
     @classmethod
-    def at(cls, chain: Chain, q: Array, names: tuple[str, ...] | None = None, times: Array | None = None) -> PoseSet:
-        """Return the poses of joint values ``(n, P)``, as :meth:`Chain.configurations.many` reads them, with their statuses."""
-        postures = chain.at_columns(q)
+    def at(
+        cls,
+        chain: Chain,
+        q: Array,
+        names: tuple[str, ...] | None = None,
+        times: Array | None = None,
+        step: Callable[[int], object] = lambda _: None,
+    ) -> PoseSet:
+        """Return the poses of joint values ``(n, P)``, as :meth:`Chain.configurations.many` reads them, with their statuses.
+
+        ``step`` is called with the number of poses done since the last call.
+        """
         outside = np.asarray(chain.configurations.outside(q).any(axis=0))
-        singular = smallest_singular_values(chain, q) < SINGULAR_BELOW
+        position, singular = np.empty((3, q.shape[1])), np.empty(q.shape[1], dtype=np.bool_)
+        for first in range(0, q.shape[1], _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            together = np.ascontiguousarray(q[:, part])
+            position[:, part] = chain.at_columns(together).pose[:3, 3]
+            singular[part] = smallest_singular_values(chain, together) < SINGULAR_BELOW
+            step(together.shape[1])
         status = tuple(_status(bool(outside[k]), bool(singular[k])) for k in range(q.shape[1]))
         return cls(
             q=q,
             names=("",) * q.shape[1] if names is None else names,
             status=status,
             branch=np.full(q.shape[1], NO_BRANCH, dtype=np.int64),
-            position=postures.pose[:3, 3].copy(),
+            position=position,
             times=times,
         )
 

@@ -62,6 +62,9 @@ _OF_TAIL: Final = 0.05
 _REMAINDERS: Final = (1e-2, 1e-3, 1e-4)
 _FLAT: Final = 1e-12
 
+_Slopes = tuple[NDArray[np.intp], NDArray[np.intp], Array]
+"""Terms, components and the derivative of the product of one with respect to the other."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -105,7 +108,7 @@ class LawShapes:
     farthest: Array
     groups: NDArray[np.intp]
     chaos: float
-    _products: dict[int, tuple[TermTable, Array, Array, Array]] = field(default_factory=dict)
+    _products: dict[int, tuple[TermTable, _Slopes, Array, Array]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -157,8 +160,8 @@ class LawShapes:
         """Whether sums of all numbers are normal."""
         return not self.replaced_fourth.any()
 
-    def _beyond(self, table: TermTable) -> tuple[Array, Array, Array]:
-        """Return the terms' |slopes| ``(d, T)``, and what their products have beyond first order, ``(T,)``.
+    def _beyond(self, table: TermTable) -> tuple[_Slopes, Array, Array]:
+        """Return the products' slopes, and what they have beyond first order, ``(T,)``.
 
         The latter as the roots of its eighth and of its fourth moment, from drawn robots.
         """
@@ -169,10 +172,9 @@ class LawShapes:
         change = self.space.sample(0, 0, min(4096, max(256, 2**22 // max(len(mean), 1)))) - mean
         beyond = table.products(table.program.evaluate(change + mean))
         beyond = beyond - table.products(table.program.evaluate(mean))
-        slopes = np.zeros((len(mean), len(beyond)))
-        for term, component, slope in zip(*table.product_slopes(self.space.mean), strict=True):
+        slopes = table.product_slopes(self.space.mean)
+        for term, component, slope in zip(*slopes, strict=True):
             beyond[term] -= slope * change[component]
-            slopes[component, term] = abs(slope)
         scale = np.maximum(np.abs(beyond).max(axis=1, initial=0.0), 1e-300)
         eighth, fourth = (scale * ((beyond / scale[:, None]) ** k).mean(axis=1) ** (1 / k) for k in (8, 4))
         self._products[id(table.program)] = table, slopes, eighth, fourth
@@ -180,12 +182,12 @@ class LawShapes:
 
     def remainders(self, chunk: Tangents) -> Array:
         """Return bounds of the fourth moment's root of what position and attitude have beyond first order, ``(2, P)``."""
-        slopes, eighth, fourth = self._beyond(chunk.table)
-        turn, move = slopes @ chunk.arms[0], slopes @ chunk.arms[1]
-        variance, poses = self.space.block_covariance.variances, turn.shape[1]
-        turns, moves = np.zeros((2, int(self.groups.max(initial=-1)) + 1, poses))
-        np.add.at(turns, self.groups, self.eighth[:, None] * turn)
-        np.add.at(moves, self.groups, self.eighth[:, None] * move)
+        (terms, components, slopes), eighth, fourth = self._beyond(chunk.table)
+        # few of the products of draws and terms are other than zero
+        turn, move = (_sums(np.abs(slopes)[:, None] * arms[terms], components, len(self.groups)) for arms in chunk.arms)
+        variance = self.space.block_covariance.variances
+        count = int(self.groups.max(initial=-1)) + 1
+        turns, moves = (_sums(self.eighth[:, None] * of, self.groups, count) for of in (turn, move))
         all_turns = turns.sum(axis=0) + eighth @ chunk.arms[0]
         found = []
         for arm, by_group, of in ((move, moves, chunk.arms[1]), (turn, turns, chunk.arms[0])):
@@ -236,6 +238,16 @@ class LawShapes:
         found += _FOURTH * (self.replaced_fourth[other] @ lengths**4)
         result: Array = np.minimum(found, 1.0)
         return result
+
+
+def _sums(rows: Array, numbers: NDArray[np.intp], count: int) -> Array:
+    """Return the sums of the rows ``(k, P)`` of each number below ``count``, ``(count, P)``."""
+    order = np.argsort(numbers, kind="stable")
+    begins = np.flatnonzero(np.diff(numbers[order], prepend=-1))
+    result = np.zeros((count, rows.shape[1]))
+    if len(begins):
+        result[numbers[order[begins]]] = np.add.reduceat(rows[order], begins, axis=0)
+    return result
 
 
 def _between(covariance: BlockCovariance, jacobian: Array) -> Array:
@@ -305,6 +317,10 @@ class Vectors:
             self.mean, self.covariance, self.proxy, self.square_spread, self.replaced, self.farthest, self.remainder
         )  # fmt: skip
 
+    def of(self, part: slice) -> Vectors:
+        """Return the errors at some of the poses."""
+        return Vectors(*(getattr(self, one.name)[..., part] for one in fields(self)))
+
     @cached_property
     def axes(self) -> tuple[Array, Array]:
         """Variances and means along the principal axes, ``(3, P)`` each."""
@@ -332,7 +348,7 @@ class Vectors:
         near = self.replaced < 1 - above
         if near.any():
             axes, change = (self.axes[0][:, near], self.axes[1][:, near]), self.replaced[near]
-            start = None if change.any() else quantile[near]
+            start = level, quantile[near]
             high[near] = np.minimum(high[near], norm_quantiles(*axes, above + change, start))
             low[near] = np.maximum(low[near], norm_quantiles(*axes, np.maximum(below - change, 1e-6), start))
         return np.stack([np.maximum(low - beyond, 0.0), high + beyond])

@@ -52,6 +52,8 @@ _NORMS: Final = ((0, 1, 2), (3, 4, 5))
 _DOUBTED: Final = 0.1
 _NUMBERS: Final = 190
 """Numbers in the result of a pose."""
+_AT_ONCE: Final = 2048
+"""Poses whose quantiles and limits are computed between two steps of progress."""
 
 PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
 
@@ -156,8 +158,11 @@ def map_poses(
     check = int(seed) ^ (1 << 63)
     with steps_to(progress, steps, "steps") as step, unheard():
         vectors = list(dict.fromkeys((*_NORMS, *map(_rows_of, listed))))
-        closed = first_order(error_model, values, approaches, lines, reference, step, vectors)
-        result = _closed_form(error_model, given, closed, vectors, names, listed, reference, seed)
+        count = values.shape[1]
+        # half of the steps for the moments of all poses, half for their quantiles and limits
+        halves = [scaled(step, count, steps_of) for steps_of in (count // 2, count - count // 2)]
+        closed = first_order(error_model, values, approaches, lines, reference, halves[0], vectors)
+        result = _closed_form(error_model, given, closed, vectors, names, listed, reference, seed, halves[1])
         doubted = _doubts(closed, known_labels)
         found = (*found, *doubted)
         result = replace(
@@ -271,6 +276,7 @@ def _closed_form(
     specifications: tuple[Specification, ...],
     reference: PoseModel | None,
     seed: int,
+    step: Progress,
 ) -> MapResult:
     known = poses.known
 
@@ -280,21 +286,34 @@ def _closed_form(
         full[..., known] = array
         return full
 
-    laws = _laws(closed.mean, closed.covariance)
-    quantiles = _quantiles(laws)
-    bounds = [
-        np.stack([law.quantile_bounds(level, of) for law, of in zip(closed.vectors[:2], row, strict=True)])
-        for level, row in zip(LEVELS, quantiles, strict=True)
-    ]
-    limits = [closed.vectors[vectors.index(_rows_of(one))].share_bounds(one.limit) for one in specifications]
+    count = closed.mean.shape[1]
+    levels, chosen = len(LEVELS), [vectors.index(_rows_of(one)) for one in specifications]
+    quantiles, bounds = np.empty((levels, 2, count)), np.empty((levels, 2, 2, count))
+    probabilities, limits = np.empty((len(chosen), count)), np.empty((len(chosen), 2, count))
+    relative_quantiles = np.empty((levels, 2, closed.relative_mean.shape[1]))
+    for first in range(0, count, _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        mean, covariance = closed.mean[:, part], closed.covariance[:, :, part]
+        laws, bounded = _laws(mean, covariance), [one.of(part) for one in closed.vectors]
+        quantiles[:, :, part] = _quantiles(laws)
+        for rank, norm in np.ndindex(levels, 2):
+            known_quantile = quantiles[rank, norm, part]
+            bounds[rank, norm, :, part] = bounded[norm].quantile_bounds(LEVELS[rank], known_quantile)
+        probabilities[:, part] = _probabilities(mean, covariance, laws, specifications)
+        for rank, (one, vector) in enumerate(zip(specifications, chosen, strict=True)):
+            limits[rank, :, part] = bounded[vector].share_bounds(one.limit)
+        if reference is not None:
+            relative_quantiles[:, :, part] = _quantiles(
+                _laws(closed.relative_mean[:, part], closed.relative_covariance[:, :, part])
+            )
+        step(mean.shape[1])
     relative = None
     if reference is not None:
-        relative_laws = _laws(closed.relative_mean, closed.relative_covariance)
         relative = Relative(
             q=reference.posture.q,
             mean=spread(closed.relative_mean),
             covariance=spread(closed.relative_covariance),
-            quantile=spread(_quantiles(relative_laws)),
+            quantile=spread(relative_quantiles),
         )
     return MapResult(
         provenance=Provenance.of(error_model, seed),
@@ -303,10 +322,10 @@ def _closed_form(
         mean=spread(closed.mean),
         covariance=spread(closed.covariance),
         quantile=spread(quantiles),
-        quantile_bounds=spread(np.stack(bounds)),
+        quantile_bounds=spread(bounds),
         specifications=specifications,
-        probability=spread(_probabilities(closed, laws, specifications)),
-        probability_bounds=spread(np.reshape(limits, (len(limits), 2, closed.mean.shape[1]))),
+        probability=spread(probabilities),
+        probability_bounds=spread(limits),
         judged=Judged.nothing(len(specifications), len(poses)),
         sources=names,
         shares=spread(closed.shares),
@@ -351,18 +370,18 @@ def _quantiles(laws: _Laws) -> Array:
     return np.stack([np.stack([norm_quantiles(*law, level) for law in laws]) for level in LEVELS])
 
 
-def _probabilities(closed: FirstOrder, laws: _Laws, specifications: Sequence[Specification]) -> Array:
+def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: Sequence[Specification]) -> Array:
     """Return the share inside each specification, ``(S, P)``."""
-    poses = closed.mean.shape[1]
-    rows = []
-    for one in specifications:
+    poses = mean.shape[1]
+    shares = np.zeros((len(specifications), poses))
+    for share, one in zip(shares, specifications, strict=True):
         if one.quantity.endswith("norm"):
             law = laws[int(one.quantity.startswith("attitude"))]
-            rows.append(norm_probabilities(*law, np.full(poses, one.limit)))
+            share[:] = norm_probabilities(*law, np.full(poses, one.limit))
         else:
             row = COMPONENTS.index(one.row)
-            rows.append(_inside(closed.mean[row], np.sqrt(np.maximum(closed.covariance[row, row], 0.0)), one.limit))
-    return np.stack(rows) if rows else np.zeros((0, poses))
+            share[:] = _inside(mean[row], np.sqrt(np.maximum(covariance[row, row], 0.0)), one.limit)
+    return shares
 
 
 def _inside(mean: Array, std: Array, limit: float) -> Array:

@@ -11,6 +11,7 @@ along it, so that the trapezoidal rule converges exponentially.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -41,9 +42,15 @@ _FROM_POLE: Final = 1.0
 _FLAT: Final = 1e-14
 """Variance along an axis, of the largest, below which the vector is constant along it."""
 _ROUNDS: Final = 3
+_CLOSE: Final = 2e-5
+"""Relative step after which the next one is at rounding: the steps square."""
 _ROUNDING: Final = 1e-28
-_AT_ONCE: Final = 512
-"""Vectors computed together."""
+_FAR: Final = 60.0
+"""Largest |s| of an argument of K: there 1 - t/end is exp(-s)."""
+_MOST_STEPS: Final = 100
+_LAST_STEP: Final = 1e-6
+_AT_ONCE: Final = 128
+"""Vectors whose integrals are computed together; their arrays stay in the processor's cache."""
 
 
 def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array]:
@@ -62,41 +69,39 @@ def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array]:
 
 def norm_probabilities(variances: Array, means: Array, radii: Array) -> Array:
     """Return P(|v| ≤ r), ``(P,)``, for vectors in principal axes ``(3, P)`` and radii ``(P,)``; errors below 1e-7."""
-    if radii.size > _AT_ONCE:
-        parts = [norm_probabilities(variances[:, k], means[:, k], radii[k]) for k in _columns(radii.size)]
-        return np.concatenate(parts)
     law = _Law(variances, means)
     found = law.evaluate(np.maximum(radii**2 - law.constant, 0.0))[0]
     result: Array = np.where(law.still, (radii**2 >= law.constant).astype(float), found)
     return result
 
 
-def norm_quantiles(variances: Array, means: Array, probability: float | Array, near: Array | None = None) -> Array:
+def norm_quantiles(
+    variances: Array, means: Array, probability: float | Array, near: tuple[float, Array] | None = None
+) -> Array:
     """Return the quantile of |v|, ``(P,)``, for vectors in principal axes ``(3, P)``; relative errors below 1e-5.
 
-    Newton's method in normal scores, from a gamma law with the first two moments of |v|², or from quantiles ``near`` those
-    wanted, ``(P,)``.
+    Newton's method in normal scores, from a gamma law with the first two moments of |v|²; ``near`` are a probability near the
+    one wanted and its quantiles ``(P,)``, by which the start is corrected.
     """
-    if variances.shape[1] > _AT_ONCE:
-        levels = np.broadcast_to(probability, variances.shape[1:])
-        begins = [None if near is None else near[k] for k in _columns(variances.shape[1])]
-        parts = [
-            norm_quantiles(variances[:, k], means[:, k], levels[k], begin)
-            for k, begin in zip(_columns(variances.shape[1]), begins, strict=True)
-        ]
-        return np.concatenate(parts)
     law = _Law(variances, means)
     squares, spreads = law.moments
-    x = special.gammaincinv(squares**2 / spreads, probability) * (spreads / squares)
-    score = special.ndtri(probability)
-    if near is not None:
-        x = np.maximum(near**2 - law.constant, 1e-3 * x)
-    for _ in range(_ROUNDS if near is None else 1):
+    x = special.gammaincinv(squares**2 / spreads, probability)
+    if near is None:
+        x *= spreads / squares
+    else:
+        known = np.maximum(near[1] ** 2 - law.constant, 1e-3 * squares)
+        x *= known / special.gammaincinv(squares**2 / spreads, near[0])
+    score, going = special.ndtri(probability), np.ones(x.shape, dtype=np.bool_)
+    for _ in range(_ROUNDS):
         found, density = law.evaluate(x)
         scores = special.ndtri(np.clip(found, 1e-15, 1 - 1e-15))
         slopes = np.maximum(density, 1e-300) * np.sqrt(2 * np.pi) * np.exp(scores**2 / 2)
         # the score is nearly linear in the logarithm of x far in the tails
-        x = x * np.exp(np.clip((score - scores) / (slopes * x), -1.0, 1.0))
+        change = np.where(going, np.clip((score - scores) / (slopes * x), -1.0, 1.0), 0.0)
+        x = x * np.exp(change)
+        going = np.abs(change) >= _CLOSE
+        if not going.any():
+            break
     result: Array = np.sqrt(np.where(law.still, 0.0, x) + law.constant)
     return result
 
@@ -113,13 +118,16 @@ def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
 def norm_tail_quantiles(variances: Array, means: Array, tail: float) -> Array:
     """Return the length beyond which the bound of `norm_tail_bounds` is ``tail``, ``(P,)``."""
     law = _Law(variances, means)
-    low, high = np.zeros(means.shape[1]), np.full(means.shape[1], 60.0)
-    for _ in range(40):
-        middle = (low + high) / 2
-        t = law.argument(middle)
-        above = law.exponent(t) - t * law.derivative(t, 1) < np.log(tail)
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    result: Array = np.sqrt(np.where(law.still, 0.0, law.derivative(law.argument(high), 1)) + law.constant)
+    wanted = -np.log(tail)
+
+    def excess(s: Array) -> tuple[Array, Array]:
+        t = law.argument(s)
+        first, second = law.derivatives(t)
+        below = np.maximum(t * first - law.exponent(t), 1e-300)
+        return np.log(below / wanted), t * second * (law.end - t) / below
+
+    t = law.argument(_root(excess, np.full(means.shape[1], 1.0), 0.0, _FAR))
+    result: Array = np.sqrt(np.where(law.still, 0.0, law.derivatives(t)[0]) + law.constant)
     return result
 
 
@@ -142,10 +150,6 @@ def norm_quantile_slopes(mean: Array, covariance: Array, radii: Array) -> Array:
     return np.asarray(np.einsum("pik,klp,pjl->ijp", vectors, np.where(law.still, 0.0, slopes), vectors))
 
 
-def _columns(count: int) -> list[slice]:
-    return [slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE)]
-
-
 class _Law:
     """Law of |v|² minus what is constant of it, for vectors in principal axes ``(3, P)``."""
 
@@ -158,7 +162,7 @@ class _Law:
         # where nothing varies, any law will do
         self._variances = np.where(self.still, 1.0, np.where(flat, 0.0, variances))
         self._squares = np.where(self.still | flat, 0.0, squares)
-        self._end = 1 / (2 * self._variances.max(axis=0))
+        self.end = 1 / (2 * self._variances.max(axis=0))
 
     @property
     def moments(self) -> tuple[Array, Array]:
@@ -168,60 +172,73 @@ class _Law:
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
         """Return probability and density at ``x`` ``(P,)``."""
-        crossing, path, values = self._integrand(x)
-        density = values.imag.sum(axis=0)
-        beyond = (values / path).imag.sum(axis=0)
-        probability: Array = np.clip(np.where(crossing > 0, 1 - beyond, -beyond), 0.0, 1.0)
+        saddle = self._crossing(x)
+        density, beyond = np.empty((2, len(x)))
+        for first in range(0, len(x), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            path, values = self._integrand(x, saddle, part)
+            density[part] = values.imag.sum(axis=0)
+            beyond[part] = (values / path).imag.sum(axis=0)
+        probability: Array = np.clip(np.where(saddle[0] > 0, 1 - beyond, -beyond), 0.0, 1.0)
         return probability, density
 
     def variance_slopes(self, x: Array, means: Array) -> Array:
         """Return the derivative of the quantile ``x`` with respect to the covariance in principal axes, ``(3, 3, P)``."""
-        _, path, values = self._integrand(x)
+        path, values = self._integrand(x, self._crossing(x), slice(None))
         wide = 1 / (1 - 2 * self._variances[:, None] * path)
         turned = means[:, None] * wide
         rates = 2 * path * turned[:, None] * turned[None] + np.eye(3)[:, :, None, None] * wide
         return np.asarray((values * rates).imag.sum(axis=2) / values.imag.sum(axis=0))
 
-    def _integrand(self, x: Array) -> tuple[Array, NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return where the path crosses the real axis ``(P,)``, its nodes and the weighted integrand ``(nodes, P)``."""
-        crossing, second, third = self._crossing(x)
+    def _integrand(
+        self, x: Array, saddle: tuple[Array, Array, Array], part: slice
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the nodes of the path through a saddle as of `_crossing` and the weighted integrand, ``(nodes, P)``."""
+        crossing, second, third = (of[part] for of in saddle)
         width = 1 / np.sqrt(second)
         bend = third * width / (6 * second)
-        flattening = np.sqrt(1 + (bend * _ACROSS / _SLOPE) ** 2)
-        path = crossing + width * (1j * _ACROSS + bend * _ACROSS**2 / flattening)
-        rates = width * (1j + bend * _ACROSS * (1 / flattening + 1 / flattening**3))
-        return crossing, path, self._transformed(path, x) * rates * _WEIGHTS
+        flattening = 1 / np.sqrt(1 + (bend * _ACROSS / _SLOPE) ** 2)
+        path, rates = np.empty((2, _NODES, len(width)), dtype=np.complex128)
+        path.real, path.imag = crossing + width * bend * _ACROSS**2 * flattening, width * _ACROSS
+        rates.real = width * bend * _ACROSS * _WEIGHTS * flattening * (1 + flattening**2)
+        rates.imag = width * _WEIGHTS
+        return path, self._transformed(path, x[part], part) * rates
 
     def argument(self, s: Array) -> Array:
         """Return the argument of K at which K' rises with s, from 0 to infinity."""
-        t: Array = self._end * -np.expm1(-s)
+        t: Array = self.end * -np.expm1(-s)
         return t
 
     def saddle(self, x: Array) -> Array:
         """Return the argument at which the derivative of K is x, ``(P,)``."""
-        low, high = np.full(x.shape, -60.0), np.full(x.shape, 60.0)
-        for _ in range(40):
-            middle = (low + high) / 2
-            above = self.derivative(self.argument(middle), 1) > x
-            low, high = np.where(above, low, middle), np.where(above, middle, high)
-        return self.argument((low + high) / 2)
+        least = self.derivatives(self.argument(np.full(x.shape, -_FAR)))[0]
+        wanted = np.log(np.maximum(x, least))
+
+        def excess(s: Array) -> tuple[Array, Array]:
+            t = self.argument(s)
+            first, second = self.derivatives(t)
+            return np.log(first) - wanted, second * (self.end - t) / first
+
+        # with equal variances and no means this is the solution
+        start = wanted - np.log(self.derivatives(np.zeros(x.shape))[0])
+        return self.argument(_root(excess, np.clip(start, -_FAR, _FAR), -_FAR, _FAR))
 
     def _crossing(self, x: Array) -> tuple[Array, Array, Array]:
         """Return where the path crosses the real axis, and the second and third derivative of K there."""
         t = self.saddle(x)
-        away = _FROM_POLE / np.sqrt(self.derivative(t, 2))
-        left = (t < 0) | (2 * away > self._end)
+        away = _FROM_POLE / np.sqrt(self.derivatives(t)[1])
+        left = (t < 0) | (2 * away > self.end)
         t = np.where(np.abs(t) >= away, t, np.where(left, -away, away))
-        return t, self.derivative(t, 2), self.derivative(t, 3)
+        return t, self.derivatives(t)[1], self.third_derivative(t)
 
-    def _transformed(self, t: NDArray[np.complex128], x: Array) -> NDArray[np.complex128]:
+    def _transformed(self, t: NDArray[np.complex128], x: Array, part: slice) -> NDArray[np.complex128]:
         """Return exp(K(t) - t x) at ``t`` ``(nodes, P)`` in the upper half plane."""
-        left = 1 - 2 * self._variances[:, None] * t
+        left = 1 - 2 * self._variances[:, None, part] * t
         pair = left[0] * left[1]
         product = pair * left[2]
         # each factor turns by 0 to -π, so that the partial products tell the branch of the square root; logarithms are slower
         root = np.where((pair.imag > 0) | (product.imag > 0), -1.0, 1.0) * np.sqrt(product)
-        result: NDArray[np.complex128] = np.exp((self._squares[:, None] * t / left).sum(axis=0) - t * x) / root
+        result: NDArray[np.complex128] = np.exp((self._squares[:, None, part] * t / left).sum(axis=0) - t * x) / root
         return result
 
     def exponent(self, t: Array) -> Array:
@@ -230,9 +247,35 @@ class _Law:
         result: Array = (self._squares * t / left - np.log(left) / 2).sum(axis=0)
         return result
 
-    def derivative(self, t: Array, order: int) -> Array:
-        """Return the first, second or third derivative of K at real ``t`` ``(P,)``."""
-        left = 1 - 2 * self._variances * t
-        scale = (1.0, 2.0, 8.0)[order - 1] * self._variances ** (order - 1) / left**order
-        result: Array = (scale * (self._variances + order * self._squares / left)).sum(axis=0)
+    def derivatives(self, t: Array) -> tuple[Array, Array]:
+        """Return the first and second derivative of K at real ``t`` ``(P,)`` below its end."""
+        over = 1 / (1 - 2 * self._variances * t)
+        small, large = self._variances * over, self._squares * over * over
+        return (small + large).sum(axis=0), (2 * small * (small + 2 * large)).sum(axis=0)
+
+    def third_derivative(self, t: Array) -> Array:
+        """Return the third derivative of K at real ``t`` ``(P,)`` below its end."""
+        over = 1 / (1 - 2 * self._variances * t)
+        small = self._variances * over
+        result: Array = (8 * small * small * (small + 3 * self._squares * over * over)).sum(axis=0)
         return result
+
+
+def _root(function: Callable[[Array], tuple[Array, Array]], start: Array, least: float, most: float) -> Array:
+    """Return where an increasing function is zero, ``(P,)``, to some 1e-12; it returns values and slopes.
+
+    Newton's method, with bisection where that would leave the bracket or is slower.
+    """
+    at, low, high = start, np.full(start.shape, least), np.full(start.shape, most)
+    last = high - low
+    for _ in range(_MOST_STEPS):
+        values, slopes = function(at)
+        low, high = np.where(values <= 0, at, low), np.where(values >= 0, at, high)
+        change = -values / np.maximum(slopes, 1e-300)
+        newton = (at + change >= low) & (at + change <= high) & (2 * np.abs(change) <= last)
+        # where a step is small the next one would be as small as its square
+        change = np.where(last < _LAST_STEP, 0.0, np.where(newton, change, (low + high) / 2 - at))
+        at, last = at + change, np.abs(change)
+        if last.max(initial=0.0) < _LAST_STEP:
+            break
+    return at

@@ -7,7 +7,7 @@ import io
 import itertools
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -18,7 +18,7 @@ from precision_pin import units
 from precision_pin.errors import Finding, InputError, UnitError, nearest
 from precision_pin.inputs.arguments import check_instance, check_number, check_path, check_whole
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.inputs.csv_columns import LARGEST_FILE, NUMBER
+from precision_pin.inputs.csv_columns import NUMBER, numbers
 from precision_pin.inputs.files import UnreadableFileError, read_text_file
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
@@ -30,6 +30,9 @@ __all__ = ["Column", "Trajectory", "read_trajectory"]
 
 _TIMES: Final = ("t", "time")
 _LONGEST: Final = 40
+_LARGEST_FILE: Final = 256 * 2**20
+_AT_ONCE: Final = 2**15
+"""Lines that are read together."""
 _ROUNDING: Final = 1e-9
 """Share of a step by which an interval may be longer than a whole number of steps, for rounding."""
 
@@ -92,7 +95,11 @@ class Trajectory:
     @property
     def poses(self) -> PoseSet:
         """The poses with the status of each."""
-        return PoseSet.at(self.chain, np.ascontiguousarray(self.values.T), self.names, self.times)
+        return self.pose_set()
+
+    def pose_set(self, step: Callable[[int], object] = lambda _: None) -> PoseSet:
+        """Return the poses with the status of each; ``step`` is called with the number of poses done since the last call."""
+        return PoseSet.at(self.chain, np.ascontiguousarray(self.values.T), self.names, self.times, step)
 
     def refined(
         self,
@@ -153,7 +160,12 @@ class Trajectory:
         )
 
 
-def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int = MOST_POSES) -> Trajectory:
+def read_trajectory(
+    path: str | os.PathLike[str],
+    chain: Chain,
+    most: int = MOST_POSES,
+    progress: Callable[[int], object] = lambda _: None,
+) -> Trajectory:
     """Read a trajectory: a row of joint names in any order, then a row of values for each pose.
 
     A unit may follow a name, as in ``joint1 [deg]``; without one values are in rad or m. A first column named ``t`` or
@@ -167,12 +179,14 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int = MOST
         Whose joints the columns are.
     most
         The most poses there may be.
+    progress
+        Function called with the number of characters read since its last call.
 
     Raises
     ------
     InputError
-        The file cannot be read, names other joints, has a wrong unit, or holds a value that is not a finite number; one line
-        that says where.
+        The file cannot be read, is larger than 256 MiB, names other joints, has a wrong unit, or holds a value that is not a
+        finite number; one line that says where.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_whole("the most poses", most, 1, MOST_POSES)
@@ -182,7 +196,11 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int = MOST
         return InputError([Finding("error", "E_TRAJECTORY", message, file, line)])
 
     try:
-        reader = csv.reader(io.StringIO(read_text_file(file, LARGEST_FILE)))
+        text = read_text_file(file, _LARGEST_FILE)
+        plain = _plain(text, chain, most, progress)
+        if plain is not None:
+            return plain
+        reader = csv.reader(io.StringIO(text))
         # the line a row ends on, which is its only one unless it holds line breaks in quotes
         filled = ((reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row)))
         rows = list(itertools.islice(filled, most + 2))
@@ -202,24 +220,50 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int = MOST
     if len(rows) - 1 > most:
         raise wrong(f"more than {most} poses; leave rows out", rows[most + 1][0])
     timed = not columns[0].joint
-    numbers = np.empty((len(rows) - 1, len(header)))
+    values = np.empty((len(rows) - 1, len(header)))
     for row, (line, cells) in enumerate(rows[1:]):
         if len(cells) != len(header):
             raise wrong(f"{len(cells)} values for {len(header)} columns", line)
         for column, cell in enumerate(cells):
-            numbers[row, column] = _number(cell) * columns[column].factor
-            if not math.isfinite(numbers[row, column]):
+            values[row, column] = _number(cell) * columns[column].factor
+            if not math.isfinite(values[row, column]):
                 raise wrong(f"{header[column]}: {shown(cell, _LONGEST)} is not a finite number", line)
-        if timed and row and not numbers[row, 0] > numbers[row - 1, 0]:
-            before, after = numbers[row - 1 : row + 1, 0].tolist()
+        if timed and row and not values[row, 0] > values[row - 1, 0]:
+            before, after = values[row - 1 : row + 1, 0].tolist()
             goes = (
                 f"stands still at {after:.10g} s" if after == before else f"goes back from {before:g} s to {after:g} s"
             )
             raise wrong(f"the time {goes}; it must increase from row to row", line)
+    return _trajectory(chain, values, columns)
+
+
+def _trajectory(chain: Chain, values: Array, columns: Sequence[Column]) -> Trajectory:
     joints = [column.joint for column in columns]
     order = [joints.index(name) for name in chain.joint_names]
-    rows_of_file = np.arange(1.0, len(numbers) + 1)
-    return Trajectory(chain, numbers[:, order], numbers[:, 0] if timed else None, rows_of_file, tuple(columns))
+    times = None if columns[0].joint else values[:, 0]
+    return Trajectory(chain, values[:, order], times, np.arange(1.0, len(values) + 1), tuple(columns))
+
+
+def _plain(text: str, chain: Chain, most: int, progress: Callable[[int], object]) -> Trajectory | None:
+    """Return a trajectory of plain numbers, many lines at once; ``None`` where reading row by row finds what is wrong."""
+    lines = [line for line in text.replace("\r\n", "\n").split("\n") if line.strip()]
+    if not 2 <= len(lines) <= most + 1 or '"' in lines[0]:
+        return None
+    try:
+        columns = _columns([cell.strip() for cell in lines[0].split(",")], chain)
+    except InputError:
+        return None
+    parts: list[Array] = []
+    for first in range(1, len(lines), _AT_ONCE):
+        together = lines[first : first + _AT_ONCE]
+        part = numbers(together, len(columns))
+        if part is None:
+            return None
+        parts.append(part)
+        progress(sum(map(len, together)) + len(together))
+    values: Array = np.concatenate(parts) * [column.factor for column in columns]
+    increasing = columns[0].joint or (np.diff(values[:, 0]) > 0).all()
+    return _trajectory(chain, values, columns) if increasing and np.isfinite(values).all() else None
 
 
 def _columns(header: Sequence[str], chain: Chain) -> list[Column]:
