@@ -7,7 +7,7 @@ on (seed, stream, occasion, unit): any sample can be computed again alone, and t
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -77,7 +77,7 @@ def streams_of(names: Iterable[str]) -> dict[str, int]:
     return streams
 
 
-def uniforms(seed: int, stream: int, occasion: int, first_pair: int, pairs: int) -> NDArray[np.float64]:
+def uniforms(seed: int, stream: int | Sequence[int], occasion: int, first_pair: int, pairs: int) -> NDArray[np.float64]:
     """Return the uniform numbers of units ``2·first_pair … 2·(first_pair + pairs) - 1``.
 
     Parameters
@@ -85,7 +85,7 @@ def uniforms(seed: int, stream: int, occasion: int, first_pair: int, pairs: int)
     seed
         64-bit key.
     stream
-        32-bit word, one for each component of a draw.
+        32-bit word, one for each component of a draw; or S of them.
     occasion
         32-bit word: 0 for unit scope, see :func:`precision_pin.draws.space.occasion`.
     first_pair, pairs
@@ -94,12 +94,13 @@ def uniforms(seed: int, stream: int, occasion: int, first_pair: int, pairs: int)
     Returns
     -------
     NDArray
-        ``(2, pairs)``: row 0 the even units, row 1 the odd ones; each ``(2j+1)/2⁵³`` with j the top 52 bits of its
+        ``(2, pairs)``, of S streams one after another ``(2, S·pairs)``: row 0 the even units, row 1 the odd ones; each ``(2j+1)/2⁵³`` with j the top 52 bits of its
         64, hence never 0 or 1 and symmetric about one half.
     """
-    index = np.arange(first_pair, first_pair + pairs, dtype=np.uint64)
-    fixed = np.ones(pairs, dtype=np.uint64)
-    counter = np.array([index & _LOW, index >> _HALF, fixed * np.uint64(stream), fixed * np.uint64(occasion)])
+    streams = np.repeat(np.array(stream, dtype=np.uint64), pairs)
+    one = np.arange(first_pair, first_pair + pairs, dtype=np.uint64)
+    index = np.resize(one, streams.size)
+    counter = np.array([index & _LOW, index >> _HALF, streams, np.full_like(streams, occasion)])
     words = philox4x32(counter, (seed & 0xFFFFFFFF, seed >> 32))
     bits = np.array([words[0] | (words[1] << _HALF), words[2] | (words[3] << _HALF)])
     whole = (bits >> np.uint64(12)).astype(np.float64)
@@ -128,20 +129,20 @@ class Units:
     first: int
     count: int
 
-    def uniforms(self, stream: int, word: int) -> NDArray[np.float64]:
-        """Return uniform numbers ``(count,)``."""
-        return self._in_order(self._pairs(stream, word))
+    def uniforms(self, streams: Sequence[int], word: int) -> NDArray[np.float64]:
+        """Return uniform numbers of S streams ``(S, count)``."""
+        return self._in_order(self._pairs(streams, word), len(streams))
 
-    def normals(self, stream: int, word: int) -> NDArray[np.float64]:
-        """Return normal numbers ``(count,)``: Box-Muller of each pair, cosine for the even unit, sine for the odd one."""
-        pairs = self._pairs(stream, word)
-        return self._in_order(np.sqrt(-2 * np.log(pairs[0])) * direction(pairs[1]))
+    def normals(self, streams: Sequence[int], word: int) -> NDArray[np.float64]:
+        """Return normal numbers ``(S, count)``: Box-Muller of each pair, cosine for the even unit, sine for the odd one."""
+        pairs = self._pairs(streams, word)
+        return self._in_order(np.sqrt(-2 * np.log(pairs[0])) * direction(pairs[1]), len(streams))
 
-    def _pairs(self, stream: int, word: int) -> NDArray[np.float64]:
+    def _pairs(self, streams: Sequence[int], word: int) -> NDArray[np.float64]:
         first = self.first // 2
-        return uniforms(self.seed, stream, word, first, (self.first + self.count + 1) // 2 - first)
+        return uniforms(self.seed, streams, word, first, (self.first + self.count + 1) // 2 - first)
 
-    def _in_order(self, pairs: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _in_order(self, pairs: NDArray[np.float64], streams: int) -> NDArray[np.float64]:
         skipped = self.first % 2
-        ordered: NDArray[np.float64] = pairs.T.reshape(-1)[skipped : skipped + self.count]
-        return ordered
+        ordered: NDArray[np.float64] = pairs.T.reshape(streams, pairs.size // max(streams, 1))
+        return ordered[:, skipped : skipped + self.count]

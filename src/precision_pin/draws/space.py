@@ -38,6 +38,8 @@ __all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Se
 
 _UNCHECKED: Final = 2**28
 """Bytes below which free memory is not checked: the check would take longer than the sampling."""
+_TOGETHER: Final = 2**14
+"""Numbers that are made together; of more, the arrays leave the processor's cache."""
 
 
 @final
@@ -221,18 +223,24 @@ class Space:
         self._check_sample_memory(count)
         units = philox.Units(seed, first, count)
         x = np.empty((self.size, count))
+        alike: dict[tuple[str, Scope], list[tuple[Law, slice]]] = {}
         for draw, rows in zip(self.draws, self.slices, strict=True):
             if not draw.law.streamed:
                 x[rows] = draw.law.mean_vector[:, None]
             elif draw.name not in self._correlated_draws:
-                word = occasion(draw.scope, pose, visit)
-                make = units.normals if draw.law.variates == "normal" else units.uniforms
-                x[rows] = draw.law.sample(np.array([make(stream, word) for stream in self.streams[rows]]))
+                alike.setdefault((draw.law.variates, draw.scope), []).append((draw.law, rows))
+        for (variates, scope), listed in alike.items():
+            word, make = occasion(scope, pose, visit), units.normals if variates == "normal" else units.uniforms
+            step = max(1, _TOGETHER // max(count, 1))
+            for laws in (listed[k : k + step] for k in range(0, len(listed), step)):
+                made = make([stream for _, rows in laws for stream in self.streams[rows]], word)
+                for law, rows in laws:
+                    x[rows], made = law.sample(made[: law.size]), made[law.size :]
         for correlation in self.correlations:
             columns = [self.index[name] for name in correlation.names]
             word = occasion(self._correlated_draws[correlation.names[0]].scope, pose, visit)
             self._set_correlated(
-                correlation, np.array([units.normals(self.streams[column], word) for column in columns]), x
+                correlation, units.normals([self.streams[column] for column in columns], word), x
             )
         return x
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
@@ -209,7 +209,7 @@ def check_text(what: str, value: object, example: str = "") -> str:
     return str(value)
 
 
-def check_name(kind: str, value: object, known: Iterable[str]) -> str:
+def check_name(kind: str, value: object, known: Collection[str]) -> str:
     """Return the name of something that exists.
 
     Raises
@@ -220,9 +220,8 @@ def check_name(kind: str, value: object, known: Iterable[str]) -> str:
         The value is no text.
     """
     name = check_text(f"the name of a {kind}", value)
-    names = tuple(known)
-    if name not in names:
-        raise UnknownNameError(kind, name, names)
+    if name not in known:
+        raise UnknownNameError(kind, name, tuple(known))
     return name
 
 

@@ -170,7 +170,8 @@ class ErrorModel:
         poses = {name: ApproachedPose(q, sheet.approaches.get(name, ())) for name, q in sheet.poses.items()}
         model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
-        model.origins = origins_of_numbers(sheet.origins, model.space, model.owners)
+        if sheet.origins:
+            model.origins = origins_of_numbers(sheet.origins, model.space, model.owners)
         model = model if sheet.estimates is None else model.calibrated(sheet.estimates)
         model.sheet = sheet
         model.beyond_limits = sheet.beyond_limits

@@ -31,8 +31,6 @@ def origins_of_numbers(stated: Mapping[str, Origin], space: Space, owners: Seque
     space, owners
         The draws, and the labels of the sources that use each of them.
     """
-    if not stated:
-        return {}
     kinds = map(partial(_origin, stated), space.draws, owners)
     return {name: kind for draw, kind in zip(space.draws, kinds, strict=True) for name in draw.components}
 

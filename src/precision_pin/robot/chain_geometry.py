@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_name, check_numbers, check_text, check_whole
-from precision_pin.inputs.arrays import fix_fields, returns_read_only
+from precision_pin.inputs.arrays import fix_fields, read_only, returns_read_only
 from precision_pin.robot.places import (
     ORDER_END,
     ORDER_FRAME,
@@ -203,7 +203,7 @@ class ChainGeometry:
         InputError
             There is no such joint; 0 is the first.
         """
-        return alignment(self.written_axes[self.joint_number(joint)])
+        return self._written_alignments[self.joint_number(joint)]
 
     def joint_number(self, joint: int) -> int:
         """Return a joint's position, 0-based, after a check.
@@ -229,6 +229,10 @@ class ChainGeometry:
             )
             for link, (name, frame) in far
         )
+
+    @cached_property
+    def _written_alignments(self) -> tuple[Array, ...]:
+        return tuple(read_only(alignment(axis)) for axis in self.written_axes)
 
     @cached_property
     def _alignments(self) -> tuple[Array, ...]:

@@ -228,11 +228,11 @@ def _read(contents: Contents) -> Sheet:
         raise SheetError("the robot could not be read")
     _check_joints(broken, chain, findings)
     poses, approaches = parse_poses(document.poses, findings, chain)
-    _try_terms(chain, space, sources, poses, approaches, findings)
     listed = tuple(sources.values())
+    names = labels(listed)
+    _try_terms(chain, space, sources, names, poses, approaches, findings)
     estimates = _estimates(document, space, listed, folder, findings)
     measurement = _measurement(document, chain, findings)
-    names = labels(listed)
     origins = {
         f"{label}.{setting}" if setting else label: origin
         for k, label in zip(sources, names, strict=True)
@@ -245,7 +245,7 @@ def _read(contents: Contents) -> Sheet:
                 ("accept", code), f"accept: expected the code of a warning and a reason, got {code!r}: {reason!r}"
             )
     findings.refuse()
-    remark_on_sources(document, space, sources, findings)
+    remark_on_sources(document, space, sources, names, findings)
     remark_on_poses(document, chain, findings)
     found = (*chain_findings(chain), *findings.found)
     warnings = tuple(finding.accepted(document.accept) for finding in found if finding.severity != "error")
@@ -417,6 +417,7 @@ def _try_terms(
     chain: Chain,
     space: Space,
     sources: Mapping[int, Source],
+    names: Sequence[str],
     poses: Mapping[str, Array],
     approaches: Mapping[str, Approach],
     findings: Findings,
@@ -424,7 +425,7 @@ def _try_terms(
     """Compute the terms of every source at every pose, so that a wrong joint or link is reported at its line."""
     extension = Extension(space)
     usable: list[tuple[Path, Source, str]] = []
-    for (k, source), label in zip(sources.items(), labels(list(sources.values())), strict=True):
+    for (k, source), label in zip(sources.items(), names, strict=True):
         path: Path = ("sources", k, source.kind())
         try:
             extension.add(source.draws(label))

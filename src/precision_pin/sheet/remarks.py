@@ -19,7 +19,6 @@ from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.poses import split_pose
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.text import Path, Text
-from precision_pin.terms.labelled_sources import labels, own_draws
 from precision_pin.terms.source import Source
 
 __all__ = ["FEW", "few_samples", "note_on_normal", "pose_remark", "remark_on_poses", "remark_on_sources"]
@@ -37,20 +36,24 @@ _SLIP: Final = 0.002
 """Largest distance to a multiple of π/4 at which a number is taken for its rounded value."""
 
 
-def remark_on_sources(document: Document, space: Space, sources: Mapping[int, Source], findings: Findings) -> None:
-    """Warn of settings that are probably unintended; refuse laws that are too wide to compute with."""
-    names = labels(list(sources.values()))
-    extended = space.including(own_draws(list(sources.values()), names))
+def remark_on_sources(
+    document: Document, space: Space, sources: Mapping[int, Source], names: Sequence[str], findings: Findings
+) -> None:
+    """Warn of settings that are probably unintended; refuse laws that are too wide to compute with.
+
+    The sources are given by position, and their labels as ``names``.
+    """
     placed: list[tuple[Path, Source, str]] = [
         (("sources", k, source.kind()), source, label)
         for (k, source), label in zip(sources.items(), names, strict=True)
     ]
     for draw in space.draws:
         _remark_on_draw(("parameters", draw.name), draw, findings)
-    for path, source, label in placed:
-        for draw in source.draws(label):
-            _remark_on_draw(path, draw, findings)
+    own = [(path, draw) for path, source, label in placed for draw in source.draws(label)]
+    for path, draw in own:
+        _remark_on_draw(path, draw, findings)
     findings.refuse()
+    extended = space.including([draw for _, draw in own])
     for path, source, label in placed:
         for remark in source.remarks(LabelledSpace(extended, label)):
             findings.warning(path, remark.message, remark.code)

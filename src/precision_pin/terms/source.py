@@ -98,7 +98,7 @@ def takes_law(hint: Any) -> bool:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class _Leaf:
     """One value among the settings of a source.
 
@@ -137,6 +137,8 @@ class _Leaf:
     @property
     def draw(self) -> Draw | None:
         """The draw in the setting; None if there is none."""
+        if self.value is None or isinstance(self.value, str | float):  # most settings, and an abstract class is slow
+            return None
         match self.value:
             case Law() as law:
                 return Draw(self.name, law)
@@ -164,13 +166,18 @@ class _Leaf:
 
 def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
     """Yield every value in the settings: each entry of a list, and each value in a part of a setting."""
-    for entry in dataclasses.fields(part):
-        setting = getattr(part, entry.name)
+    for name in _field_names(type(part)):
+        setting = getattr(part, name)
         for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
-            if dataclasses.is_dataclass(value) and not isinstance(value, Law | Draw | Expression):
-                yield from _leaves(value, f"{label}.{entry.name}[{k}]")
+            if dataclasses.is_dataclass(value) and not isinstance(value, Draw | Law | Expression):
+                yield from _leaves(value, f"{label}.{name}[{k}]")
             else:
-                yield _Leaf(f"{label}.{entry_name(entry.name, k)}", value, type(part), entry.name)
+                yield _Leaf(f"{label}.{entry_name(name, k)}", value, type(part), name)
+
+
+@cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    return tuple(entry.name for entry in dataclasses.fields(kind))
 
 
 class Source(ABC):
@@ -302,7 +309,7 @@ class Source(ABC):
     @final
     def settings(self) -> dict[str, object]:
         """Return the settings by field name."""
-        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}  # type: ignore[arg-type]
+        return {name: getattr(self, name) for name in _field_names(type(self))}
 
     @final
     def draws(self, label: str) -> tuple[Draw, ...]:

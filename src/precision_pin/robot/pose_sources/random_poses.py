@@ -129,7 +129,7 @@ class _JointDraws:
         return cls(chain, low, high, box)
 
     def draw(self, units: Units) -> PoseSet | None:
-        uniforms = np.array([units.uniforms(stream_of(name), 0) for name in self.chain.joint_names])
+        uniforms = units.uniforms([stream_of(name) for name in self.chain.joint_names], 0)
         q = self.low[:, None] + (self.high - self.low)[:, None] * uniforms
         poses = PoseSet.at(self.chain, q)
         if self.box is None:
@@ -148,13 +148,13 @@ class _PlaceDraws:
     kinds: tuple[Orientation, ...]
 
     def draw(self, units: Units) -> PoseSet | None:
-        place = np.array([units.uniforms(stream_of(name), 0) for name in _PLACE_STREAMS])
+        place = units.uniforms([stream_of(name) for name in _PLACE_STREAMS], 0)
         points = self.box[:, :1] + (self.box[:, 1:] - self.box[:, :1]) * place
         variants = [
             (kind, angle) for kind in range(len(self.kinds)) for angle in range(len(self.kinds[kind].rotations))
         ]
-        chosen = (units.uniforms(stream_of(_CHOICE), 0) * len(variants)).astype(np.intp)
-        branch = units.uniforms(stream_of(_BRANCH), 0)
+        chosen = (units.uniforms([stream_of(_CHOICE)], 0)[0] * len(variants)).astype(np.intp)
+        branch = units.uniforms([stream_of(_BRANCH)], 0)[0]
         sets, ranks = [], []
         for rank, kind in enumerate(self.kinds):
             own = np.flatnonzero([variants[variant][0] == rank for variant in chosen])
