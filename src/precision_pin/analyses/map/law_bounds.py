@@ -319,7 +319,7 @@ class Vectors:
 
     def of(self, part: slice) -> Vectors:
         """Return the errors at some of the poses."""
-        return Vectors(*(getattr(self, one.name)[..., part] for one in fields(self)))
+        return Vectors(*(value[..., part] for value in self._values))
 
     @cached_property
     def axes(self) -> tuple[Array, Array]:
