@@ -9,6 +9,7 @@ from scipy import stats
 import precision_pin as pp
 from precision_pin.analyses.map.law_bounds import LawShapes
 from precision_pin.analyses.map.map_result import LEVELS
+from precision_pin.analyses.map.normal_norms import norm_quantiles, norm_tail_bounds, norm_tail_quantiles
 from precision_pin.draws.laws import Arcsine, Disc, Law, Lognormal, Normal, TwoPoint, Uniform
 from precision_pin.draws.space import Draw, Space
 from precision_pin.model.error_model import ErrorModel
@@ -159,3 +160,33 @@ def test_nothing_sampled_is_not_judged():
     assert ": NOT JUDGED - nothing was sampled" in map_table(made)
     assert made.to_dict()["poses"][0]["judged"] is None
     assert pp.map_poses(arm(x=Normal(1e-4)), [[0.0]], verify=0).met
+
+
+def test_quantiles_and_limits_are_computed_in_view_some_poses_at_a_time(monkeypatch):
+    model, steps = arm(x=Normal(1e-4), y=Uniform(2e-4)), []
+    asked = {"verify": 0, "specifications": ["0.3 mm", "x 0.2 mm"], "relative_to": [0.1]}
+    poses = np.linspace(-1, 1, 7)[None]
+    whole = pp.map_poses(model, poses, **asked)
+    monkeypatch.setattr("precision_pin.analyses.map.map_poses._AT_ONCE", 2)
+    parts = pp.map_poses(model, poses, progress=steps.append, **asked)
+    assert sum(steps) == 7
+    assert sum(map(bool, steps)) == 5  # the moments of all, then four times up to two poses
+    for name in ("quantile", "quantile_bounds", "probability", "probability_bounds"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-12)
+    np.testing.assert_allclose(parts.relative.quantile, whole.relative.quantile, rtol=1e-12)
+
+
+def test_tail_bounds_of_a_normal_vector_by_hand():
+    # of k equal variances s² the least exp(K(t) - t r²) is (r²/(k s²))^(k/2) exp(k/2 - r²/(2 s²)), by t = 1/(2 s²) - k/(2 r²)
+    s, lengths = 2e-3, np.array([0.5, 1.0, 3.0, 5.0, 9.0])
+    for k in (1, 2, 3):
+        variances = np.repeat(np.array([s**2] * k + [0.0] * (3 - k))[:, None], 5, axis=1)
+        z = lengths**2 / k
+        expected = np.where(z > 1, z ** (k / 2) * np.exp(k * (1 - z) / 2), 1.0)
+        np.testing.assert_allclose(norm_tail_bounds(variances, 0 * variances, s * lengths), expected, rtol=1e-10)
+        radii = norm_tail_quantiles(variances, 0 * variances, 1e-3)
+        np.testing.assert_allclose(norm_tail_bounds(variances, 0 * variances, radii), 1e-3, rtol=1e-9)
+        np.testing.assert_allclose(
+            norm_quantiles(variances, 0 * variances, 0.97, (0.95, s * stats.chi(k).ppf(np.full(5, 0.95)))),
+            s * stats.chi(k).ppf(0.97), rtol=1e-7,
+        )  # fmt: skip

@@ -69,6 +69,24 @@ def test_poses_between_the_rows_by_hand(tmp_path, chain):
     np.testing.assert_array_equal(read.refined().values, read.values)
 
 
+def test_many_plain_rows_are_those_of_the_file_and_their_reading_is_in_view(tmp_path, chain, monkeypatch):
+    monkeypatch.setattr("precision_pin.robot.pose_sources.trajectory._AT_ONCE", 7)
+    monkeypatch.setattr("precision_pin.robot.pose_set._AT_ONCE", 6)
+    values = np.random.default_rng(3).uniform(-1, 1, (20, 2))
+    lines = ["t [ms],swing [old], rail [cm]", *(f"{k}, {a!r} ,{b!r}\r" for k, (a, b) in enumerate(values.tolist())), ""]
+    read_at, posed = [], []
+    (tmp_path / "many.csv").write_text("\n\n".join(lines), newline="")
+    read = pp.read_trajectory(tmp_path / "many.csv", chain, progress=read_at.append)
+    np.testing.assert_array_equal(read.values, values[:, ::-1] * [0.01, 1])
+    np.testing.assert_allclose(read.times, np.arange(20) / 1000, rtol=1e-15)
+    assert len(read_at) == 3
+    assert read.pose_set(posed.append).status == read.poses.status
+    assert posed == [6, 6, 6, 2]
+    np.testing.assert_allclose(read.poses.position[0], values[:, 1] / 100, atol=1e-12)
+    with pytest.raises(InputError, match=r"way.csv:3: .* 'nan' is not a finite number"):
+        way(tmp_path, chain, "t,swing [old],rail\n0,0,0\n1,nan,0\n")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
