@@ -422,18 +422,14 @@ def _try_terms(
     approaches: Mapping[str, Approach],
     findings: Findings,
 ) -> tuple[Space, list[tuple[Path, Draw]]]:
-    """Compute the terms of every source at every pose, so that a wrong joint or link is reported at its line.
-
-    Returns the space with the draws of the sources, and these draws at the paths of their sources.
-    """
+    """Report wrong joints and links by trying every pose; return the space with the sources' draws, and these by path."""
     extension = Extension(space)
     usable: list[tuple[Path, Source, str]] = []
     own: list[tuple[Path, Draw]] = []
     for (k, source), label in zip(sources.items(), names, strict=True):
         path: Path = ("sources", k, source.kind())
         try:
-            draws = source.draws(label)
-            extension.add(draws)
+            extension.add(draws := source.draws(label))
             usable.append((path, source, label))
             own += [(path, draw) for draw in draws]
         except InputError as error:
