@@ -18,7 +18,7 @@ import precision_pin
 import precision_pin as pp
 from precision_pin.draws.correlation import BlockCovariance, Correlation
 from precision_pin.draws.laws import Disc, JointNormal, Normal, Uniform
-from precision_pin.draws.space import Draw, Extension, Space
+from precision_pin.draws.space import Draw, Extension, Scope, Space
 from precision_pin.errors import InputError, SheetError, UnknownNameError
 from precision_pin.inputs import csv_columns
 from precision_pin.model.error_model import ErrorModel
@@ -45,6 +45,27 @@ def test_reading_takes_time_in_proportion_to_what_is_read(load: Load) -> None:
         spent.append(time.process_time() - start)
     assert spent[1] < 20 * spent[0]  # 64 if it grew with the square
     assert spent[1] < 8
+
+
+def test_a_number_is_found_among_many_as_soon_as_among_few() -> None:
+    spent = []
+    for count in (2000, 16_000):
+        space = Space(tuple(Draw(f"a{k}", Normal(1.0)) for k in range(count)))
+        assert space.parameter("a0").name == "a0"
+        start = time.process_time()
+        for k in range(0, count, count // 1000):
+            space.parameter(f"a{k}")
+        spent.append(time.process_time() - start)
+    assert spent[1] < 4 * spent[0]  # 8 if every name was looked at
+
+
+def test_numbers_drawn_together_are_those_drawn_one_by_one() -> None:
+    laws = (Normal(1.0), Uniform(2.0), Disc(3.0), Normal(0.5, 1.0))
+    draws = tuple(Draw(f"a{k}", laws[k % 4], (Scope.UNIT, Scope.VISIT)[k % 3 // 2]) for k in range(40))
+    for first, count in ((0, 7), (3, 1000), (5, 0)):
+        together = Space(draws).sample(5, first, count, pose=2, visit=1)
+        alone = [Space((draw,)).sample(5, first, count, pose=2, visit=1) for draw in draws]
+        np.testing.assert_array_equal(together, np.concatenate(alone))
 
 
 @pytest.mark.slow

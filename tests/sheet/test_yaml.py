@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
+from fuzzing.errorsheets.trial import sheet_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -280,3 +281,39 @@ def test_any_structure_is_read_or_refused_but_never_crashes(
     if listed is not None:
         contents["sources"] = listed
     read_or_refused(write(json.dumps(contents, indent=1, ensure_ascii=False)))
+
+
+# large text --------------------------------------------------------------------------------------
+
+
+def outcome(text: str) -> object:
+    try:
+        found = read_text(text, "f")
+    except SheetError as error:
+        return str(error)
+    return found.data, list(found.lines.items()), found.findings
+
+
+def test_large_text_is_read_by_libyaml(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = HEAD + "sources:\n" + "- {a: [1, x y], b: 'é'}  # ±\n" * 2000
+    monkeypatch.delattr("precision_pin.sheet.text.YAML")
+    found = read_text(text, "f")
+    assert found.data["sources"] == [{"a": ["1", "x y"], "b": "é"}] * 2000
+    assert (found.line(("sources", 1999, "a", 1)), len(found.lines)) == (2003, 3 + 1 + 2000 * 5)
+
+
+@pytest.mark.parametrize("count", [12, pytest.param(150, marks=pytest.mark.slow)])
+def test_libyaml_reads_what_the_pure_parser_reads(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    texts = [path.read_text() for path in Path("robots").glob("*.yaml")] if count > 12 else []
+    texts += [sheet_of(3, number)[0].decode("utf-8", "replace") for number in range(count)]
+    texts += [
+        "a: {: 1}\n", "a: {b: 1, :c: d}\n", f"{'a' * 1030}: 1\n", "a:\tb\n", "- \tx: 1\n", "a: b\x85c: d\n", "a: 'b\u2028 c'\n",
+        "a: b\rc: d\n", "%YAML 1.1\n---\na: b\n", "\ufeffa: b\n", "a: !t b\n", "a: 1\na: 2\n", "a: *b\n", "a: [b\n",
+        "a: b\n---\nc: d\n", '"a\\x41\\\n  b": c\n', "? a\n: b\n", "- - a\n  - b\n-\n", "",
+        "a: &x {b: 1}\nc: *x\n", "a: |\n  b\n\n  c\nd: >-\n  e\n  f\n",
+        "a: " + "[" * 14 + "]" * 14 + "\n", 'a: "\\ud800"\n', "a: \ud800\n",
+    ]  # fmt: skip
+    monkeypatch.setattr("precision_pin.sheet.text.LARGE", 0)
+    quick = list(map(outcome, texts))
+    monkeypatch.setattr("precision_pin.sheet.text.LARGE", 10**9)
+    assert [text for text, found in zip(texts, quick, strict=True) if outcome(text) != found] == []

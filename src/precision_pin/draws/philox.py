@@ -94,8 +94,8 @@ def uniforms(seed: int, stream: int | Sequence[int], occasion: int, first_pair: 
     Returns
     -------
     NDArray
-        ``(2, pairs)``, of S streams one after another ``(2, S·pairs)``: row 0 the even units, row 1 the odd ones; each ``(2j+1)/2⁵³`` with j the top 52 bits of its
-        64, hence never 0 or 1 and symmetric about one half.
+        ``(2, pairs)``, of S streams one after another ``(2, S·pairs)``: row 0 the even units, row 1 the odd ones; each
+        ``(2j+1)/2⁵³`` with j the top 52 bits of its 64, hence never 0 or 1 and symmetric about one half.
     """
     streams = np.repeat(np.array(stream, dtype=np.uint64), pairs)
     one = np.arange(first_pair, first_pair + pairs, dtype=np.uint64)

@@ -239,9 +239,7 @@ class Space:
         for correlation in self.correlations:
             columns = [self.index[name] for name in correlation.names]
             word = occasion(self._correlated_draws[correlation.names[0]].scope, pose, visit)
-            self._set_correlated(
-                correlation, units.normals([self.streams[column] for column in columns], word), x
-            )
+            self._set_correlated(correlation, units.normals([self.streams[column] for column in columns], word), x)
         return x
 
     def inverse(self, uniforms: ArrayLike) -> Array:

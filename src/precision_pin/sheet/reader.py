@@ -230,7 +230,7 @@ def _read(contents: Contents) -> Sheet:
     poses, approaches = parse_poses(document.poses, findings, chain)
     listed = tuple(sources.values())
     names = labels(listed)
-    _try_terms(chain, space, sources, names, poses, approaches, findings)
+    extended, own = _try_terms(chain, space, sources, names, poses, approaches, findings)
     estimates = _estimates(document, space, listed, folder, findings)
     measurement = _measurement(document, chain, findings)
     origins = {
@@ -245,7 +245,7 @@ def _read(contents: Contents) -> Sheet:
                 ("accept", code), f"accept: expected the code of a warning and a reason, got {code!r}: {reason!r}"
             )
     findings.refuse()
-    remark_on_sources(document, space, sources, names, findings)
+    remark_on_sources(document, sources, names, extended, space.draws, own, findings)
     remark_on_poses(document, chain, findings)
     found = (*chain_findings(chain), *findings.found)
     warnings = tuple(finding.accepted(document.accept) for finding in found if finding.severity != "error")
@@ -421,15 +421,17 @@ def _try_terms(
     poses: Mapping[str, Array],
     approaches: Mapping[str, Approach],
     findings: Findings,
-) -> None:
-    """Compute the terms of every source at every pose, so that a wrong joint or link is reported at its line."""
+) -> tuple[Space, list[tuple[Path, Draw]]]:
+    """Report wrong joints and links by trying every pose; return the space with the sources' draws, and these by path."""
     extension = Extension(space)
     usable: list[tuple[Path, Source, str]] = []
+    own: list[tuple[Path, Draw]] = []
     for (k, source), label in zip(sources.items(), names, strict=True):
         path: Path = ("sources", k, source.kind())
         try:
-            extension.add(source.draws(label))
+            extension.add(draws := source.draws(label))
             usable.append((path, source, label))
+            own += [(path, draw) for draw in draws]
         except InputError as error:
             findings.take(path, error)
     extended = extension.space()
@@ -444,3 +446,4 @@ def _try_terms(
                 findings.take(path, error)
                 del bound[path]
         bound = {path: one for path, one in bound.items() if one.source.depends_on != "chain"}
+    return extended, own

@@ -37,30 +37,43 @@ _SLIP: Final = 0.002
 
 
 def remark_on_sources(
-    document: Document, space: Space, sources: Mapping[int, Source], names: Sequence[str], findings: Findings
+    document: Document,
+    sources: Mapping[int, Source],
+    names: Sequence[str],
+    space: Space,
+    parameters: Sequence[Draw],
+    own: Sequence[tuple[Path, Draw]],
+    findings: Findings,
 ) -> None:
     """Warn of settings that are probably unintended; refuse laws that are too wide to compute with.
 
-    The sources are given by position, and their labels as ``names``.
+    Parameters
+    ----------
+    document
+        The sheet.
+    sources, names
+        Sources by position, and their labels.
+    space
+        All draws.
+    parameters, own
+        The draws with names of their own, and those of sources with the paths of these.
+    findings
+        Takes the warnings.
     """
     placed: list[tuple[Path, Source, str]] = [
         (("sources", k, source.kind()), source, label)
         for (k, source), label in zip(sources.items(), names, strict=True)
     ]
-    for draw in space.draws:
-        _remark_on_draw(("parameters", draw.name), draw, findings)
-    own = [(path, draw) for path, source, label in placed for draw in source.draws(label)]
-    for path, draw in own:
+    for path, draw in (*((("parameters", draw.name), draw) for draw in parameters), *own):
         _remark_on_draw(path, draw, findings)
     findings.refuse()
-    extended = space.including([draw for _, draw in own])
     for path, source, label in placed:
-        for remark in source.remarks(LabelledSpace(extended, label)):
+        for remark in source.remarks(LabelledSpace(space, label)):
             findings.warning(path, remark.message, remark.code)
     if not sources:
         message = "there are no error sources: every robot is perfect, and no specification can be judged"
         findings.warning(("sources",), message, "W_NO_SOURCES")
-    elif not any(np.any(draw.law.covariance) for draw in extended.draws):
+    elif not any(np.any(draw.law.covariance) for draw in space.draws):
         message = "no source varies: all robots have the same error, and no specification can be judged"
         findings.warning(("sources",), message, "W_NOTHING_VARIES")
     _remark_on_constants(document, sources, findings)

@@ -26,8 +26,8 @@ MOST_NODES: Final = 100_000
 
 LARGE: Final = 20_000
 """Characters from which text is first tried with libyaml, which is some twenty times faster."""
-_OTHERWISE: Final = re.compile(r"[^\n -$&-~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]")
-"""Tabs, directives, control characters and other line ends than line feeds, which libyaml may take in another way."""
+_OTHERWISE: Final = re.compile(r"[^\n -$&-~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|[{,]\s*:|.{1000}")
+"""Where libyaml may differ: tabs, directives, control characters, other line ends than line feeds, empty and long keys."""
 
 
 @final
@@ -137,11 +137,13 @@ def _compose(stream: Iterable[Any], kinds: ModuleType, findings: list[Finding], 
     open_nodes: list[_Node] = [_Node(1)]
     anchors: dict[str, _Node] = {}
     documents = 0
+    ends, starts = kinds.CollectionEndEvent, kinds.CollectionStartEvent
+    scalars, mappings = kinds.ScalarEvent, kinds.MappingStartEvent
     for count, event in enumerate(stream):
         line = event.start_mark.line + 1
         if count > 2 * MOST_NODES or len(open_nodes) > MOST_LEVELS + 1:
             raise SheetError([_too_large(wrong, line)])
-        if isinstance(event, kinds.CollectionEndEvent):
+        if isinstance(event, ends):
             open_nodes.pop()
         elif isinstance(event, kinds.DocumentStartEvent):
             documents += 1
@@ -159,12 +161,12 @@ def _compose(stream: Iterable[Any], kinds: ModuleType, findings: list[Finding], 
             tag = getattr(event, "tag", None)
             if tag is not None:
                 findings.append(wrong(f"the tag {tag} is not allowed; every value is plain text", line))
-            node = _Node(line, event.value if isinstance(event, kinds.ScalarEvent) else None)
-            node.is_mapping = isinstance(event, kinds.MappingStartEvent)
+            node = _Node(line, event.value if isinstance(event, scalars) else None)
+            node.is_mapping = isinstance(event, mappings)
             open_nodes[-1].entries.append(node)
             if event.anchor is not None:
                 anchors[event.anchor] = node
-            if isinstance(event, kinds.CollectionStartEvent):
+            if isinstance(event, starts):
                 open_nodes.append(node)
     return next(iter(open_nodes[0].entries), None)
 

@@ -101,7 +101,7 @@ def _set_quantities(draw: Draw, known: Mapping[str, Quantity]) -> Draw:
     own = itertools.zip_longest(draw.components, draw.quantities)
     # an equal quantity from the sheet is kept, since it also has the unit in which it was written
     found = tuple(said if known.get(name) in (None, said) else known[name] for name, said in own)
-    return dataclasses.replace(draw, quantities=found) if any(found) else draw
+    return dataclasses.replace(draw, quantities=found) if any(found) and found != draw.quantities else draw
 
 
 def _at_joint(note: Quantity | PerJoint, is_prismatic: bool) -> Quantity:

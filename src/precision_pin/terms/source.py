@@ -166,13 +166,14 @@ class _Leaf:
 
 def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
     """Yield every value in the settings: each entry of a list, and each value in a part of a setting."""
-    for name in _field_names(type(part)):
+    owner: type = type(part)
+    for name in _field_names(owner):
         setting = getattr(part, name)
         for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
             if dataclasses.is_dataclass(value) and not isinstance(value, Draw | Law | Expression):
                 yield from _leaves(value, f"{label}.{name}[{k}]")
             else:
-                yield _Leaf(f"{label}.{entry_name(name, k)}", value, type(part), name)
+                yield _Leaf(f"{label}.{entry_name(name, k)}", value, owner, name)
 
 
 @cache
