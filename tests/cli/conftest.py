@@ -142,3 +142,10 @@ def executable() -> str:
     path = Path(sys.executable).parent / "precision-pin"
     assert os.access(path, os.X_OK), f"{path} is missing: pip install -e ."
     return str(path)
+
+
+@pytest.fixture(autouse=True)
+def undrawn_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the figures of pages blank: they take most of the time, and tests/outputs looks at them."""
+    blank = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
+    monkeypatch.setattr("precision_pin.outputs.kit.svg._svg", lambda _: blank)

@@ -169,7 +169,7 @@ def test_a_report_has_a_section_about_the_fit(run, folder, quick) -> None:
     page = (folder / "page.html").read_text("utf-8")
     assert 'href="#calibration"' in page
     assert "--calibrate data.csv" in page
-    assert f"Residuals rms {1e3 * found['rms_residual']['before']:.3g} mm before" in page
+    assert f"Residuals: {1e3 * found['rms_residual']['before']:.3g} mm rms before" in page
 
 
 @pytest.mark.parametrize("command", ["view", "report"])

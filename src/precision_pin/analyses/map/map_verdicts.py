@@ -29,8 +29,8 @@ _TOGETHER: Final = 20_000
 _WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "undecided", "nothing to judge", "met")
 _UNDECIDED: Final = _WORST_FIRST.index("undecided")
 MET: Final = _WORST_FIRST.index("met")
+# nothing was sampled, or the pose is outside joint limits
 NOT_JUDGED: Final = len(_WORST_FIRST)
-"""Place of "not judged" after them: nothing was sampled, or the pose is outside joint limits."""
 
 
 @final
