@@ -95,6 +95,7 @@ def test_wrong_input_is_one_line(run, folder):
     ("old", "new", "words"),
     [
         ("reciprocal: 1 mm", "reciprocal: 1 mrad", "unit such as mm"),
+        ("reciprocal: 1 mm", "reciprocal: 1e308 mm", "up to 1e+50 in SI"),
         ("37.5 mm @ 95 %", "37.5 kg", "kg"),
         ("joint4].radius", "joint3].radius", "listed twice"),
         ("joint4].radius", "joint5].radius", "joint5"),

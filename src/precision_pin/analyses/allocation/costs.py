@@ -27,6 +27,8 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
 """Unit of each number of a cost, of the tolerance's units; empty for a pure number."""
 _LISTS: Final = ("grades", "iso286")
 _MOST_POWER: Final = 100.0
+_LARGEST: Final = 1e50
+"""Numbers beyond this, in SI, overflow in slopes and ratios of costs."""
 
 
 @final
@@ -164,8 +166,8 @@ def _number(given: object, form: str, where: str, quantity: units.Quantity) -> f
         allowed = f"a unit such as {form.format('mm' if quantity is units.LENGTH else 'mrad')}" if form else "no unit"
         raise InputError(f"{where}: this number of a cost has {allowed}, got {shown(given)}")
     value = numbers[0] * (factors[unit] if unit else 1.0)
-    if len(numbers) != 1 or not (np.isfinite(value) and value > 0):
-        raise InputError(f"{where}: a number of a cost must be positive, got {shown(given)}")
+    if len(numbers) != 1 or not 1 / _LARGEST <= value <= _LARGEST:
+        raise InputError(f"{where}: a number of a cost must be positive, up to {_LARGEST:g} in SI, got {shown(given)}")
     return float(value)
 
 
@@ -228,6 +230,6 @@ def _price(given: object, where: str) -> float:
         value = float(str(given))
     except ValueError:
         value = np.nan
-    if not (np.isfinite(value) and value >= 0):
-        raise InputError(f"{where}: a price is a number of zero or more, got {shown(given)}")
+    if not 0 <= value <= _LARGEST:
+        raise InputError(f"{where}: a price is a number from 0 to {_LARGEST:g}, got {shown(given)}")
     return value
