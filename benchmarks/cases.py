@@ -9,6 +9,7 @@ from typing import Any, Final, Literal, final
 import numpy as np
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import Component, Program
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Draw, Space
@@ -17,7 +18,6 @@ from precision_pin.kernel.sampler import SamplerArrays
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan
 from precision_pin.terms.table import TermTable
-from precision_pin.typing import Array
 
 __all__ = [
     "AXES",

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from precision_pin.analyses.budget.sobol import REPLICATES, scrambled_points
 from precision_pin.analyses.moments.moments import moments
 from precision_pin.analyses.moments.moments_result import Method, PoseMoments
+from precision_pin.arrays import Array
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
@@ -39,7 +40,6 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import parse
 from precision_pin.sources.frame import Frame
 from precision_pin.statistics import Plan
-from precision_pin.typing import Array
 
 METHODS: tuple[Method, ...] = ("control", "sobol", "sobol-control")
 LEVELS = (0.95, 0.9973)

@@ -18,7 +18,7 @@ PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 FLOORS = (
     "interrupts",
     "visible",
-    "typing",
+    "arrays",
     "errors",
     "call_warnings",
     "se3",
@@ -200,7 +200,7 @@ def further_names_of_arrays(package: Path) -> list[str]:
         if isinstance(node, ast.Assign | ast.AnnAssign)
         and node.value is not None
         and ast.unparse(node.value).rpartition("NDArray")[2] in ("[np.float64]", "[float]", "[numpy.float64]")
-        and path.relative_to(package).as_posix() != "typing.py"
+        and path.relative_to(package).as_posix() != "arrays.py"
     ]
 
 

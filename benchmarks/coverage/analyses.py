@@ -22,6 +22,7 @@ from precision_pin.analyses.budget.budget_result import Estimate
 from precision_pin.analyses.exact_law.exact_law_result import LEVELS
 from precision_pin.analyses.moments.moments_result import Measured, Method
 from precision_pin.analyses.worst_case.convex_bodies import Supports
+from precision_pin.arrays import Array
 from precision_pin.draws import laws
 from precision_pin.draws.space import Draw, Space
 from precision_pin.kernel import sampler
@@ -30,7 +31,6 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.urdf import parse
 from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.typing import Array
 
 __all__ = ["measure"]
 

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.coverage.row import Coverage
+from precision_pin.arrays import Array
 from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
 from precision_pin.draws.space import Draw, Space
 from precision_pin.kernel import sampler
@@ -33,7 +34,6 @@ from precision_pin.statistics import (
     start,
 )
 from precision_pin.statistics.distribution import COMPONENT_LEVELS, CONTENTS
-from precision_pin.typing import Array
 
 __all__ = ["measure", "of_law"]
 

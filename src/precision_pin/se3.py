@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = [
     "adjoint",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
+from precision_pin.arrays import Array
 from precision_pin.draws.correlation import LEAST_EIGENVALUE, Correlation, covariance_of
 from precision_pin.draws.laws import (
     Arcsine,
@@ -27,7 +28,6 @@ from precision_pin.draws.laws import (
 )
 from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.typing import Array
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
 from support.thinning import mostly_slow
 

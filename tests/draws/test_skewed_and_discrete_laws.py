@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
+from precision_pin.arrays import Array
 from precision_pin.draws.laws import (
     FARTHEST_NORMAL,
     Arcsine,
@@ -30,7 +31,6 @@ from precision_pin.draws.laws import (
 from precision_pin.draws.laws.law import cumulative
 from precision_pin.draws.space import Draw, LabelledSpace, Scope, Space
 from precision_pin.errors import InputError
-from precision_pin.typing import Array
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
 from support.thinning import mostly_slow
 

@@ -13,9 +13,9 @@ import math
 import numpy as np
 from scipy import stats
 
+from precision_pin.arrays import Array
 from precision_pin.draws import laws
 from precision_pin.draws.space import Scope, Space
-from precision_pin.typing import Array
 
 
 def philox_words(counter: tuple[int, int, int, int], key: tuple[int, int]) -> tuple[int, int, int, int]:

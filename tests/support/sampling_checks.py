@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from precision_pin.arrays import Array
 from precision_pin.draws import laws
 from precision_pin.draws.space import Space
-from precision_pin.typing import Array
 from support import philox_reference
 
 Sampler = Callable[[int, int, int], Array]

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.replicates import REPLICATES
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Space
-from precision_pin.typing import Array
 
 __all__ = ["MOST_SKEWNESS", "Marginals", "law_breaks"]
 

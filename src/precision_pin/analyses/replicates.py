@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from precision_pin.arrays import Array
 from precision_pin.statistics.skewed_means import studentised
-from precision_pin.typing import Array
 
 __all__ = ["REPLICATES", "Estimates", "estimated", "half_widths", "jackknife", "pseudo_values"]
 

@@ -8,11 +8,11 @@ from typing import final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import Expression
 from precision_pin.draws.laws import Law
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance, check_text, check_whole
-from precision_pin.typing import Array
 from precision_pin.units import PerJoint, Quantity
 
 __all__ = ["MOST_POSES", "MOST_VISITS", "Draw", "Scope", "Setting", "occasion"]

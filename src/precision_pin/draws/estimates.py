@@ -9,11 +9,11 @@ from typing import Final, final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.draws.laws import JointNormal, Law
 from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_name
-from precision_pin.typing import Array
 
 __all__ = ["Estimates", "bounds_of"]
 

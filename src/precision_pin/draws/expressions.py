@@ -16,8 +16,8 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError, InternalError
-from precision_pin.typing import Array
 
 __all__ = [
     "Component",

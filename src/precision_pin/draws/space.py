@@ -16,6 +16,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.draws import lazy_special, philox
 from precision_pin.draws.correlation import BlockCovariance, Correlation, check_correlations, covariance_of
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS, Draw, Scope, Setting, occasion
@@ -31,7 +32,6 @@ from precision_pin.inputs.arguments import (
 )
 from precision_pin.inputs.arrays import returns_read_only
 from precision_pin.inputs.memory import check_memory
-from precision_pin.typing import Array
 
 __all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
 

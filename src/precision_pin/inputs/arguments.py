@@ -15,10 +15,10 @@ from typing import Any, Final, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arrays import fix_copy
 from precision_pin.inputs.memory import check_memory
-from precision_pin.typing import Array
 from precision_pin.visible import visible
 
 __all__ = [

@@ -22,9 +22,9 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin import units
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError, UnitError, UnknownNameError
 from precision_pin.inputs.files import UnreadableFileError, read_text_file
-from precision_pin.typing import Array
 from precision_pin.units import Quantity
 from precision_pin.visible import shown
 

@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable
 from typing import Final
 
+from precision_pin.arrays import Array
 from precision_pin.errors import UnitError
 from precision_pin.inputs.arguments import check_number, check_numbers
-from precision_pin.typing import Array
 from precision_pin.units import Quantity, parse_vector
 
 __all__ = ["check_quantities", "check_quantity"]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import Operator
 from precision_pin.draws.space import Scope, Space, occasion
 from precision_pin.kernel.draw_arrays import (
@@ -25,7 +26,6 @@ from precision_pin.kernel.draw_arrays import (
     rare_laws,
 )
 from precision_pin.kernel.loops import FINE, NARROW, WIDE, Draws, Formulas, Motions, Superposition, Wanted
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     from precision_pin.terms.table import TermTable

@@ -14,10 +14,10 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.kernel.loops import ATOM
 from precision_pin.statistics import State, largest_of
-from precision_pin.typing import Array
 
 __all__ = ["BLOCK", "MOST_UNITS", "Blocks", "check_blocks"]
 

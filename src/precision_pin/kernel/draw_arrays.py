@@ -8,12 +8,12 @@ from typing import Any, Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.kernel_row import Branch, KernelRow
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.kernel.loops import STRIDE, Draws, Wanted
-from precision_pin.typing import Array
 
 __all__ = [
     "BESIDE",

@@ -27,6 +27,7 @@ import numpy as np
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.jit import (
     INTERPRETED,
     cached_entry,
@@ -37,7 +38,6 @@ from precision_pin.jit import (
     inline,
     strict,
 )
-from precision_pin.typing import Array
 
 __all__ = [
     "ANGLE",

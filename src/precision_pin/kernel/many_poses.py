@@ -23,6 +23,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import InputError
 from precision_pin.jit import call
@@ -51,7 +52,6 @@ from precision_pin.kernel.sampler import (
     stage_of,
 )
 from precision_pin.statistics import COLUMNS, LARGEST, NORMS, Plan
-from precision_pin.typing import Array
 
 __all__ = [
     "MOST_TOGETHER",

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_choice
@@ -46,7 +47,6 @@ from precision_pin.kernel.loops import (
 )
 from precision_pin.kernel.parts import compile_parts, empty_table
 from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, start
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     from precision_pin.model.pose_model import PoseModel

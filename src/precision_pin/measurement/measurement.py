@@ -21,12 +21,12 @@ from typing import Final, Literal, final
 import numpy as np
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_choice, check_flag, check_items, check_numbers
 from precision_pin.inputs.quantities import check_quantities, check_quantity
 from precision_pin.measurement.places import Anchor, Place, Plane, Sockets
 from precision_pin.sources.payload import Payload
-from precision_pin.typing import Array
 from precision_pin.units import ANGLE, LENGTH
 
 __all__ = ["KINDS", "Kind", "Measurement", "Slopes"]

@@ -13,8 +13,8 @@ from typing import Protocol, final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
-from precision_pin.typing import Array
 
 __all__ = ["Anchor", "Place", "Plane", "Sockets"]
 

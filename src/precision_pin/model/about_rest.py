@@ -17,11 +17,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import operations
 from precision_pin.model.equilibrium import Settled, refuse_buckling
 from precision_pin.robot.chain import Factors, Place, Posture
 from precision_pin.terms.term import Target, Term
-from precision_pin.typing import Array
 
 __all__ = ["terms_about_rest"]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.sources.frame import Frame
 from precision_pin.terms.source import Source
-from precision_pin.typing import Array
 
 __all__ = ["displaced_arm"]
 

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError, InternalError
 from precision_pin.robot.chain import Deflection, Factors, Place, Posture
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import JointValue, Target, Term
-from precision_pin.typing import Array
 
 __all__ = ["Feedback", "MakeTerms", "Settled", "refuse_buckling", "settle"]
 

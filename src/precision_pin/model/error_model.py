@@ -13,6 +13,7 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import Table, rendered
 from precision_pin.draws.estimates import Estimates
@@ -42,7 +43,6 @@ from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels
 from precision_pin.terms.source import Source, fix_settings
 from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import Term, TermsOfPose
-from precision_pin.typing import Array
 
 __all__ = ["ErrorModel"]
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.display import tables
 from precision_pin.display.html import Table, rendered
 from precision_pin.draws.space import Space
@@ -27,7 +28,6 @@ from precision_pin.robot.chain import Posture
 from precision_pin.robot.urdf import Joint
 from precision_pin.terms.table import SlopeColumns, TermTable
 from precision_pin.terms.term import Term
-from precision_pin.typing import Array
 
 __all__ = ["PoseModel", "joint_value", "spread_of"]
 

@@ -14,12 +14,12 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.terms.table import TermTable
-from precision_pin.typing import Array
 
 __all__ = ["AT_ONCE", "Tangents", "tangents"]
 

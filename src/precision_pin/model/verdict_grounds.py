@@ -9,11 +9,11 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.errors import Finding
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Grounds
-from precision_pin.typing import Array
 from precision_pin.visible import visible
 
 __all__ = ["exact_findings", "exact_findings_at", "grounds_at", "grounds_at_each", "speed_findings"]

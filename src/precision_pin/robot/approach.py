@@ -9,9 +9,9 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import shown
-from precision_pin.typing import Array
 
 __all__ = [
     "PREVIOUS",

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import rendered
 from precision_pin.errors import Finding
@@ -41,7 +42,6 @@ from precision_pin.robot.places import (
 )
 from precision_pin.robot.postures import ChainConstants, Postures
 from precision_pin.robot.urdf import Robot, read
-from precision_pin.typing import Array
 from precision_pin.units import ACCELERATION, LENGTH, MASS
 
 __all__ = ["EARTH", "Chain", "Deflection", "Factors", "LinkFrame", "Load", "Place", "Posture"]

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.errors import Finding
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf.findings import shown
-from precision_pin.typing import Array
 
 __all__ = ["chain_findings", "limit_findings"]
 

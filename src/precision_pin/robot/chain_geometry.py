@@ -10,6 +10,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_name, check_numbers, check_text, check_whole
 from precision_pin.inputs.arrays import fix_fields, read_only, returns_read_only
@@ -24,7 +25,6 @@ from precision_pin.robot.places import (
 )
 from precision_pin.robot.postures import alignment
 from precision_pin.robot.urdf import Joint, Robot, rerooted
-from precision_pin.typing import Array
 
 __all__ = ["FARTHEST_TARGET", "ChainGeometry", "cut_chain"]
 

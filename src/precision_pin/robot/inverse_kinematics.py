@@ -10,6 +10,7 @@ from typing import Literal, final, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.display.progress import steps_to
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_choice, check_instance, check_numbers
@@ -17,7 +18,6 @@ from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet, PoseStatus, smallest_singular_values
 from precision_pin.robot.solution_search import CONSTRAINTS, SolutionSearch, Task
-from precision_pin.typing import Array
 
 __all__ = ["Branches", "Solutions", "inverse_kinematics"]
 

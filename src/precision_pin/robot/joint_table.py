@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table
 from precision_pin.robot.urdf import Joint
-from precision_pin.typing import Array
 
 __all__ = ["joint_table", "spaced"]
 

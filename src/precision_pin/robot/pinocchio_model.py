@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InternalError
 from precision_pin.robot.urdf import Robot, canonical
-from precision_pin.typing import Array
 
 __all__ = ["PinocchioModel"]
 

@@ -9,11 +9,11 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import check_numbers
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.urdf import Joint, Robot
-from precision_pin.typing import Array
 
 __all__ = ["LinkFrame", "Place", "link_frames", "locked_values"]
 

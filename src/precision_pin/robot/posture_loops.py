@@ -18,8 +18,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.jit import cached_entry, fma
-from precision_pin.typing import Array
 
 __all__ = ["FARTHEST_TURN", "TILE", "allocate_scratch", "run"]
 

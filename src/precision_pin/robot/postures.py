@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.inputs.arrays import read_only, returns_read_only
 from precision_pin.inputs.memory import check_memory
 from precision_pin.robot.loads import Load
-from precision_pin.typing import Array
 
 __all__ = ["ChainConstants", "Postures", "alignment"]
 

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.interrupts import raise_if_interrupted
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import chain_length
-from precision_pin.typing import Array
 
 __all__ = ["CONSTRAINTS", "SolutionSearch", "Task"]
 

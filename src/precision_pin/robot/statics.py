@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.robot.loads import Factors, Load
-from precision_pin.typing import Array
 
 __all__ = ["Weight", "torque_on", "weigh", "wrench_basis", "wrench_on"]
 

@@ -21,9 +21,9 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.files import UnreadableFileError, note_input, read_text_file
-from precision_pin.typing import Array
 
 __all__ = ["MODELS", "UrKinematics", "nominal_ur", "read_ur_calibration"]
 

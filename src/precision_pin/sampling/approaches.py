@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import InputError
@@ -21,7 +22,6 @@ from precision_pin.inputs.quantities import check_quantities
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.approach import Approach
-from precision_pin.typing import Array
 from precision_pin.units import LENGTH
 
 __all__ = ["ApproachErrors", "sample_approaches"]

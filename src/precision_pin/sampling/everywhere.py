@@ -10,12 +10,12 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.statistics import COMPONENTS, NORMS, Specification
-from precision_pin.typing import Array
 
 __all__ = ["count_everywhere"]
 

@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display import progress as progress_bar
 from precision_pin.display.tables import pose_labels
@@ -49,7 +50,6 @@ from precision_pin.statistics import (
     check_confidence,
 )
 from precision_pin.statistics.specification import Specifications, listed_specifications
-from precision_pin.typing import Array
 
 __all__ = ["MOST_SAMPLES", "sample_poses"]
 

@@ -13,12 +13,12 @@ from typing import Final, Literal
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.kernel import sampler
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.statistics import Plan, Specification, quantity_values
-from precision_pin.typing import Array
 
 __all__ = ["PILOT", "planned", "reach"]
 

@@ -8,8 +8,8 @@ from typing import Final, final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.sampling.saved import Codec
-from precision_pin.typing import Array
 
 __all__ = ["NAMES", "POSES", "PosesDone", "start_of_poses"]
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
 from precision_pin.display.tables import data_frame, described, interval_columns, milli, optional, pose_labels
@@ -33,7 +34,6 @@ from precision_pin.statistics import (
     clopper_pearson,
 )
 from precision_pin.statistics.summary import NO_SPREAD
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

@@ -13,6 +13,7 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display import progress as progress_bar
 from precision_pin.draws.space import Scope, check_seed
@@ -33,7 +34,6 @@ from precision_pin.sampling.result_parts import Correlated, RelativeTo
 from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.statistics import Plan, check_confidence, finish, observe, quantity_values, start
 from precision_pin.statistics.specification import Specifications, listed_specifications
-from precision_pin.typing import Array
 
 __all__ = ["MOST_THREADS", "relative"]
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
 from precision_pin.display.tables import (
@@ -44,7 +45,6 @@ from precision_pin.statistics import (
     format_share,
 )
 from precision_pin.statistics.distribution import CONTENTS
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

@@ -13,10 +13,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
 from precision_pin.statistics import COMPONENTS, NORMS
-from precision_pin.typing import Array
 
 __all__ = ["first_order_skewness"]
 

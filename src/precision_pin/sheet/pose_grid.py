@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final, cast, final
 
 from precision_pin import units
+from precision_pin.arrays import Array
 from precision_pin.errors import Finding, InputError, nearest
 from precision_pin.inputs.files import UnreadableFileError, read_text_file
 from precision_pin.robot.chain import Chain
@@ -21,7 +22,6 @@ from precision_pin.robot.pose_sources.random_poses import random_poses
 from precision_pin.sheet.grid_entry import GridEntry
 from precision_pin.sheet.poses import parse_pose
 from precision_pin.sheet.text import read_text
-from precision_pin.typing import Array
 from precision_pin.visible import shown
 
 __all__ = ["PoseGrid", "read_pose_grid"]

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from precision_pin import units
+from precision_pin.arrays import Array
 from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Draw, Extension, LabelledSpace, Space
@@ -38,7 +39,6 @@ from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, load_posture
 from precision_pin.terms.labelled_sources import labels, own_draws
 from precision_pin.terms.source import Source
-from precision_pin.typing import Array
 
 __all__ = ["Contents", "Overrides", "Sheet", "read", "read_data"]
 

@@ -10,6 +10,7 @@ from typing import Annotated, Final, Literal, final
 import numpy as np
 
 from precision_pin import se3, units
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import Expression, Value
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError, UnknownNameError
@@ -20,7 +21,6 @@ from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stre
 from precision_pin.sources.seats import in_axes
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import Term
-from precision_pin.typing import Array
 
 __all__ = ["Beam", "beam_axes", "point_flexibility", "stretch_flexibility", "weight_flexibility"]
 

@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar, Final, Literal, final
 import numpy as np
 
 from precision_pin import units
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import Constant, Value, sign, sqrt
 from precision_pin.draws.laws import Circle, Disc, Uniform
 from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, Space, entry_name
@@ -19,7 +20,6 @@ from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, se
 from precision_pin.terms.sides import bounds_of, is_same_for_all, load_value, side_of
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term, at_means
-from precision_pin.typing import Array
 
 __all__ = ["Clearance"]
 

@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 
 from precision_pin import units
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import Component, Value
 from precision_pin.draws.laws import Circle
 from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import Finding
 from precision_pin.terms.term import JointValue, Term
-from precision_pin.typing import Array
 
 __all__ = ["amplitude_remarks", "periodic_terms", "phase_draw"]
 

@@ -13,9 +13,9 @@ from typing import Final, Literal
 import numpy as np
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Factors, Posture
-from precision_pin.typing import Array
 
 __all__ = [
     "PadsOn",

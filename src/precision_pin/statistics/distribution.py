@@ -10,6 +10,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.errors import UnknownNameError
 from precision_pin.inputs.arguments import check_number, check_whole
 from precision_pin.inputs.arrays import fix_fields
@@ -19,7 +20,6 @@ from precision_pin.statistics.intervals import quantile_ranks, tolerance_ranks, 
 from precision_pin.statistics.mode import Peak, smoothed_peak
 from precision_pin.statistics.moment_intervals import Moments
 from precision_pin.statistics.quantities import si_quantity
-from precision_pin.typing import Array
 
 __all__ = ["COMPONENT_LEVELS", "CONTENTS", "NORM_LEVELS", "Distribution", "Histogram"]
 

@@ -21,7 +21,7 @@ from typing import Final, final
 import numpy as np
 from scipy.special import ndtri
 
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["Peak", "smoothed_peak"]
 

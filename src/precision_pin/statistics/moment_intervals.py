@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from precision_pin.arrays import Array
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics.skewed_means import studentised
-from precision_pin.typing import Array
 
 __all__ = ["Moments"]
 

@@ -9,11 +9,11 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InternalError
 from precision_pin.inputs.arguments import check_number
 from precision_pin.inputs.quantities import check_quantity
 from precision_pin.statistics.quantities import NORMS, QUANTITIES, quantity_name, si_quantity
-from precision_pin.typing import Array
 
 __all__ = ["Plan", "Specification"]
 

@@ -12,6 +12,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InternalError
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.statistics.accumulate import State
@@ -22,7 +23,6 @@ from precision_pin.statistics.plan import Plan, Specification
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import sketch_edges
 from precision_pin.statistics.verdicts import Grounds, SpecificationResult
-from precision_pin.typing import Array
 
 __all__ = [
     "NO_SPREAD",

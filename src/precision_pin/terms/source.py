@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import Component, Expression, component_names
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Draw, LabelledSpace, entry_name
@@ -23,7 +24,6 @@ from precision_pin.inputs.arguments import check_choice, check_number, check_tex
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.term import Term
-from precision_pin.typing import Array
 from precision_pin.units import PerJoint, Quantity
 
 __all__ = [

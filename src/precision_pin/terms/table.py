@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import Expression, Program
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError, InternalError
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
-from precision_pin.typing import Array
 
 __all__ = ["SlopeColumns", "TableLayout", "TermTable", "is_alike"]
 

@@ -15,13 +15,13 @@ from typing import final, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import Expression, Program, Value
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_flag, check_items, check_number, check_numbers, shown
 from precision_pin.robot.loads import Factors
 from precision_pin.robot.places import Place
-from precision_pin.typing import Array
 
 __all__ = ["MOST_FACTORS", "JointValue", "Target", "Term", "TermsOfPose", "at_means"]
 

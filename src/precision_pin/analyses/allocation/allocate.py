@@ -25,6 +25,7 @@ from precision_pin.analyses.allocation.problem import (
 from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
 from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions, in_deviations
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import check_seed
@@ -34,7 +35,6 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
-from precision_pin.typing import Array
 
 __all__ = ["SAMPLES", "allocate", "allocation_steps"]
 

@@ -13,12 +13,12 @@ from precision_pin.analyses.allocation.error_parts import ErrorParts
 from precision_pin.analyses.allocation.front import FrontPoint
 from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.display.html import preformatted
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import NO_GROUNDS, Grounds
-from precision_pin.typing import Array
 
 __all__ = ["AllocatedLimit", "AllocationResult", "Basis", "tightest_of"]
 

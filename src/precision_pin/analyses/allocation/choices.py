@@ -20,10 +20,10 @@ from scipy import special
 from precision_pin.analyses.allocation.problem import Problem, rows_of
 from precision_pin.analyses.allocation.programme import ROUNDING, Programme
 from precision_pin.analyses.allocation.scaling import Contributions, changed_model, in_deviations
+from precision_pin.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.statistics import Specification
-from precision_pin.typing import Array
 
 __all__ = ["CONFIDENCE", "SAMPLES", "Judge", "Judged", "Walk", "walk"]
 

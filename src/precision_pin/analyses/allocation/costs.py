@@ -10,10 +10,10 @@ import numpy as np
 
 from precision_pin import units
 from precision_pin.analyses.allocation.iso286 import grade_width
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import shown
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["Cost", "Grades", "read_cost"]
 

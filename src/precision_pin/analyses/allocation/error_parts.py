@@ -9,8 +9,8 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin.analyses.budget.shares import by_draw, reaches
+from precision_pin.arrays import Array
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.typing import Array
 
 __all__ = ["MEAN", "TOGETHER", "ErrorParts", "SourcePart", "error_parts"]
 

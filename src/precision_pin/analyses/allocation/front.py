@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.grades import solve_with_grades
 from precision_pin.analyses.allocation.programme import Programme, Solution
+from precision_pin.arrays import Array
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["MOST_POINTS", "FrontPoint", "pareto_front", "solve"]
 

@@ -20,7 +20,7 @@ from scipy import optimize
 
 from precision_pin.analyses.allocation.programme import ROUNDING, Limit, Programme, Solution, last_kept
 from precision_pin.analyses.allocation.solver_output import without_solver_lines
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["solve_with_grades"]
 

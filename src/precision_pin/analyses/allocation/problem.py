@@ -11,13 +11,13 @@ import numpy as np
 
 from precision_pin import units
 from precision_pin.analyses.allocation.costs import Cost, Grades, read_cost
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import shown
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.reader import Contents
 from precision_pin.statistics import COMPONENTS, Specification
 from precision_pin.statistics.specification import specification
-from precision_pin.typing import Array
 
 __all__ = ["Bound", "Problem", "Tolerance", "beside", "common_grades", "read_problem", "rows_of"]
 

@@ -24,8 +24,8 @@ from precision_pin.analyses.map.normal_norms import (
     norm_quantiles,
     principal_axes,
 )
+from precision_pin.arrays import Array
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["ROUNDING", "Limit", "Programme", "Solution", "last_kept"]
 

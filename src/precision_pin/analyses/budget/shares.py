@@ -11,6 +11,7 @@ import numpy as np
 
 from precision_pin.analyses.budget import shapley
 from precision_pin.analyses.budget.budget_result import VECTORS, Shares, SourceShare
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -18,7 +19,6 @@ from precision_pin.robot.chain import Chain
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import QUANTITIES
 from precision_pin.terms.term import JointValue, Target
-from precision_pin.typing import Array
 
 __all__ = [
     "COMPONENTS",

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.replicates import REPLICATES, Estimates, half_widths
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["Quantiles", "found_quantiles", "quantile_changes", "quantiles"]
 

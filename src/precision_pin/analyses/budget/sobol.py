@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.marginals import Marginals
 from precision_pin.analyses.replicates import REPLICATES, Estimates, jackknife
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["REPLICATES", "Indices", "scrambled_points", "sobol_indices"]
 

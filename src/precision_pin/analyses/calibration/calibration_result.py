@@ -21,6 +21,7 @@ from precision_pin.analyses.calibration.posterior import LEVEL, ErrorLeft, Poste
 from precision_pin.analyses.calibration.set_up import SetUp
 from precision_pin.analyses.declaration import load
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.display.files import write_files
 from precision_pin.display.html import preformatted
 from precision_pin.display.stored import JsonResult
@@ -28,7 +29,6 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_name, check_number, check_path
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.typing import Array
 
 __all__ = ["CalibrationResult", "GrossError"]
 

@@ -17,6 +17,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin import units
+from precision_pin.arrays import Array
 from precision_pin.errors import Finding, InputError, nearest
 from precision_pin.inputs import csv_columns
 from precision_pin.inputs.arguments import check_numbers, check_path
@@ -25,7 +26,6 @@ from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.se3 import log_rotation
-from precision_pin.typing import Array
 
 __all__ = ["COLUMNS", "CalibrationData", "read_data"]
 

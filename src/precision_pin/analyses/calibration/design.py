@@ -20,6 +20,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Scope, Space
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance
@@ -27,7 +28,6 @@ from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.typing import Array
 
 __all__ = [
     "NEGLIGIBLE",

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.optimize
 
 from precision_pin.analyses.calibration.design import project_out
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["WEAKEST", "Estimator", "covariance_with_prior"]
 

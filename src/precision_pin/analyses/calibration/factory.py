@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from precision_pin import se3
 from precision_pin.analyses.declaration import load
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.display.files import write_files
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding, InputError
@@ -21,7 +22,6 @@ from precision_pin.model.displaced_arm import displaced_arm
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
-from precision_pin.typing import Array
 
 __all__ = ["FactoryCalibration", "ur_calibration"]
 

@@ -31,6 +31,7 @@ from precision_pin.analyses.calibration.estimates import Estimator, covariance_w
 from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack, remarks_on
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, SampledRobots, error_left
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.display.html import preformatted
 from precision_pin.display.stored import JsonResult
 from precision_pin.draws.estimates import Estimates
@@ -38,7 +39,6 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_items
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.typing import Array
 
 __all__ = ["CalibrationForecast", "CurvePoint", "forecast_calibration", "task_poses"]
 

@@ -26,10 +26,10 @@ from precision_pin.analyses.calibration.design import (
     stack_at_means,
     stations_of,
 )
+from precision_pin.arrays import Array
 from precision_pin.errors import Finding, InputError
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.typing import Array
 
 __all__ = [
     "Combination",

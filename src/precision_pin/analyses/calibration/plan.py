@@ -33,6 +33,7 @@ from precision_pin.analyses.calibration.pose_bound import branches, relaxed
 from precision_pin.analyses.calibration.pose_choice import Design
 from precision_pin.analyses.calibration.posterior import ErrorLeft, SampledRobots, error_left
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.display.html import preformatted
 from precision_pin.display.progress import steps_to
 from precision_pin.display.stored import JsonResult
@@ -42,7 +43,6 @@ from precision_pin.inputs.arguments import check_choice, check_items, check_whol
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.typing import Array
 
 __all__ = ["PLAN_STEPS", "CalibrationPlan", "plan_calibration"]
 

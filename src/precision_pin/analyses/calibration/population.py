@@ -18,6 +18,7 @@ from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, m
 from precision_pin.analyses.calibration.identifiability import Group, subspaces
 from precision_pin.analyses.calibration.variance_components import Evidence, variance_components
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.display.progress import steps_to
 from precision_pin.display.stored import JsonResult
 from precision_pin.draws.space import Scope, Space
@@ -26,7 +27,6 @@ from precision_pin.inputs.arguments import check_choice, check_instance, check_i
 from precision_pin.inputs.files import UnreadableFileError, note_input, read_text_file
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.typing import Array
 
 __all__ = ["MeasuredTolerance", "Population", "population"]
 

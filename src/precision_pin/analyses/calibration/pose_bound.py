@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.pose_choice import Design
+from precision_pin.arrays import Array
 from precision_pin.interrupts import raise_if_interrupted
-from precision_pin.typing import Array
 
 __all__ = ["Relaxed", "branches", "relaxed"]
 

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.design import NEGLIGIBLE, flat, project_out
 from precision_pin.analyses.calibration.estimates import covariance_with_prior
+from precision_pin.arrays import Array
 from precision_pin.interrupts import raise_if_interrupted
-from precision_pin.typing import Array
 
 __all__ = ["Design"]
 

@@ -13,12 +13,12 @@ from precision_pin import se3
 from precision_pin.analyses.calibration.design import UnitNumbers, repeat_covariance
 from precision_pin.analyses.calibration.estimates import Estimator
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Space
 from precision_pin.inputs.arguments import check_name
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import quantile_ranks
-from precision_pin.typing import Array
 
 __all__ = ["LEVEL", "ROBOTS", "ErrorLeft", "Posterior", "SampledRobots", "error_left"]
 

@@ -11,10 +11,10 @@ import numpy as np
 from precision_pin import se3
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Station
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.measurement.places import Anchor, Plane, Sockets
-from precision_pin.typing import Array
 
 __all__ = ["SetUp", "first_guess", "readings_in_base"]
 

@@ -20,11 +20,11 @@ from precision_pin.analyses.calibration.design import (
 )
 from precision_pin.analyses.calibration.estimates import Estimator
 from precision_pin.analyses.calibration.forecast import task_poses
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Scope
 from precision_pin.inputs.arguments import check_whole
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.typing import Array
 
 __all__ = ["SimulatedCalibrations", "as_measured", "simulate_calibrations", "simulate_readings"]
 

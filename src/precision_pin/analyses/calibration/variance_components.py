@@ -23,7 +23,7 @@ import scipy.optimize
 from scipy import stats
 
 from precision_pin.analyses.calibration.design import NEGLIGIBLE
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["Evidence", "VarianceComponents", "variance_components"]
 

@@ -14,6 +14,7 @@ from precision_pin.analyses.compare.paired import Difference, mean_difference, q
 from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.map_poses import source_lines
 from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import Draw, check_seed
@@ -28,7 +29,6 @@ from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.sheet.differences import sheet_differences
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
-from precision_pin.typing import Array
 
 __all__ = ["MOST_MODELS", "SAMPLES", "compare"]
 

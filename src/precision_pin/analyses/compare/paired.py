@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
+from precision_pin.arrays import Array
 from precision_pin.draws import lazy_special
 from precision_pin.statistics import clopper_pearson, quantile_ranks
 from precision_pin.statistics.moment_intervals import Moments
-from precision_pin.typing import Array
 
 __all__ = ["Difference", "mean_difference", "quantile_difference", "share_difference"]
 

@@ -14,6 +14,7 @@ from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set, source_lines
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.errors import Finding, InputError
@@ -23,7 +24,6 @@ from precision_pin.model.pose_checks import strained_findings
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
-from precision_pin.typing import Array
 
 __all__ = ["compensate"]
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from precision_pin.analyses.compensation.correction import Correction
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
 from precision_pin.display.tables import data_frame, milli
@@ -17,7 +18,6 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

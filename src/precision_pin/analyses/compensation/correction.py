@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import SINGULAR_BELOW
-from precision_pin.typing import Array
 
 __all__ = ["CONVERGED", "Correction", "CorrectionStatus", "correct"]
 

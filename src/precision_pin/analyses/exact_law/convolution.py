@@ -11,8 +11,8 @@ import numpy as np
 from scipy import special
 
 from precision_pin.analyses.exact_law.number_law import NumberLaw
+from precision_pin.arrays import Array
 from precision_pin.draws.laws.projection import Lines, Projection
-from precision_pin.typing import Array
 
 __all__ = ["MOST_PIECES", "ConvolvedLaw"]
 

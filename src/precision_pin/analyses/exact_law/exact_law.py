@@ -23,6 +23,7 @@ from precision_pin.analyses.exact_law.number_law import NormalLaw, NumberLaw, Si
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.result import list_warnings
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.display.tables import symbol
@@ -38,7 +39,6 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.turnover import turnover_findings
 from precision_pin.sampling import Progress
 from precision_pin.statistics import QUANTITIES, quantity_values
-from precision_pin.typing import Array
 
 __all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "count_steps", "exact_law"]
 

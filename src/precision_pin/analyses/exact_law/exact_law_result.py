@@ -13,11 +13,11 @@ from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.analyses.exact_law.number_law import NumberLaw
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table
 from precision_pin.display.tables import MOST_POSES, data_frame, milli, number, symbol, unit
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics.digits import round_end
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

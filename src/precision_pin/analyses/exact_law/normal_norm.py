@@ -19,9 +19,9 @@ import numpy as np
 from scipy import optimize, special
 
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["NormalNorm"]
 

@@ -11,8 +11,8 @@ import numpy as np
 from scipy import optimize, special
 
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
+from precision_pin.arrays import Array
 from precision_pin.draws.laws.projection import Projection
-from precision_pin.typing import Array
 
 __all__ = ["FARTHEST", "ROUNDING", "NormalLaw", "NumberLaw", "SingleLaw"]
 

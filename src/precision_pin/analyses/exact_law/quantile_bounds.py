@@ -11,7 +11,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["quantile_bounds"]
 

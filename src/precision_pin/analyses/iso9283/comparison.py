@@ -20,9 +20,9 @@ from precision_pin.analyses.iso9283.cycles import MeasuredDistance, MeasuredPose
 from precision_pin.analyses.iso9283.figure_law import FigureLaw
 from precision_pin.analyses.iso9283.pose_forecast import OF_ANGLES, OF_POSITION, PoseForecast
 from precision_pin.analyses.iso9283.simulation import DISTANCE, fit_to
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import check_mapping, check_numbers
-from precision_pin.typing import Array
 
 __all__ = ["ComparedFigure", "Comparison", "compare_with", "pose_names"]
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["LATTICE", "Reach", "largest_cube", "lattice_of"]
 

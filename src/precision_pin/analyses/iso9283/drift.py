@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.typing import Array
 
 __all__ = ["HOURS", "drift_from_cold"]
 

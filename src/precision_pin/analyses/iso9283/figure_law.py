@@ -9,10 +9,10 @@ from typing import Any, Final, final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.inputs.arguments import check_number
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.statistics import quantile_ranks
-from precision_pin.typing import Array
 
 __all__ = ["LEVELS", "FigureLaw"]
 

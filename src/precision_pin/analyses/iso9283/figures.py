@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from precision_pin import se3
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = [
     "DistanceFigures",

@@ -28,6 +28,7 @@ from precision_pin.analyses.iso9283.simulation import (
 )
 from precision_pin.analyses.iso9283.standard_poses import Cube, standard_poses
 from precision_pin.analyses.provenance import PoseLabel, Provenance
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display import progress as progress_bar
 from precision_pin.draws.draw import MOST_VISITS
@@ -48,7 +49,6 @@ from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.statistics import check_confidence
-from precision_pin.typing import Array
 from precision_pin.units import LENGTH, MASS
 
 __all__ = ["CYCLES", "MOST_POSES", "MOST_ROBOTS", "iso9283"]

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from scipy.special import elliprg
 
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["mean_distance", "repeatability_limit"]
 

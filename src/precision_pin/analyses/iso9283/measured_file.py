@@ -18,10 +18,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from precision_pin import units
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs import csv_columns
 from precision_pin.inputs.csv_columns import Measured
-from precision_pin.typing import Array
 from precision_pin.visible import shown
 
 __all__ = ["read_cycles"]

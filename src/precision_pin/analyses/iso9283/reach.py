@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.robot.chain import Chain
-from precision_pin.typing import Array
 
 __all__ = ["ToolPoses"]
 

@@ -14,6 +14,7 @@ from precision_pin.analyses.iso9283.figure_law import LEVELS, FigureLaw
 from precision_pin.analyses.iso9283.pose_forecast import OF_POSE, SINGLE, PoseForecast
 from precision_pin.analyses.iso9283.standard_poses import Cube
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
@@ -21,7 +22,6 @@ from precision_pin.display.tables import data_frame, dataset, interval_columns, 
 from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import SpecificationResult
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

@@ -21,10 +21,10 @@ from precision_pin.analyses.iso9283.figures import (
     turn_angles,
 )
 from precision_pin.analyses.iso9283.limits import repeatability_limit
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.typing import Array
 
 __all__ = ["DISTANCE", "ROBOTS", "RobotFigures", "Setup", "fit_to", "shape_factor", "simulate_tests", "visit_root"]
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from precision_pin.analyses.iso9283.cube_search import largest_cube
 from precision_pin.analyses.iso9283.reach import ToolPoses
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.typing import Array
 
 __all__ = ["PLANES", "Cube", "paths_of_approach", "standard_poses"]
 

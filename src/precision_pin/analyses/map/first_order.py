@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.map.law_bounds import LawShapes, Vectors
+from precision_pin.arrays import Array
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.space import Scope, Space
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.tangents import tangents
-from precision_pin.typing import Array
 
 __all__ = ["FirstOrder", "first_order", "jacobians", "shared_covariance"]
 

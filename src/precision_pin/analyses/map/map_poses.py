@@ -15,6 +15,7 @@ from precision_pin.analyses.map.map_result import LEVELS, MapResult, Relative
 from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, Sampled
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Pose, Provenance
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import add, unheard, warns_at_end
 from precision_pin.display.progress import scaled, steps_to
 from precision_pin.draws.space import check_seed
@@ -33,7 +34,6 @@ from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
 from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import COMPONENTS, Specification, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
-from precision_pin.typing import Array
 
 __all__ = [
     "VERIFIED",

@@ -12,6 +12,7 @@ import numpy as np
 
 from precision_pin.analyses.map.map_verdicts import Judged, MapVerdict, Sampled, map_verdicts
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.display.files import write_files
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
@@ -23,7 +24,6 @@ from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

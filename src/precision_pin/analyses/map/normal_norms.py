@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = [
     "norm_probabilities",

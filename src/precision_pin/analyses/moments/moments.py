@@ -37,6 +37,7 @@ from precision_pin.analyses.moments.moments_result import Measured, Method, Mome
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.replicates import REPLICATES, jackknife
 from precision_pin.analyses.result import list_warnings
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import Space
@@ -49,7 +50,6 @@ from precision_pin.model.turnover import fixed_sides, turnover_findings
 from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
 from precision_pin.statistics import NORMS, Plan
-from precision_pin.typing import Array
 
 __all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "check_samples", "count_steps", "moments"]
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.moments.uncorrelated import STEP, ErrorAround, Uncorrelated
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.typing import Array
 
 __all__ = ["Control", "thin"]
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table
 from precision_pin.display.tables import (
     data_frame,
@@ -19,7 +20,6 @@ from precision_pin.display.tables import (
 )
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
 from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.draw import MOST_POSES
@@ -39,7 +40,6 @@ from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.statistics import COMPONENTS, NORMS, check_confidence, quantile_ranks
 from precision_pin.statistics.specification import Specifications, listed_specifications
 from precision_pin.statistics.summary import NO_SPREAD
-from precision_pin.typing import Array
 
 __all__ = ["count_steps", "path_law"]
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
 from precision_pin.display.tables import data_frame, dataset, milli, symbol
@@ -27,7 +28,6 @@ from precision_pin.statistics import (
     clopper_pearson,
     quantile_ranks,
 )
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

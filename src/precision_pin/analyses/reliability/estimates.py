@@ -11,10 +11,10 @@ import numpy as np
 from scipy import special
 
 from precision_pin.analyses.reliability.form import Form
+from precision_pin.arrays import Array
 from precision_pin.statistics import clopper_pearson
 from precision_pin.statistics.digits import round_end
 from precision_pin.statistics.skewed_means import studentised
-from precision_pin.typing import Array
 
 __all__ = [
     "LARGEST_UNKNOWN",

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.reliability.strata import FARTHEST, Jump
+from precision_pin.arrays import Array
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["FARTHEST", "DesignPoint", "Form", "Margin", "form", "towards_surface"]
 

@@ -19,8 +19,8 @@ from precision_pin.analyses.reliability.estimates import (
 )
 from precision_pin.analyses.reliability.form import DesignPoint, Margin, towards_surface
 from precision_pin.analyses.reliability.strata import Jump
+from precision_pin.arrays import Array
 from precision_pin.statistics import clopper_pearson
-from precision_pin.typing import Array
 
 __all__ = ["FEWEST_EFFECTIVE", "importance_sampling"]
 

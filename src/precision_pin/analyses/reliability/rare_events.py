@@ -17,8 +17,8 @@ from precision_pin.analyses.reliability.importance import importance_sampling
 from precision_pin.analyses.reliability.strata import Strata, Stratum, stratified
 from precision_pin.analyses.reliability.subset import METHOD as SUBSET
 from precision_pin.analyses.reliability.subset import Subset, subset_simulation
+from precision_pin.arrays import Array
 from precision_pin.draws.space import Space
-from precision_pin.typing import Array
 
 __all__ = ["RareEvents", "rare_events"]
 

@@ -24,6 +24,7 @@ from precision_pin.analyses.reliability.reliability_result import (
 )
 from precision_pin.analyses.reliability.strata import Stratum
 from precision_pin.analyses.result import list_warnings
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.errors import Finding, InputError
 from precision_pin.kernel import sampler
@@ -32,7 +33,6 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.statistics import Specification, SpecificationResult, quantity_values
 from precision_pin.statistics.specification import Specifications, listed_specifications
-from precision_pin.typing import Array
 
 __all__ = ["reliability"]
 

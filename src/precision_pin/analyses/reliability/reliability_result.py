@@ -13,6 +13,7 @@ from precision_pin.analyses.reliability.estimates import Estimate, in_words
 from precision_pin.analyses.reliability.form import Form
 from precision_pin.analyses.reliability.strata import Strata
 from precision_pin.analyses.result import Result, name_pose
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table
 from precision_pin.display.tables import (
     absolute,
@@ -25,7 +26,6 @@ from precision_pin.display.tables import (
 from precision_pin.errors import UnknownNameError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict, judge
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

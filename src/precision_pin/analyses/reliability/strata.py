@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from precision_pin.arrays import Array
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Draw, Space
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["FARTHEST", "Jump", "Strata", "Stratum", "from_normals", "stratified"]
 

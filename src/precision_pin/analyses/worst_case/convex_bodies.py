@@ -15,13 +15,13 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.numerics import triangular_root
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["Body", "Supports"]
 

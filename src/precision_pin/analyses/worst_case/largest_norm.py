@@ -20,8 +20,8 @@ from typing import Final, final
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from precision_pin.arrays import Array
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["MOST_CELLS", "TOLERANCE", "Farthest", "farthest", "quadratic_bound"]
 

@@ -25,6 +25,7 @@ from precision_pin.analyses.worst_case.worst_case_result import (
     PoseWorstCase,
     WorstCaseResult,
 )
+from precision_pin.arrays import Array
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.units import WrittenUnit
 from precision_pin.draws.space import Space
@@ -35,7 +36,6 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.turnover import side_variants, turnover_findings
 from precision_pin.sampling import Progress, check_samples, monte_carlo
 from precision_pin.statistics import Distribution
-from precision_pin.typing import Array
 
 __all__ = ["farthest_error", "worst_case"]
 

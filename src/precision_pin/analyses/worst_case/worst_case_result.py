@@ -11,12 +11,12 @@ import numpy as np
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
 from precision_pin.analyses.worst_case.largest_norm import Farthest
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table
 from precision_pin.display.tables import data_frame, milli, symbol, unit
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import QUANTITIES, Distribution
 from precision_pin.statistics.digits import round_end
-from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

@@ -10,6 +10,7 @@ from typing import ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
@@ -19,7 +20,6 @@ from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import write_number
 from precision_pin.draws.philox import direction
-from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Disc"]

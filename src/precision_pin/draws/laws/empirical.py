@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import units
+from precision_pin.arrays import Array
 from precision_pin.display.units import WrittenUnit
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
@@ -24,7 +25,6 @@ from precision_pin.inputs.arguments import check_numbers
 from precision_pin.inputs.arrays import returns_read_only
 from precision_pin.inputs.csv_columns import Measured
 from precision_pin.inputs.memory import check_memory
-from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Empirical"]

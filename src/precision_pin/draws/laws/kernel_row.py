@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, final
 
+from precision_pin.arrays import Array
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["Branch", "KernelRow"]
 

@@ -10,6 +10,7 @@ from typing import ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.display.units import WrittenUnit
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.kernel_row import KernelRow
@@ -20,7 +21,6 @@ from precision_pin.draws.laws.wording import deviations, spread
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number, check_numbers, check_whole, shown
 from precision_pin.inputs.memory import check_memory
-from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["FARTHEST_NORMAL", "Law", "cumulative", "take_number", "take_rows", "take_size"]

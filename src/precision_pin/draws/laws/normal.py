@@ -9,6 +9,7 @@ from typing import ClassVar, Final, Literal, final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.display.units import WrittenUnit
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
@@ -17,7 +18,6 @@ from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOpt
 from precision_pin.draws.laws.truncated_normal import TruncatedNormal
 from precision_pin.draws.laws.wording import mean_beside, write_number
 from precision_pin.inputs.arguments import check_number
-from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Normal"]

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws import lazy_special
-from precision_pin.typing import Array
 
 __all__ = [
     "NORMAL_MOMENTS",

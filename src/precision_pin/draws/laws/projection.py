@@ -13,9 +13,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws.laws.numerics import in_chunks
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.typing import Array
 
 __all__ = ["Lines", "Projection", "SymmetricProjection", "power_bound"]
 

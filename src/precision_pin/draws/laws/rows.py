@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Law, take_rows
 from precision_pin.draws.laws.numerics import Moments, cumulants_of, in_chunks, moments_of
@@ -19,7 +20,6 @@ from precision_pin.draws.laws.wording import deviations
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_items, shown
 from precision_pin.inputs.arrays import returns_read_only
-from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Rows"]

@@ -10,6 +10,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.display.units import WrittenUnit
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import SymmetricLaw
@@ -18,7 +19,6 @@ from precision_pin.draws.laws.law import take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection
 from precision_pin.draws.laws.wording import mean_beside
 from precision_pin.inputs.arguments import check_number
-from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["TruncatedNormal"]

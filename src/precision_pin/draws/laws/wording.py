@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.display.units import WrittenUnit
-from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["about", "deviations", "mean_beside", "spread", "write_number"]

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.draws.expressions import component_names
 from precision_pin.draws.space import Scope
 from precision_pin.errors import InputError, InternalError, UrdfError
@@ -42,7 +43,6 @@ from precision_pin.robot.urdf.files import read_regular_file
 from precision_pin.robot.urdf.findings import Findings
 from precision_pin.sampling.versions import versions
 from precision_pin.terms.term import JointValue
-from precision_pin.typing import Array
 
 __all__ = ["AsBuilt", "BuiltUnit", "frozen_sources"]
 

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from precision_pin.analyses.calibration.data import COLUMNS
+from precision_pin.arrays import Array
 from precision_pin.robot.chain import Chain
-from precision_pin.typing import Array
 
 __all__ = ["cycles_csv", "poses_csv", "readings_csv"]
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
 from precision_pin.analyses.calibration.design import stations_of
+from precision_pin.arrays import Array
 from precision_pin.measurement.measurement import Measurement
-from precision_pin.typing import Array
 
 __all__ = ["WorstReadings"]
 

@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.arrays import Array
 from precision_pin.display.tables import resting_on
 from precision_pin.display.text_table import aligned
-from precision_pin.typing import Array
 from precision_pin.visible import shortened, shown, visible
 
 __all__ = ["EXPLANATION", "compensation_table", "headline", "joint_rows", "pose_rows", "setting_lines"]

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
+from precision_pin.arrays import Array
 from precision_pin.outputs.kit.draw_distribution import BLACK, BLUE, GREEN, VERMILION
 from precision_pin.outputs.kit.figure_style import new_figure, set_height, style
 from precision_pin.outputs.kit.raster import Camera, draw_triangles
@@ -21,7 +22,6 @@ from precision_pin.outputs.kit.triangles import Triangles
 from precision_pin.outputs.view.arm import draw_arm
 from precision_pin.outputs.view.scales import arm_length
 from precision_pin.robot.chain import Posture
-from precision_pin.typing import Array
 
 __all__ = ["Cloud", "Picture", "draw_picture"]
 

@@ -8,7 +8,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["Camera", "draw_triangles"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = ["Colour", "ShapeSink", "Triangles"]
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.map.map_result import LEVELS, MapResult
 from precision_pin.analyses.map.map_verdicts import MET, NOT_JUDGED
+from precision_pin.arrays import Array
 from precision_pin.display.tables import symbol
 from precision_pin.display.units import WrittenUnit
 from precision_pin.errors import InputError, UnknownNameError
@@ -30,7 +31,6 @@ from precision_pin.outputs.kit.figure_style import (
 )
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.statistics.digits import format_interval
-from precision_pin.typing import Array
 from precision_pin.visible import shown, visible
 
 __all__ = ["figure", "layout_of", "worst_said"]

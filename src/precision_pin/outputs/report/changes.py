@@ -8,6 +8,7 @@ from typing import Final, Literal
 import numpy as np
 
 from precision_pin.analyses.budget.budget_result import BudgetResult
+from precision_pin.arrays import Array
 from precision_pin.display.tables import absolute, milli, unit
 from precision_pin.kernel import sampler
 from precision_pin.outputs.kit.causes import CauseShare, rank_causes
@@ -17,7 +18,6 @@ from precision_pin.outputs.report.numbers import MISSING, percent
 from precision_pin.outputs.view.headline import quantile, values_of
 from precision_pin.statistics import SpecificationResult, clopper_pearson, format_share
 from precision_pin.statistics.digits import format_inside
-from precision_pin.typing import Array
 
 __all__ = ["NOTABLE", "changes", "constant_part"]
 

@@ -14,6 +14,7 @@ from typing import Any, Final, Literal, TypeVar, final
 from precision_pin.analyses.provenance import Pose
 from precision_pin.analyses.registry import declarations
 from precision_pin.analyses.result import Result
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -24,7 +25,6 @@ from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet import Sheet
 from precision_pin.statistics import Specification
-from precision_pin.typing import Array
 from precision_pin.visible import visible
 
 __all__ = ["Missing", "Results", "Step", "collect", "collect_poses", "count_steps"]

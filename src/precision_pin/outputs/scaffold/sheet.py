@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.outputs.scaffold.starting_tolerances import (
     GIVE,
@@ -30,7 +31,6 @@ from precision_pin.sheet import catalogue
 from precision_pin.sheet.schema import ASSUMED
 from precision_pin.sheet.settings import law_options
 from precision_pin.terms.source import setting_fields
-from precision_pin.typing import Array
 
 __all__ = ["quoted", "scaffold"]
 

@@ -11,9 +11,9 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
-from precision_pin.typing import Array
 
 __all__ = ["GIVE", "LEAST_SHARE", "SHORTEST", "TRIALS", "WIND_UP", "Survey", "general_tolerance", "reach", "round_125"]
 

@@ -10,6 +10,7 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.outputs.kit.triangles import ShapeSink
 from precision_pin.outputs.view.meshes import MeshReader, Surface, UnreadableMeshError, thinned
 from precision_pin.outputs.view.scales import arm_length
@@ -18,7 +19,6 @@ from precision_pin.robot.chain import Posture
 from precision_pin.robot.places import ORDER_FRAME
 from precision_pin.robot.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
 from precision_pin.terms.term import JointValue, Target
-from precision_pin.typing import Array
 
 __all__ = ["Part", "draw_arm"]
 

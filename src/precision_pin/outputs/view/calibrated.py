@@ -8,13 +8,13 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.arrays import Array
 from precision_pin.display.html import escaped
 from precision_pin.display.tables import milli
 from precision_pin.outputs.calibration.readings import WorstReadings
 from precision_pin.outputs.calibration.table import MOST_READINGS, deviations_text, headline
 from precision_pin.outputs.view.scales import ColourScale, round_number
 from precision_pin.outputs.view.scene import Scene
-from precision_pin.typing import Array
 
 __all__ = ["MOST_DRAWN", "CalibrationLayer"]
 

@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 
 from precision_pin import se3
 from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.arrays import Array
 from precision_pin.display.html import escaped
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -19,7 +20,6 @@ from precision_pin.outputs.view.arm import Part
 from precision_pin.outputs.view.scales import round_number
 from precision_pin.outputs.view.scene import Scene
 from precision_pin.robot.chain import Posture
-from precision_pin.typing import Array
 
 __all__ = ["CompensationLayer"]
 

@@ -8,6 +8,7 @@ from typing import Any, Final, final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.display.html import escaped
 from precision_pin.display.tables import symbol, unit
 from precision_pin.display.units import WrittenUnit
@@ -24,7 +25,6 @@ from precision_pin.statistics import (
 )
 from precision_pin.statistics.digits import format_inside, format_interval, format_share
 from precision_pin.statistics.summary import NO_SPREAD
-from precision_pin.typing import Array
 
 __all__ = [
     "CONFIDENCE",

@@ -13,12 +13,12 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.outputs.view.scene import Colour
 from precision_pin.robot.urdf import Mesh, locate_mesh
 from precision_pin.robot.urdf.findings import Findings, shown
 from precision_pin.robot.urdf.meshcontent import BrokenMeshError, MeshFile, read_mesh
 from precision_pin.robot.urdf.meshes import MeshFiles
-from precision_pin.typing import Array
 
 __all__ = ["MOST_FACES", "MeshReader", "Surface", "UnreadableMeshError", "thinned"]
 

@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.display.html import escaped
 from precision_pin.errors import InputError, InternalError
 from precision_pin.outputs.view.arm import draw_arm
@@ -48,7 +49,6 @@ from precision_pin.outputs.view.tolerances import choose_groups, share_rows, sho
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics import Specification
 from precision_pin.statistics.quantities import QUANTITIES
-from precision_pin.typing import Array
 
 __all__ = ["page", "script_hashes"]
 

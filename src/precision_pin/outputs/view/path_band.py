@@ -8,11 +8,11 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin.analyses.path.path_result import PathResult
+from precision_pin.arrays import Array
 from precision_pin.display.html import escaped
 from precision_pin.outputs.view.scales import ColourScale, round_number
 from precision_pin.outputs.view.scene import Scene
 from precision_pin.statistics.digits import format_inside, format_interval
-from precision_pin.typing import Array
 
 __all__ = ["PathLayer"]
 

@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.outputs.view.scales import picture_axes
 from precision_pin.robot.chain import Posture
-from precision_pin.typing import Array
 
 __all__ = ["picture"]
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from precision_pin.analyses.map.map_result import LEVELS, MapResult
+from precision_pin.arrays import Array
 from precision_pin.display.html import escaped
 from precision_pin.outputs.map.figure import worst_said
 from precision_pin.outputs.view.scales import ColourScale
 from precision_pin.outputs.view.scene import Colour, Scene
-from precision_pin.typing import Array
 
 __all__ = ["PlacesData"]
 

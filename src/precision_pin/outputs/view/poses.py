@@ -11,6 +11,7 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.display.html import escaped
 from precision_pin.errors import InputError
 from precision_pin.model.pose_model import PoseModel
@@ -22,7 +23,6 @@ from precision_pin.outputs.view.tolerances import Groups, LivePose, link_shares,
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, quantile_ranks
-from precision_pin.typing import Array
 
 __all__ = [
     "MOST_FRAMES",

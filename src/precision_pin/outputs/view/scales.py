@@ -10,12 +10,12 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.display.html import escaped
 from precision_pin.display.units import WrittenUnit
 from precision_pin.inputs.arguments import check_number
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics.summary import NO_SPREAD
-from precision_pin.typing import Array
 
 __all__ = [
     "DEFAULT_POINTS",

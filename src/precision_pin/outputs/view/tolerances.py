@@ -19,11 +19,11 @@ from typing import Any, Final, final
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.display.html import escaped
 from precision_pin.draws.space import Scope, Space
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.terms.term import JointValue, Target
-from precision_pin.typing import Array
 
 __all__ = [
     "MOST_TOLERANCES",

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_choice, check_instance, check_numbers
 from precision_pin.robot.mcpc.parameters import Mcpc, axial_motion, finite_array, tilt, tilt_angles
-from precision_pin.typing import Array
 
 __all__ = ["frame_displacements", "parameter_errors"]
 

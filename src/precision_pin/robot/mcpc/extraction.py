@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance, shown
 from precision_pin.robot.mcpc.parameters import Z_AXIS, Mcpc, axial_motion, half_open, tilt, tilt_angles
-from precision_pin.typing import Array
 
 __all__ = ["JointChain", "from_chain", "joint_placements", "to_placements"]
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.display.html import Table, rendered
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers, check_whole
-from precision_pin.typing import Array
 
 __all__ = ["Mcpc", "McpcRow"]
 

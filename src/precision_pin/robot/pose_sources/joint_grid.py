@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance, check_mapping, check_name
 from precision_pin.inputs.quantities import check_quantities
@@ -15,7 +16,6 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.configurations import joint_quantity
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.urdf import Joint
-from precision_pin.typing import Array
 
 __all__ = ["MOST_POSES", "check_grid_size", "joint_grid"]
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.arrays import Array
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers, check_text, check_whole
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.postures import alignment
 from precision_pin.robot.solution_search import Task
-from precision_pin.typing import Array
 
 __all__ = ["Orientation"]
 

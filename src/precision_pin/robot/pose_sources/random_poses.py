@@ -9,6 +9,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arrays import Array
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.philox import Units, stream_of
 from precision_pin.draws.space import check_seed
@@ -21,7 +22,6 @@ from precision_pin.robot.inverse_kinematics import inverse_kinematics
 from precision_pin.robot.pose_set import PoseSet, chain_length
 from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
 from precision_pin.robot.pose_sources.orientation import Orientation
-from precision_pin.typing import Array
 from precision_pin.units import LENGTH
 
 __all__ = ["random_poses"]

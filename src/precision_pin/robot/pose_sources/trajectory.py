@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import units
+from precision_pin.arrays import Array
 from precision_pin.errors import Finding, InputError, UnitError, nearest
 from precision_pin.inputs.arguments import check_instance, check_number, check_path, check_whole
 from precision_pin.inputs.arrays import fix_fields
@@ -23,7 +24,6 @@ from precision_pin.inputs.files import UnreadableFileError, read_text_file
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
-from precision_pin.typing import Array
 from precision_pin.visible import shown
 
 __all__ = ["Column", "Trajectory", "read_trajectory"]

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from precision_pin import se3
-from precision_pin.typing import Array
+from precision_pin.arrays import Array
 
 __all__ = [
     "Box",

@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.robot.urdf.data import Inertial, Link
 from precision_pin.robot.urdf.findings import Findings, shown
 from precision_pin.robot.urdf.robot import Robot
-from precision_pin.typing import Array
 
 __all__ = ["check_inertias"]
 

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from precision_pin.arrays import Array
 from precision_pin.errors import Finding, InputError, InternalError, UnknownNameError
 from precision_pin.robot.urdf.data import Joint, Link
-from precision_pin.typing import Array
 
 __all__ = ["Robot"]
 
