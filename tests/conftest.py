@@ -88,11 +88,17 @@ def site_begun(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
         process.wait()
 
 
+HANDLERS = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+
+
 @pytest.fixture(autouse=True)
 def signals_stay() -> Iterator[None]:
-    """Give the tests their signals back: the command line keeps them to the end of the process."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.getsignal(number) for number in numbers]
+    """Give the tests their signals back: the command line keeps them to the end, in a module's fixture too."""
+    take_signals_back()
     yield
-    for number, handler in zip(numbers, before, strict=True):
+    take_signals_back()
+
+
+def take_signals_back() -> None:
+    for number, handler in HANDLERS.items():
         signal.signal(number, handler)
