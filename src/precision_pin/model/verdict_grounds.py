@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final, final
 
 import numpy as np
@@ -40,7 +41,7 @@ def grounds_at(
     times
         Times of a path's poses, s, ``(P,)``.
     """
-    lost = _Lost.of(model)
+    lost = _lost(model)
     exact = () if lost is None else lost.names
     if model.beyond_limits:
         return Grounds("", exact)
@@ -120,7 +121,7 @@ def exact_findings(model: ErrorModel, values: Array, approaches: NDArray[np.int8
     values, approaches
         Poses ``(n, P)``, and how their joints moved last.
     """
-    lost = _Lost.of(model)
+    lost = _lost(model)
     if lost is None:
         return ()
     poses = values.shape[1]
@@ -150,6 +151,12 @@ def exact_findings_at(model: ErrorModel, at: PoseModel) -> tuple[Finding, ...]:
     """Return the warning of :func:`exact_findings` at one pose."""
     approach = np.array(at.posture.approach, dtype=np.int8)[:, None] if at.posture.approach else None
     return exact_findings(model, at.posture.q[:, None], approach)
+
+
+@lru_cache(maxsize=1)
+def _lost(model: ErrorModel) -> _Lost | None:
+    """Return what changes of the model's sheet have removed; a verdict's grounds and its warning ask one after the other."""
+    return _Lost.of(model)
 
 
 def _unit(slides: bool) -> tuple[float, str]:
