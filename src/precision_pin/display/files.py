@@ -6,18 +6,30 @@ ends the program removes it.
 
 from __future__ import annotations
 
+import csv
 import fcntl
+import io
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from precision_pin.errors import OutputError
 from precision_pin.interrupts import held, undone
 
-__all__ = ["require_writable", "resolve", "whole_folder", "write_files", "write_text"]
+__all__ = ["csv_text", "require_writable", "resolve", "whole_folder", "write_files", "write_text"]
+
+
+def csv_text(headings: Sequence[str], rows: Iterable[Sequence[object]], comments: Iterable[str] = ()) -> str:
+    """Return the text of a CSV file: lines of comments, a row of headings, rows of cells."""
+    text = io.StringIO()
+    text.writelines(f"# {comment}\n" for comment in comments)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(headings)
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def resolve(path: str | os.PathLike[str]) -> str:

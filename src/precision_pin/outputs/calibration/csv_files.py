@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
-
-import numpy as np
+from collections.abc import Sequence
 
 from precision_pin.analyses.calibration.data import COLUMNS
 from precision_pin.arrays import Array
+from precision_pin.display.files import csv_text
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.pose_sources.trajectory import joint_columns
 
 __all__ = ["cycles_csv", "poses_csv", "readings_csv"]
 
@@ -18,7 +16,7 @@ __all__ = ["cycles_csv", "poses_csv", "readings_csv"]
 def poses_csv(chain: Chain, q: Array) -> str:
     """Return joint values ``(n, P)`` as ``--trajectory`` reads them, in degrees and mm."""
     headings, columns = _joints(chain, q)
-    return _text([], headings, zip(*columns, strict=True))
+    return csv_text(headings, zip(*columns, strict=True))
 
 
 def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float, comments: Sequence[str]) -> str:
@@ -38,7 +36,7 @@ def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float,
     headings, columns = _joints(chain, q)
     more, values = _readings(COLUMNS[kind], readings)
     stds = [_short(1e3 * std)] * len(readings)
-    return _text(comments, [*headings, *more, "std [mm]"], zip(*columns, *values, stds, strict=True))
+    return csv_text([*headings, *more, "std [mm]"], zip(*columns, *values, stds, strict=True), comments)
 
 
 def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, comments: Sequence[str]) -> str:
@@ -56,17 +54,15 @@ def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, co
     more, values = _readings(COLUMNS[kind], readings)
     visits = [(name, str(cycle)) for name in names for cycle in range(1, cycles + 1)]
     rows = zip(visits, *values, strict=True)
-    return _text(comments, ["pose", "cycle", *more], ((*visit, *cells) for visit, *cells in rows))
+    return csv_text(["pose", "cycle", *more], ((*visit, *cells) for visit, *cells in rows), comments)
 
 
 def _joints(chain: Chain, q: Array) -> tuple[list[str], list[list[str]]]:
     """Return headings with units, and the columns of the joints in full."""
-    headings = [f"{joint.name} [{'mm' if joint.kind == 'prismatic' else 'deg'}]" for joint in chain.joints]
-    values = [
-        1e3 * row if joint.kind == "prismatic" else np.degrees(row) for joint, row in zip(chain.joints, q, strict=True)
-    ]
+    columns = joint_columns(chain.joint_names, chain.prismatic)
     # 1e-12 degrees: what is left of a conversion from degrees and back
-    return headings, [[repr(round(value, 12)) for value in row.tolist()] for row in values]
+    values = [(row / one.factor).tolist() for one, row in zip(columns, q, strict=True)]
+    return [one.heading for one in columns], [[repr(round(value, 12)) for value in row] for row in values]
 
 
 def _readings(names: Sequence[str], readings: Array) -> tuple[list[str], list[list[str]]]:
@@ -77,12 +73,3 @@ def _readings(names: Sequence[str], readings: Array) -> tuple[list[str], list[li
 
 def _short(value: float) -> str:
     return f"{value:.6f}"
-
-
-def _text(comments: Iterable[str], headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    text = io.StringIO()
-    text.writelines(f"# {comment}\n" for comment in comments)
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(headings)
-    writer.writerows(rows)
-    return text.getvalue()

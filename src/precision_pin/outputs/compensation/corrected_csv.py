@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections.abc import Sequence
 
 from precision_pin.analyses.compensation.compensation_result import CompensationResult
-from precision_pin.robot.pose_sources.trajectory import Column
+from precision_pin.display.files import csv_text
+from precision_pin.robot.pose_sources.trajectory import Column, joint_columns
 
 __all__ = ["corrected_csv"]
 
@@ -28,15 +26,9 @@ def corrected_csv(result: CompensationResult, columns: Sequence[Column] = ()) ->
     order = list(columns)
     if not order:
         order = [Column("t [s]", "")] if times is not None else []
-        order += [
-            Column(f"{name} [mm]", name, 1e-3) if slides else Column(f"{name} [deg]", name, math.pi / 180)
-            for name, slides in zip(result.joints, result.prismatic, strict=True)
-        ]
+        order += joint_columns(result.joints, result.prismatic)
     if times is not None:
         of[""] = times
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([column.heading for column in order])
     values = [(of[column.joint] / column.factor).tolist() for column in order]
-    writer.writerows([[repr(value) for value in row] for row in zip(*values, strict=True)])
-    return text.getvalue()
+    rows = [[repr(value) for value in row] for row in zip(*values, strict=True)]
+    return csv_text([column.heading for column in order], rows)

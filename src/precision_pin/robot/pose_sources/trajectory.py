@@ -7,7 +7,7 @@ import io
 import itertools
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -26,7 +26,7 @@ from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
 from precision_pin.visible import shown
 
-__all__ = ["Column", "Trajectory", "read_trajectory"]
+__all__ = ["Column", "Trajectory", "joint_columns", "read_trajectory"]
 
 _TIMES: Final = ("t", "time")
 _LONGEST: Final = 40
@@ -55,6 +55,14 @@ class Column:
     heading: str
     joint: str
     factor: float = 1.0
+
+
+def joint_columns(names: Iterable[str], slides: Iterable[bool]) -> list[Column]:
+    """Return the columns in which joint values are written: degrees, and mm of joints that slide."""
+    return [
+        Column(f"{name} [mm]", name, 1e-3) if is_slide else Column(f"{name} [deg]", name, math.pi / 180)
+        for name, is_slide in zip(names, slides, strict=True)
+    ]
 
 
 @final
