@@ -10,8 +10,11 @@ from __future__ import annotations
 from bisect import bisect_left
 from functools import lru_cache
 
+import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import bdtr, betainc, betaincinv
 
+from precision_pin.arrays import Array
 from precision_pin.inputs.arguments import check_number
 
 __all__ = [
@@ -21,6 +24,7 @@ __all__ = [
     "quantile_ranks",
     "tolerance_ranks",
     "upper_bound_rank",
+    "upper_ends",
 ]
 
 
@@ -91,8 +95,23 @@ def clopper_pearson(inside: int, samples: int, confidence: float) -> tuple[float
     """
     tail = (1 - confidence) / 2
     lower = float(betaincinv(inside, samples - inside + 1, tail)) if inside > 0 else 0.0
-    upper = float(betaincinv(inside + 1, samples - inside, 1 - tail)) if inside < samples else 1.0
-    return lower, upper
+    return lower, float(upper_ends(np.array(inside), samples, tail))
+
+
+def upper_ends(inside: ArrayLike, samples: int, tail: float) -> Array:
+    """Return one-sided upper ends (Clopper-Pearson) of probabilities, which are missed with the probability ``tail``.
+
+    Parameters
+    ----------
+    inside
+        Numbers of samples inside, of any shape.
+    samples
+        Of how many.
+    tail
+        Probability of a value beyond the end.
+    """
+    few = np.asarray(inside)
+    return np.where(few >= samples, 1.0, betaincinv(few + 1, np.maximum(samples - few, 1), 1 - tail))
 
 
 def _at_most(k: int, samples: int, p: float) -> float:

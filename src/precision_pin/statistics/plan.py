@@ -13,7 +13,7 @@ from precision_pin.arrays import Array
 from precision_pin.errors import InternalError
 from precision_pin.inputs.arguments import check_number
 from precision_pin.inputs.quantities import check_quantity
-from precision_pin.statistics.quantities import NORMS, QUANTITIES, quantity_name, si_quantity
+from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name, si_quantity
 
 __all__ = ["Plan", "Specification"]
 
@@ -74,6 +74,13 @@ class Specification:
     def row(self) -> int:
         """Row of the quantity in the arrays with eight rows."""
         return QUANTITIES.index(self.quantity)
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Components of the error, of six, that are limited: three together by a norm, else one."""
+        if self.row not in NORMS:
+            return (COMPONENTS.index(self.row),)
+        return (3, 4, 5) if self.quantity.startswith("attitude") else (0, 1, 2)
 
 
 @final

@@ -20,7 +20,6 @@ from precision_pin.analyses.allocation.problem import (
     Tolerance,
     common_grades,
     read_problem,
-    rows_of,
 )
 from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
 from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions, in_deviations
@@ -309,7 +308,7 @@ def _programme(task: Problem, parts: Contributions, members: NDArray[np.intp], a
     covariances = np.concatenate([squares, parts.by_pair[of[:, 0] != of[:, 1]]])
     limits, left = [], iter(aims)
     for one in task.limits:
-        rows = rows_of(one)
+        rows = list(one.components)
         kind, probability = (one.kind, 0.0) if isinstance(one, Bound) else ("quantile", next(left))
         grid = np.ix_(rows, rows)
         if kind == "worst_case":

@@ -15,15 +15,15 @@ from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-from precision_pin.analyses.allocation.problem import Problem, rows_of
+from precision_pin.analyses.allocation.problem import Problem
 from precision_pin.analyses.allocation.programme import ROUNDING, Programme
 from precision_pin.analyses.allocation.scaling import Contributions, changed_model, in_deviations
 from precision_pin.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.statistics import Specification
+from precision_pin.statistics.intervals import upper_ends
 
 __all__ = ["CONFIDENCE", "SAMPLES", "Judge", "Judged", "Walk", "walk"]
 
@@ -94,7 +94,7 @@ class Judge:
         )
         shares, ends = found.probability, np.moveaxis(found.probability_interval, 1, 0)
         # one place is enough to fail, so that a wrong one must be ruled out at all of them
-        most = upper_ends(shares, samples, wrong / (2 * max(shares.size, 1)))
+        most = upper_ends(np.round(shares * samples), samples, wrong / (2 * max(shares.size, 1)))
         required = self.required[:, None]
         return Judged(np.stack([shares, *ends]), bool((ends[0] >= required).all()), bool((most < required).any()))
 
@@ -112,12 +112,6 @@ class Judge:
         changed = changed_model(self.model, self.task.tolerances, chosen)
         found = sample_poses(changed, list(self.task.poses), samples=samples, seed=seed, specifications=self.chances)
         return found.probability
-
-
-def upper_ends(shares: Array, samples: int, tail: float) -> Array:
-    """Return one-sided upper ends (Clopper-Pearson) that are missed with the probability ``tail``."""
-    inside = np.round(shares * samples)
-    return np.where(inside >= samples, 1.0, special.betaincinv(inside + 1, np.maximum(samples - inside, 1), 1 - tail))
 
 
 @final
@@ -220,7 +214,7 @@ class _Screen:
         return found
 
     def _is_possible(self, shares: Array, samples: int) -> NDArray[np.bool_]:
-        most = upper_ends(shares, samples, self._tail) + self._off
+        most = upper_ends(np.round(shares * samples), samples, self._tail) + self._off
         return np.asarray((most >= self._judge.required[:, None]).all(axis=(1, 2)))
 
     def _shares(self, t: Array, samples: int) -> Array:
@@ -232,7 +226,7 @@ class _Screen:
             if numbers is None or not shared:
                 numbers = in_deviations(self._judge.model.space, self._seed, samples, pose)
             for k, one in enumerate(chances):
-                rows = rows_of(one)
+                rows = list(one.components)
                 still = self._parts.mean[rows, pose][:, None] + self._parts.rest.times(numbers, pose, rows)
                 moved = np.zeros((len(t), len(rows), samples))
                 for of, part in zip(self._members, self._parts.moved, strict=True):

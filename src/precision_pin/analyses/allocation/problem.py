@@ -16,10 +16,10 @@ from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import shown
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.reader import Contents
-from precision_pin.statistics import COMPONENTS, Specification
+from precision_pin.statistics import Specification
 from precision_pin.statistics.specification import specification
 
-__all__ = ["Bound", "Problem", "Tolerance", "beside", "common_grades", "read_problem", "rows_of"]
+__all__ = ["Bound", "Problem", "Tolerance", "beside", "common_grades", "read_problem"]
 
 _RANGE: Final = 100.0
 """Bounds of a tolerance without its own: this much narrower and wider than it is."""
@@ -83,13 +83,10 @@ class Bound:
     limit: float
     is_position: bool
 
-
-def rows_of(limit: Specification | Bound) -> list[int]:
-    """Return which of the six components of the error are limited, together or (worst case) each."""
-    if isinstance(limit, Bound):
-        return list(range(3)) if limit.is_position else list(range(3, 6))
-    first = 3 * limit.quantity.startswith("attitude")
-    return list(range(first, first + 3)) if limit.quantity.endswith("norm") else [COMPONENTS.index(limit.row)]
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Components of the error, of six, that are limited, together or (worst case) each."""
+        return (0, 1, 2) if self.is_position else (3, 4, 5)
 
 
 @final

@@ -32,7 +32,7 @@ from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
 from precision_pin.sampling.workers import Submitter
-from precision_pin.statistics import COMPONENTS, Specification, check_confidence
+from precision_pin.statistics import Specification, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
 
 __all__ = [
@@ -157,7 +157,7 @@ def map_poses(
     # the worst of the poses judged is a biased choice: it is verified with other robots
     check = int(seed) ^ (1 << 63)
     with steps_to(progress, steps, "steps") as step, unheard():
-        vectors = list(dict.fromkeys((*_NORMS, *map(_rows_of, listed))))
+        vectors = list(dict.fromkeys((*_NORMS, *(one.components for one in listed))))
         count = values.shape[1]
         # half of the steps for the moments of all poses, half for their quantiles and limits
         halves = [scaled(step, count, steps_of) for steps_of in (count // 2, count - count // 2)]
@@ -287,7 +287,7 @@ def _closed_form(
         return full
 
     count = closed.mean.shape[1]
-    levels, chosen = len(LEVELS), [vectors.index(_rows_of(one)) for one in specifications]
+    levels, chosen = len(LEVELS), [vectors.index(one.components) for one in specifications]
     quantiles, bounds = np.empty((levels, 2, count)), np.empty((levels, 2, 2, count))
     probabilities, limits = np.empty((len(chosen), count)), np.empty((len(chosen), 2, count))
     relative_quantiles = np.empty((levels, 2, closed.relative_mean.shape[1]))
@@ -333,13 +333,6 @@ def _closed_form(
     )
 
 
-def _rows_of(specification: Specification) -> tuple[int, ...]:
-    """Return the rows of the error that a specification is about."""
-    if specification.quantity.endswith("norm"):
-        return _NORMS[int(specification.quantity.startswith("attitude"))]
-    return (COMPONENTS.index(specification.row),)
-
-
 def _doubts(closed: FirstOrder, labels: Sequence[str]) -> tuple[Finding, ...]:
     """Return a warning where the laws are so far from normal that the closed form is off by `_DOUBTED` or more."""
     by_laws, as_normal = closed.vectors[0].gamma_quantiles(LEVELS[-1])
@@ -375,11 +368,11 @@ def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: 
     poses = mean.shape[1]
     shares = np.zeros((len(specifications), poses))
     for share, one in zip(shares, specifications, strict=True):
-        if one.quantity.endswith("norm"):
-            law = laws[int(one.quantity.startswith("attitude"))]
+        if one.components in _NORMS:
+            law = laws[_NORMS.index(one.components)]
             share[:] = norm_probabilities(*law, np.full(poses, one.limit))
         else:
-            row = COMPONENTS.index(one.row)
+            (row,) = one.components
             share[:] = _inside(mean[row], np.sqrt(np.maximum(covariance[row, row], 0.0)), one.limit)
     return shares
 
