@@ -8,13 +8,14 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
-from precision_pin import se3
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component, Program
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
-from precision_pin.kernel.sampler import SamplerArrays
+from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan
 from precision_pin.terms.table import TermTable

@@ -19,6 +19,7 @@ from benchmarks.sampler import BLOCKS, run_uncounted
 from benchmarks.tables import Part, Ratio, Table, figure, times
 from benchmarks.timing import Work, nanoseconds
 from precision_pin.kernel import sampler
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 
@@ -27,7 +28,7 @@ __all__ = ["AGREEMENT", "EXACT", "Comparison", "check_agreement", "installed_lib
 AGREEMENT: Final = 1e-9
 """Largest difference allowed between two ways, m or rad; the errors are of 1e-4."""
 
-BULK: Final = 4 * sampler.BLOCK
+BULK: Final = 4 * BLOCK
 EXACT: Final = "precision-pin, exact"
 COPIED: Final = "Pinocchio, a displaced copy of the model"
 PLAIN: Final = "Pinocchio, displaced placements"
@@ -97,7 +98,7 @@ def compared(turns: int) -> Comparison:
     check_agreement({name: other.errors for name, other in libraries.items()})
     random = np.random.default_rng(1)
     ready = cases.prepared(cases.ur5())
-    ours = BLOCKS * sampler.BLOCK
+    ours = BLOCKS * BLOCK
     works = {EXACT: Work(partial(ready.sample, "exact", BLOCKS), ours)}
     for name, (errors, count) in by_hand.items():
         works[name] = Work(partial(errors, cases.draw_with_numpy(random, count)), count)
@@ -147,7 +148,7 @@ def stages(turns: int) -> Part:
     works = {}
     for arm, at in arms.items():
         ready = cases.prepared(at)
-        samples = BLOCKS * sampler.BLOCK
+        samples = BLOCKS * BLOCK
         works[f"{arm}: draw"] = Work(partial(run_uncounted, ready.layout, "draw", samples), samples)
         works[f"{arm}: linear"] = Work(partial(ready.sample, "linear", BLOCKS), samples)
         works[f"{arm}: exact"] = Work(partial(ready.sample, "exact", BLOCKS), samples)

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio
 
 from benchmarks.cases import POSE, UR5
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 
 __all__ = [
     "Errors",

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.cases import HALF_WIDTH, IS_UNIFORM, POSE, STD, UR5
 from benchmarks.loops import Errors, numpy_by_hand, rotation_vectors, virtual_joint_values
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 
 __all__ = ["Other", "jax_compiled", "openturns_function", "robotics_toolbox"]
 

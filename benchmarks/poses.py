@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from benchmarks import cases, loops
 from benchmarks.tables import Part, Ratio, Table, figure, times
 from benchmarks.timing import Work, best_times, nanoseconds
-from precision_pin import se3
 from precision_pin.analyses.map.map_poses import map_poses
-from precision_pin.errors import PrecisionPinWarning
+from precision_pin.base import se3
+from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.kernel import sampler
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.kernel.many_poses import MOST_TOGETHER, observe_norms, observe_poses
 from precision_pin.kernel.pose_arrays import JoinedTables
 from precision_pin.model.error_model import ErrorModel
@@ -114,7 +115,7 @@ def measure(turns: int) -> Part:
     for poses in POSES:
         groups = [Together.of(models[k : min(k + MOST_TOGETHER, poses)]) for k in range(0, poses, MOST_TOGETHER)]
         blocks = max(1, 8 // poses)
-        samples = blocks * sampler.BLOCK * poses
+        samples = blocks * BLOCK * poses
         jacobian = np.concatenate([at.jacobian for at in models[:poses]])
         x = random.standard_normal((36, PRODUCT))
         out = np.empty((6 * poses, PRODUCT))

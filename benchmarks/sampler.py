@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from precision_pin.kernel import loops, sampler
-from precision_pin.kernel.sampler import SamplerArrays
+from precision_pin.kernel.arrays import SamplerArrays
 
 __all__ = ["BLOCKS", "run_uncounted"]
 

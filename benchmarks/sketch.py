@@ -12,6 +12,7 @@ from benchmarks.sampler import BLOCKS, run_uncounted
 from benchmarks.tables import Part, Ratio, Table, figure
 from benchmarks.timing import Work, nanoseconds
 from precision_pin.kernel import sampler
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.statistics import COLUMNS, QUANTITIES, finish, quantity_values
 
 __all__ = ["measure"]
@@ -24,7 +25,7 @@ def measure(quick: bool) -> Part:
     """Compare size, time and error with numpy's quantile on ten million samples (quick: one)."""
     count, turns = (10**6, 5) if quick else (10**7, 20)
     ready = cases.prepared(cases.ur5())
-    state = sampler.accumulate(ready.layout, ready.plan, "exact", 0, 0, -(-count // sampler.BLOCK), samples=count)
+    state = sampler.accumulate(ready.layout, ready.plan, "exact", 0, 0, -(-count // BLOCK), samples=count)
     summary = finish(ready.plan, state)
     values = np.empty((8, count))
     for first in range(0, count, _AT_ONCE):
@@ -34,7 +35,7 @@ def measure(quick: bool) -> Part:
     found = np.array([summary.distribution(name).quantile(LEVEL) for name in QUANTITIES], dtype=float)
     error = float(np.abs(found / exact - 1).max())
     norm = values[0, : 10**6]
-    samples = BLOCKS * sampler.BLOCK
+    samples = BLOCKS * BLOCK
     edges = np.linspace(norm.min(), norm.max(), 201)
     works = {
         "all": Work(partial(ready.sample, "exact", BLOCKS), samples),

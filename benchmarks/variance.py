@@ -27,13 +27,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.budget.sobol import REPLICATES, scrambled_points
+from precision_pin.analyses.budget.sobol import scrambled_points
 from precision_pin.analyses.moments.moments import moments
 from precision_pin.analyses.moments.moments_result import Method, PoseMoments
-from precision_pin.arrays import Array
+from precision_pin.analyses.replicates import REPLICATES
+from precision_pin.base.arrays import Array
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
+from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import examples
 from precision_pin.robot.chain import Chain
@@ -120,8 +123,8 @@ def factors(model: ErrorModel, samples: int, seeds: int) -> Iterator[str]:
     at = model.at()
     layout = sampler.to_arrays(at)
     plan = Plan.from_moments(at.error_at_means, at.covariance)
-    blocks = max(1, samples // sampler.BLOCK)
-    plain_time = timed(lambda: sampler.accumulate(layout, plan, "exact", 0, 0, blocks)) / (blocks * sampler.BLOCK)
+    blocks = max(1, samples // BLOCK)
+    plain_time = timed(lambda: sampler.accumulate(layout, plan, "exact", 0, 0, blocks)) / (blocks * BLOCK)
     yield f"{at.space.size} random numbers; plain sampling {1e9 * plain_time:.0f} ns a sample, one thread"
     plain = [Numbers.of(moments(model, method="plain", samples=samples, seed=k).poses[0]) for k in range(seeds)]
     spread = np.sqrt(np.diagonal(at.covariance))
@@ -172,9 +175,7 @@ def closed(model: ErrorModel, best: list[Numbers], spread: Array, varies: NDArra
     yield f"    (the estimates themselves are known to {error.max():.1e} and {error_covariance.max():.1e})"
 
 
-def quantiles(
-    model: ErrorModel, layout: sampler.SamplerArrays, samples: int, seeds: int, plain_time: float
-) -> Iterator[str]:
+def quantiles(model: ErrorModel, layout: SamplerArrays, samples: int, seeds: int, plain_time: float) -> Iterator[str]:
     """Yield the factors of quantiles of |d|."""
     space = model.at().space
 

@@ -14,7 +14,7 @@ from typing import Final
 
 PACKAGE: Final = Path(__file__).parents[1] / "src" / "precision_pin"
 PICTURE: Final = Path(__file__).parent / "images" / "architecture.svg"
-APART: Final = ("__init__", "__main__", "old_paths")
+APART: Final = ("__init__", "__main__")
 """What gives the package its names and its command: not part of the order."""
 
 WIDTH, HEIGHT, GAP, RISE, MARGIN = 128, 36, 26, 64, 20

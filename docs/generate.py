@@ -19,17 +19,17 @@ from typing import Annotated, Any, Final, Literal
 import click
 from pydantic import BaseModel
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.units import PerEntry, PerJoint, Quantity
 from precision_pin.cli.commands import list_commands, list_groups, load_command
 from precision_pin.cli.explain import list_codes
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Law, laws_of_sheets
-from precision_pin.draws.space import Scope
 from precision_pin.sheet.measurement_entry import MeasurementEntry
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
 from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
 from precision_pin.terms.source import Source, setting_meanings
-from precision_pin.units import PerEntry, PerJoint, Quantity
 
 PAGES: Final = Path(__file__).parent
 MARKED: Final = re.compile(r"(?<=<!-- table: )(.+?)( -->\n).*?(?=<!-- end -->)", re.DOTALL)

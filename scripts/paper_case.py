@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 
 import precision_pin as pp
-from precision_pin.outputs.monte_carlo import figures
-from precision_pin.outputs.monte_carlo.table import analysis_table
+from precision_pin.analyses.monte_carlo.table import analysis_table
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sampling import figures
 
 
 def main(folder: Path) -> None:

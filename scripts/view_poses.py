@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from precision_pin.display.files import write_text
+from precision_pin.base.files import write_text
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.view import Shown, page
+from precision_pin.pages.view import ViewPose, page
 from precision_pin.robot.examples import PAPER_SHEET
 
 SEED = 1
@@ -29,7 +29,7 @@ def main(folder: Path) -> None:
         at = model.at(q)
         errors = at.exact(model.space.sample(SEED, 0, SAMPLES, pose=pose))
         text = page(
-            [Shown(at, errors, name, pose)], title=f"The paper's arm, pose “{name}”", seed=SEED, model_name="exact"
+            [ViewPose(at, errors, name, pose)], title=f"The paper's arm, pose “{name}”", seed=SEED, model_name="exact"
         )
         path = folder / f"view_{name}.html"
         write_text(path, text)

@@ -54,7 +54,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _compile_all_variants() -> None:
-    from precision_pin.compile_ahead import Job, compile_jobs
+    from precision_pin.base.compile_ahead import Job, compile_jobs
     from precision_pin.kernel import part_list
 
     source = Path(part_list.__file__).with_name("loops.py")

@@ -16,11 +16,13 @@ import pinocchio
 import pytest
 from scipy import stats
 
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Space
+from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import examples
-from precision_pin.robot.chain import Chain, Load
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.loads import Load
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.joint_compliance import JointCompliance

@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from precision_pin import se3
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
 
 ANGLES = [0.0, 1e-300, 1e-12, 1e-8, 1e-5, 1e-3, 0.0499999, 0.05, 0.0500001, 0.25, 1.0, 2.5]
 ANGLES += [math.pi - 0.1, math.pi - 1e-4, math.pi - 1e-8, math.pi - 1e-12, math.pi]

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from precision_pin import units
-from precision_pin.errors import InputError, UnitError
+from precision_pin.base import units
+from precision_pin.base.errors import InputError, UnitError
 
 EVERY_UNIT = [(quantity, unit) for quantity in units.QUANTITIES for unit in quantity.units]
 

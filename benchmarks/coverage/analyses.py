@@ -22,9 +22,10 @@ from precision_pin.analyses.budget.budget_result import Estimate
 from precision_pin.analyses.exact_law.exact_law_result import LEVELS
 from precision_pin.analyses.moments.moments_result import Measured, Method
 from precision_pin.analyses.worst_case.convex_bodies import Supports
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws import laws
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain

@@ -15,9 +15,10 @@ import precision_pin as pp
 from benchmarks.coverage.row import Coverage
 from precision_pin.analyses.reliability.estimates import Estimate, plain_estimate
 from precision_pin.analyses.reliability.rare_events import rare_events
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws import laws
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.space import Space
 from precision_pin.robot import examples
 
 __all__ = ["CASES", "Case", "estimates_of", "jump", "measure", "of_case"]

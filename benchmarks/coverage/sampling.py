@@ -13,15 +13,17 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.coverage.row import Coverage
-from precision_pin.arrays import Array
+from precision_pin.analyses.monte_carlo import table
+from precision_pin.base.arrays import Array
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.outputs.monte_carlo import table
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.sampling.planning import planned
+from precision_pin.sampling.histogram_plan import planned
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import (
     Distribution,
@@ -323,7 +325,7 @@ def _of_model(name: str, at: PoseModel, runs: int) -> list[Coverage]:
             distribution = found.distribution(quantity)
             if truth.std > 1e-12:
                 (parts if row % 4 else norms).add_distribution(distribution, truth)
-    case = f"{name}, {sampler.BLOCK:,} samples"
+    case = f"{name}, {BLOCK:,} samples"
     return [
         *norms.rows(f"norms of {case}", f"{TRUTH:,} samples"),
         *parts.rows(f"components of {case}", f"{TRUTH:,} samples"),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fuzzing.errorsheets.grammar import random_sheet
 from fuzzing.errorsheets.mutations import broken
 from fuzzing.errorsheets.spelling import respelt, written
-from precision_pin.errors import InputError, PrecisionPinWarning
+from precision_pin.base.errors import InputError, PrecisionPinWarning
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet import Sheet, read
 from precision_pin.sheet.text import read_text

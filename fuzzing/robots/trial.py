@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.errors import Finding, InputError, UrdfError
-from precision_pin.outputs.view.arm import draw_arm
-from precision_pin.outputs.view.scene import Scene
+from precision_pin.base.errors import Finding, InputError, UrdfError
+from precision_pin.pages.view.arm import draw_arm
+from precision_pin.render.scene import Scene
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint, Robot, check, parse, read
 from precision_pin.robot.urdf.editing import Placement, UrdfText

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import importlib
 
-from precision_pin import old_paths
-
 TYPE_CHECKING = False  # type checkers know the name; importing typing takes a tenth of the time of importing this
 if TYPE_CHECKING:
     from typing import Any, Final
@@ -35,8 +33,12 @@ if TYPE_CHECKING:
     from precision_pin.analyses.path.path_law import path_law as path_law
     from precision_pin.analyses.reliability.reliability import reliability as reliability
     from precision_pin.analyses.worst_case.worst_case import worst_case as worst_case
-    from precision_pin.display.progress import progress as progress
+    from precision_pin.base.errors import InputError as InputError
+    from precision_pin.base.errors import PrecisionPinError as PrecisionPinError
+    from precision_pin.base.progress import progress as progress
     from precision_pin.draws.correlation import Correlation as Correlation
+    from precision_pin.draws.draw import Draw as Draw
+    from precision_pin.draws.draw import Scope as Scope
     from precision_pin.draws.laws import Arcsine as Arcsine
     from precision_pin.draws.laws import Circle as Circle
     from precision_pin.draws.laws import Disc as Disc
@@ -50,14 +52,9 @@ if TYPE_CHECKING:
     from precision_pin.draws.laws import TruncatedNormal as TruncatedNormal
     from precision_pin.draws.laws import TwoPoint as TwoPoint
     from precision_pin.draws.laws import Uniform as Uniform
-    from precision_pin.draws.space import Draw as Draw
-    from precision_pin.draws.space import Scope as Scope
     from precision_pin.draws.space import Space as Space
-    from precision_pin.errors import InputError as InputError
-    from precision_pin.errors import PrecisionPinError as PrecisionPinError
-    from precision_pin.measurement.measurement import Measurement as Measurement
     from precision_pin.model.error_model import ErrorModel as ErrorModel
-    from precision_pin.model.every_frame import every_frame as every_frame
+    from precision_pin.model.full_frame_model import every_frame as every_frame
     from precision_pin.robot import mcpc as mcpc
     from precision_pin.robot.approach import ApproachedPose as ApproachedPose
     from precision_pin.robot.chain import Chain as Chain
@@ -78,11 +75,10 @@ if TYPE_CHECKING:
     from precision_pin.sampling.relative import relative as relative
     from precision_pin.sampling.result import Analysis as Analysis
     from precision_pin.sampling.result import MonteCarloResult as MonteCarloResult
+    from precision_pin.sheet.measurement import Measurement as Measurement
     from precision_pin.statistics.specification import specification as specification
     from precision_pin.terms.source import Source as Source
     from precision_pin.terms.term import Term as Term
-
-old_paths.install()
 
 _HOMES: Final = {
     "Analysis": "sampling.result",
@@ -96,17 +92,17 @@ _HOMES: Final = {
     "Empirical": "draws.laws",
     "ErrorModel": "model.error_model",
     "Fixed": "draws.laws",
-    "InputError": "errors",
+    "InputError": "base.errors",
     "JointNormal": "draws.laws",
     "Lognormal": "draws.laws",
-    "Measurement": "measurement.measurement",
+    "Measurement": "sheet.measurement",
     "MonteCarloResult": "sampling.result",
     "Normal": "draws.laws",
     "Orientation": "robot.pose_sources.orientation",
     "Posture": "robot.chain",
     "PosesResult": "sampling.poses_result",
     "Postures": "robot.postures",
-    "PrecisionPinError": "errors",
+    "PrecisionPinError": "base.errors",
     "Rows": "draws.laws",
     "Scope": "draws.space",
     "Source": "terms",
@@ -122,7 +118,7 @@ _HOMES: Final = {
     "calibrate": "analyses.calibration.calibrate",
     "compare": "analyses.compare.compare",
     "compensate": "analyses.compensation.compensate",
-    "every_frame": "model.every_frame",
+    "every_frame": "model.full_frame_model",
     "exact_law": "analyses.exact_law.exact_law",
     "forecast_calibration": "analyses.calibration.forecast",
     "identifiability": "analyses.calibration.identifiability",
@@ -140,7 +136,7 @@ _HOMES: Final = {
     "plane_places": "robot.pose_sources.place_grid",
     "population": "analyses.calibration.population",
     "pose_covariance": "analyses.map.between_poses",
-    "progress": "display.progress",
+    "progress": "base.progress",
     "random_poses": "robot.pose_sources.random_poses",
     "read_trajectory": "robot.pose_sources.trajectory",
     "relative": "sampling.relative",

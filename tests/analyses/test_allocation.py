@@ -10,9 +10,9 @@ from scipy import optimize
 
 import precision_pin as pp
 from precision_pin.analyses.allocation.error_parts import MEAN
+from precision_pin.analyses.allocation.table import allocation_table
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
-from precision_pin.errors import InputError
-from precision_pin.outputs.allocation.table import allocation_table
+from precision_pin.base.errors import InputError
 
 URDF = """<robot name="slide"><link name="base"/><link name="tip"/>
 <joint name="joint1" type="revolute"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>

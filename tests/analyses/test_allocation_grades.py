@@ -12,15 +12,15 @@ from scipy import optimize
 
 import precision_pin as pp
 from analyses.test_allocation import slide_model
-from precision_pin import units
+from precision_pin.analyses.allocation.convex_program import Limit, Programme, Solution
 from precision_pin.analyses.allocation.costs import Grades, read_cost
 from precision_pin.analyses.allocation.grades import solve_with_grades
 from precision_pin.analyses.allocation.iso286 import GRADES, SIZES, grade_width
-from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
 from precision_pin.analyses.allocation.solver_output import without_solver_lines
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
-from precision_pin.errors import InputError
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
 
 MULTIPLES = {"IT5": 7, "IT6": 10, "IT7": 16, "IT8": 25, "IT9": 40, "IT10": 64, "IT11": 100, "IT12": 160}
 

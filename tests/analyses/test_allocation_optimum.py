@@ -11,9 +11,9 @@ from scipy import optimize, special
 
 import precision_pin as pp
 from analyses.test_allocation import HALF, slide_model
+from precision_pin.analyses.allocation.table import allocation_table
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.analyses.map.normal_norms import norm_quantile_slopes
-from precision_pin.outputs.allocation.table import allocation_table
 
 Costs = list[tuple[dict[str, object], Callable[[float], float]]]
 
@@ -140,7 +140,7 @@ def test_of_a_low_probability_no_bound_is_claimed(tmp_path: Path) -> None:
     assert "how far above the least is not known" in allocation_table(result)
 
 
-@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_a_tolerance_without_effect_is_the_widest(tmp_path: Path) -> None:
     """Nothing of the sheet turns the tip, so that a limit of the attitude leaves every tolerance at its widest."""
     result = pp.allocate(slide_model(tmp_path), _problem(SQUARED, ["1 mrad @ 99 %", {"rms": "1 mrad"}]))

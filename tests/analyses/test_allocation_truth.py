@@ -13,7 +13,7 @@ import pytest
 from scipy import integrate, optimize, special
 
 import precision_pin as pp
-from precision_pin.outputs.allocation.table import allocation_table
+from precision_pin.analyses.allocation.table import allocation_table
 
 REQUIRED = 0.95
 JOINTS = {"joint1": "0 0 1", "joint2": "0 1 0", "joint3": "1 0 0"}

@@ -11,10 +11,11 @@ import pytest
 import precision_pin as pp
 from precision_pin.analyses.budget.budget_result import VECTORS
 from precision_pin.analyses.budget.shares import by_draw, correlated_groups
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Disc, Fixed, Normal, Uniform
-from precision_pin.draws.space import Draw, Space
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET

@@ -11,14 +11,15 @@ import pytest
 from matplotlib.text import Text
 
 import precision_pin as pp
+from precision_pin.analyses.budget.figure import figure
+from precision_pin.analyses.budget.table import table
+from precision_pin.base.errors import UnknownNameError
 from precision_pin.cli import main
 from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Draw, Space
-from precision_pin.errors import UnknownNameError
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.budget.figure import figure
-from precision_pin.outputs.budget.table import table
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.frame import Frame
 from support.engines import GANTRY

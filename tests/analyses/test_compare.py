@@ -8,14 +8,14 @@ from scipy import optimize, stats
 
 import precision_pin as pp
 from precision_pin.analyses.compare.paired import mean_difference, quantile_difference, share_difference
-from precision_pin.errors import InputError
-from precision_pin.outputs.compare.table import headline
+from precision_pin.analyses.compare.table import headline
+from precision_pin.base.errors import InputError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import JointOffset
 from support.checks.common import one_link
 
 RNG = np.random.default_rng(11)
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 
 def hinge(std: float, *more: pp.Source) -> pp.ErrorModel:

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import fsolve, least_squares, minimize
 
 import precision_pin as pp
+from precision_pin.base.errors import InputError, PrecisionPinWarning
 from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError, PrecisionPinWarning
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.robot.pose_set import PoseSet

@@ -12,19 +12,21 @@ from scipy import integrate, special, stats
 
 import precision_pin as pp
 from precision_pin.analyses.exact_law.convolution import ConvolvedLaw
-from precision_pin.analyses.exact_law.exact_law import LEVELS, exact_law
+from precision_pin.analyses.exact_law.exact_law import exact_law
+from precision_pin.analyses.exact_law.exact_law_result import LEVELS
+from precision_pin.analyses.exact_law.figure import figure
 from precision_pin.analyses.exact_law.fourier_inversion import Summand, certified_series
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.table import table
 from precision_pin.analyses.provenance import listed_poses
+from precision_pin.base.errors import InputError
 from precision_pin.cli import main
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws.projection import Lines
-from precision_pin.draws.space import Draw, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.exact_law.figure import figure
-from precision_pin.outputs.exact_law.table import table
 from precision_pin.robot import examples
 from precision_pin.robot.chain import Chain
 from precision_pin.sources.joint_offset import JointOffset

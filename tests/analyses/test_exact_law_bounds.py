@@ -15,12 +15,13 @@ from precision_pin.analyses.exact_law.convolution import ConvolvedLaw
 from precision_pin.analyses.exact_law.exact_law import exact_law
 from precision_pin.analyses.exact_law.exact_law_result import bound_text, quantile_digits
 from precision_pin.draws import laws
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws.lognormal import (
     LOGNORMAL_ERROR,
     lognormal_characteristic,
     lognormal_envelope,
 )
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.sources.joint_offset import JointOffset
@@ -158,7 +159,7 @@ ARM = """<robot name="arm"><link name="base"/><link name="tool"/><joint name="jo
   <joint name="bolt" type="fixed"><parent link="link"/><child link="tool"/><origin xyz="1 0 0"/></joint></robot>"""
 
 
-@pytest.mark.filterwarnings("ignore:.*use analyze:precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore:.*use analyze:precision_pin.base.errors.PrecisionPinWarning")
 def test_a_law_that_is_not_that_of_the_exact_model_is_said():
     """A link along x turned by θ: dx = cos θ - 1 does not vary at first order, dy = sin θ is nonlinear for ±1.5 rad."""
     chain = chain_of(ARM, tip="tool", gravity=(0, 0, 0))

@@ -8,15 +8,16 @@ from scipy import stats
 
 import precision_pin as pp
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
-from precision_pin.analyses.map.map_result import LEVELS
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
+from precision_pin.analyses.map.table import map_table
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.map.table import map_table
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.robot.pose_set import NO_BRANCH, PoseSet
+from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.sources import Backlash, Frame, JointOffset
 from support.plain_robot import chain_of, joint, link, robot
 

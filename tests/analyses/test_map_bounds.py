@@ -8,17 +8,18 @@ from scipy import stats
 
 import precision_pin as pp
 from precision_pin.analyses.map.law_bounds import LawShapes
-from precision_pin.analyses.map.map_result import LEVELS
 from precision_pin.analyses.map.normal_norms import norm_quantiles, norm_tail_bounds, norm_tail_quantiles
+from precision_pin.analyses.map.table import map_table
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Arcsine, Disc, Law, Lognormal, Normal, TwoPoint, Uniform
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.map.table import map_table
 from precision_pin.robot.examples import shipped_sheets
+from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.sources import Frame, JointOffset
 from support.plain_robot import chain_of, joint, link, robot
 
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 RARE = 0.01
 LAWS = {

@@ -13,10 +13,11 @@ from scipy import stats
 from precision_pin.analyses.moments.moments import moments
 from precision_pin.analyses.moments.moments_control import Control
 from precision_pin.analyses.moments.moments_result import Measured, deviations
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
-from precision_pin.draws.space import Draw, Space
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import examples
 from precision_pin.sampling import monte_carlo

@@ -9,10 +9,11 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
+from precision_pin.analyses.path.table import band_lines
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Lognormal, Normal, TwoPoint, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError
-from precision_pin.outputs.path.table import band_lines
+from precision_pin.draws.space import Space
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sources import JointOffset
 from sampling.cases import MODEL

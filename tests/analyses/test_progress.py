@@ -37,7 +37,7 @@ def test_the_steps_are_as_many_as_the_bar_has(name: str, monkeypatch: pytest.Mon
         bars.append(total)
         return shown(total)
 
-    monkeypatch.setattr("precision_pin.display.progress.progress", bar)
+    monkeypatch.setattr("precision_pin.base.progress.progress", bar)
     call(progress=True)
     assert bars == [total]
 

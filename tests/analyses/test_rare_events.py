@@ -27,10 +27,11 @@ from precision_pin.analyses.reliability.importance import importance_sampling
 from precision_pin.analyses.reliability.rare_events import rare_events
 from precision_pin.analyses.reliability.strata import Stratum, from_normals, stratified
 from precision_pin.analyses.reliability.subset import subset_simulation
+from precision_pin.analyses.reliability.table import table
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
-from precision_pin.draws.space import Draw, Space
-from precision_pin.outputs.reliability.table import table
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.space import Space
 from precision_pin.statistics import Specification, clopper_pearson
 from support.sliding import slides
 

@@ -19,7 +19,7 @@ from precision_pin.analyses.declaration import load
 from precision_pin.analyses.result import Result
 from precision_pin.cli.commands import list_commands
 from precision_pin.cli.program import cli
-from precision_pin.outputs.report.page import page
+from precision_pin.pages.report.page import page
 from precision_pin.robot.examples import PAPER_SHEET
 
 FOLDER = {
@@ -44,8 +44,8 @@ from typing import ClassVar
 
 from precision_pin.analyses.provenance import PoseLabel, Provenance, listed_poses
 from precision_pin.analyses.result import Result, list_warnings
-from precision_pin.display.html import Table
-from precision_pin.display.tables import data_frame
+from precision_pin.render.notebook import Table
+from precision_pin.render.tables import data_frame
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def table(result):
     return "\\n".join(f"{1e3 * one.error[0]:.4f} mm" for one in result.poses)
 """,
     "figure.py": """
-from precision_pin.outputs.kit.figure_style import DOUBLE_COLUMN, new_figure, style
+from precision_pin.render.figure_style import DOUBLE_COLUMN, new_figure, style
 
 
 def figure(result, which=0):
@@ -99,7 +99,7 @@ def figure(result, which=0):
     return drawn
 """,
     "section.py": """
-from precision_pin.outputs.kit.html import paragraph
+from precision_pin.render.html import paragraph
 
 
 def content(result, results):

@@ -12,18 +12,19 @@ from scipy import stats
 
 import precision_pin as pp
 from precision_pin.analyses.reliability.estimates import Estimate
+from precision_pin.analyses.reliability.figure import figure
 from precision_pin.analyses.reliability.form import form
 from precision_pin.analyses.reliability.importance import importance_sampling
 from precision_pin.analyses.reliability.reliability import reliability
 from precision_pin.analyses.reliability.strata import from_normals
 from precision_pin.analyses.reliability.subset import subset_simulation
+from precision_pin.analyses.reliability.table import table
 from precision_pin.cli import main
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.reliability.figure import figure
-from precision_pin.outputs.reliability.table import table
 from precision_pin.robot import examples
 from precision_pin.statistics import Specification
 from support.sliding import slides

@@ -13,13 +13,13 @@ import pytest
 import precision_pin as pp
 from precision_pin.analyses.budget.budget_result import BudgetResult
 from precision_pin.analyses.result import Result
-from precision_pin.display.stored import JsonResult
-from precision_pin.errors import Finding
+from precision_pin.base.errors import Finding
+from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.result import MonteCarloResult
 
 MODEL = pp.ErrorModel.load(PAPER_SHEET)
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 KNOWN = (Finding("warning", "W_TRIED", "one that is handed over", "arm.yaml", 3),)
 OUTSIDE = [0.1, 0.2, 0.3, 9.0]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from precision_pin.analyses.budget import shapley
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 
 COVARIANCE = np.array(
     [

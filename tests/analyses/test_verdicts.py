@@ -14,13 +14,13 @@ from scipy import optimize, stats
 
 import precision_pin as pp
 from precision_pin.analyses.iso9283.comparison import LEAST
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
-from precision_pin.draws.space import Scope
-from precision_pin.outputs.view.headline import answers
+from precision_pin.pages.view.headline import answers
 from precision_pin.statistics import Specification
 from support.checks.common import one_link
 
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 UNIT = 1e-4
 SIGMA = np.sqrt(np.log(2))

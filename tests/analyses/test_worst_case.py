@@ -13,9 +13,12 @@ from scipy import stats
 
 import precision_pin as pp
 from precision_pin.analyses.worst_case.convex_bodies import Supports
+from precision_pin.analyses.worst_case.table import table
 from precision_pin.analyses.worst_case.worst_case import farthest_error
 from precision_pin.analyses.worst_case.worst_case_result import bound_milli
+from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import (
     Circle,
     Disc,
@@ -30,10 +33,8 @@ from precision_pin.draws.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.draws.space import Draw, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.worst_case.table import table
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset

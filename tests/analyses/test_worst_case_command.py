@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import precision_pin as pp
+from precision_pin.analyses.worst_case.figure import figure
+from precision_pin.analyses.worst_case.table import table
 from precision_pin.cli import main
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Fixed, JointNormal
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.worst_case.figure import figure
-from precision_pin.outputs.worst_case.table import table
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset
 from support.sheets import SEVEN_Q, everything, seven_joint_arm

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from precision_pin.errors import PrecisionPinError
+from precision_pin.base.errors import PrecisionPinError
 
 DEEPEST = 7
 Way = tuple[Callable[[Any], Any], ...]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import precision_pin as pp
 from api.api_calls import POSE, model
 from api.array_walk import arrays_of, bytes_of, changed_by_writing
-from precision_pin import se3
+from precision_pin.base import se3
 from precision_pin.robot.loads import Load
 from precision_pin.robot.places import Place
 from precision_pin.terms.source import Source
@@ -92,7 +92,7 @@ def spoil(value: Any) -> None:
 NAMES = sorted(quantities(np.random.default_rng(0)))
 
 
-@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 2**32))
@@ -134,7 +134,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 @pytest.mark.parametrize("name", RESULTS)
 def test_results_cannot_be_changed_by_writing_into_their_arrays(name: str) -> None:
     assert changed_by_writing(RESULTS[name]()) == []

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 
 import precision_pin as pp
 from api.api_calls import model
+from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.cli.program import cli
-from precision_pin.errors import PrecisionPinWarning
 from precision_pin.robot.examples import PAPER_SHEET, resolve_robot
 from precision_pin.sheet import read
 
@@ -88,7 +88,7 @@ def test_the_result_holds_what_was_warned_of() -> None:
 
 
 def test_findings_that_were_handed_in_are_not_told_again() -> None:
-    from precision_pin.errors import Finding
+    from precision_pin.base.errors import Finding
 
     finding = Finding("warning", "W_ELSEWHERE", "known already")
     assert told(lambda: pp.monte_carlo(ARM, INSIDE, findings=[finding], **SAMPLED)) == []

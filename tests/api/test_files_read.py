@@ -8,10 +8,10 @@ import os
 import pytest
 
 import precision_pin as pp
-from precision_pin.display import stored
-from precision_pin.display.stored import JsonResult
-from precision_pin.inputs import csv_columns
-from precision_pin.inputs.files import UnreadableFileError, read_regular_file, read_text_file
+from precision_pin.base import csv_columns
+from precision_pin.base.input_files import UnreadableFileError, read_regular_file, read_text_file
+from precision_pin.render import result_io as stored
+from precision_pin.render.result_io import JsonResult
 from precision_pin.robot import urdf
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_sources.trajectory import read_trajectory

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.inputs import memory
+from precision_pin.base import memory
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.ur_kinematics import read_ur_calibration
 from precision_pin.sheet.changes import matches

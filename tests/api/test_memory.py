@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from precision_pin.inputs import memory
+from precision_pin.base import memory
 
 GIB = 2**30
 

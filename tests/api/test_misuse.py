@@ -25,7 +25,7 @@ def test_valid_calls_are_let_pass() -> None:
             call.run()
 
 
-@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_every_mistake_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     wrong, count = [], 0
@@ -42,7 +42,7 @@ def test_every_mistake_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for call in calls():
@@ -52,7 +52,7 @@ def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path: Path, monke
 
 
 @pytest.mark.parametrize("kind", sorted({source.kind() for source in model().sources}))
-@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_a_setting_of_a_source_that_is_none_is_refused_by_name(kind: str) -> None:
     arm = model()
     source = next(source for source in arm.sources if source.kind() == kind)

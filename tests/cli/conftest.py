@@ -148,4 +148,4 @@ def executable() -> str:
 def undrawn_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the figures of pages blank: they take most of the time, and tests/outputs looks at them."""
     blank = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
-    monkeypatch.setattr("precision_pin.outputs.kit.svg._svg", lambda _: blank)
+    monkeypatch.setattr("precision_pin.render.svg._svg", lambda _: blank)

@@ -20,7 +20,7 @@ import io
 import click
 
 from precision_pin.cli.targets import Outputs
-from precision_pin.display.files import write_text
+from precision_pin.base.files import write_text
 from precision_pin.model.error_model import ErrorModel
 
 

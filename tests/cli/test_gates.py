@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.errors import PrecisionPinWarning
+from precision_pin.base.errors import PrecisionPinWarning
 
 SHEET = "gantry.errors.yaml"
 LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from precision_pin.errors import Finding, InputError, UnknownNameError
-from precision_pin.visible import LONGEST_LINE, one_line, shown, visible
+from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.base.text_escape import LONGEST_LINE, one_line, shown, visible
 from support.thinning import mostly_slow
 
 FORGED = "precision-pin: error E_FORGED: forged"

@@ -13,9 +13,9 @@ import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
+from precision_pin.base.versions import _version
 from precision_pin.cli.commands import list_commands, load_command
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.sampling.versions import _version
 
 FINDING = re.compile(r"[^:\n]+(:\d+)?: (error|warning) [EW]_[A-Z_]+: .+")
 

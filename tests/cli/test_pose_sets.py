@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError
 from precision_pin.cli.options import PoseOptions
 from precision_pin.cli.poses import read_pose_set
-from precision_pin.errors import InputError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
 

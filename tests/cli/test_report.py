@@ -105,7 +105,7 @@ def test_a_page_that_cannot_be_drawn_leaves_the_old_one(run, folder, monkeypatch
     def stop(*_: object, **__: object) -> str:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("precision_pin.outputs.report.page.page", stop)
+    monkeypatch.setattr("precision_pin.pages.report.page.page", stop)
     assert run("report", "gantry.urdf", *FEW, "--out", "page.html").code == 130
     assert (folder / "page.html").read_text("utf-8") == "old"
 

@@ -14,8 +14,8 @@ import llvmlite.binding as llvm
 import pytest
 from fuzzing.interrupts import CASES, disturb, run_undisturbed
 
-from precision_pin import interrupts
-from precision_pin.display.files import whole_folder, write_text
+from precision_pin.base import interrupts
+from precision_pin.base.files import whole_folder, write_text
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -87,7 +87,7 @@ def test_files_of_a_folder_are_moved_all_or_none(heeded, tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_of_two_processes_that_write_one_folder_one_writes_all_of_it(tmp_path):
     code = (
-        "import sys; from pathlib import Path; from precision_pin.display.files import whole_folder\n"
+        "import sys; from pathlib import Path; from precision_pin.base.files import whole_folder\n"
         "for line in sys.stdin:\n"
         "    with whole_folder(Path(line.strip())) as stage:\n"
         "        for k in range(300): (stage / str(k)).write_text(sys.argv[1])\n"

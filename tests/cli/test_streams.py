@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from precision_pin.base.errors import OutputError
 from precision_pin.cli import streams
 from precision_pin.cli.resources import shortage
-from precision_pin.errors import OutputError
 
 FULL = "precision-pin: error E_OUTPUT: cannot write to the standard output: No space left on device\n"
 needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")

@@ -9,7 +9,7 @@ import click
 import pytest
 
 from precision_pin.cli.terminal import WIDTH, echo_table
-from precision_pin.display.text_table import aligned, folded, width
+from precision_pin.render.text_table import aligned, folded, width
 
 VERDICTS = "spec |d| within 1 mm for 95 %: NOT MET - 3 % inside\nspec |dx| within 1 mm for 95 %: MET - 99 % inside"
 

@@ -10,9 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 
 import precision_pin
-from precision_pin.display.files import whole_folder, write_files, write_text
-from precision_pin.errors import OutputError
-from precision_pin.outputs.monte_carlo.figures import save
+from precision_pin.base.errors import OutputError
+from precision_pin.base.files import whole_folder, write_files, write_text
+from precision_pin.sampling.figures import save
 
 PACKAGE = Path(precision_pin.__file__).parent
 
@@ -86,7 +86,7 @@ def test_one_module_writes_files():
         if writing.search(path.read_text("utf-8"))
     }
     # export writes into a folder of whole_folder; the journal stays open and locked, its records are forced to the disk
-    assert found - {"cli/export.py", "sampling/journal.py", "outputs/view/page.py"} == {"display/files.py"}
+    assert found - {"cli/export.py", "sampling/journal.py", "pages/view/page.py"} == {"base/files.py"}
 
 
 def test_writing_replaces_the_file_at_once(tmp_path):

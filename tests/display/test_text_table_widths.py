@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from precision_pin.display.text_table import aligned, width
-from precision_pin.visible import visible
+from precision_pin.base.text_escape import visible
+from precision_pin.render.text_table import aligned, width
 
 NAMES = (
     "joint1", "関節1", "관절", "é", "e\u0301", "ｱｲｳ", "ｅ", "ไทย", "ที่", "नमस्ते", "שָׁלוֹם", "\u1112\u1161\u11ab", "δ µ °", "🤖",

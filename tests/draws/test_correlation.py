@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.correlation import LEAST_EIGENVALUE, Correlation, covariance_of
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import (
     Arcsine,
     Disc,
@@ -26,8 +28,7 @@ from precision_pin.draws.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.draws.space import Space
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
 from support.thinning import mostly_slow
 

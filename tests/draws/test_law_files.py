@@ -15,14 +15,14 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
+from precision_pin.base.units import LENGTH
 from precision_pin.draws import laws
 from precision_pin.draws.laws import LAWS, Law, laws_of_sheets
 from precision_pin.kernel import sampler
-from precision_pin.outputs.report.parameters import parameters
+from precision_pin.pages.report.parameters import parameters
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
 from precision_pin.sheet.settings import law_options, parse_law
-from precision_pin.units import LENGTH
 from support.package_code import FILES, PACKAGE, tree
 
 RESOLUTION = '''
@@ -215,7 +215,7 @@ NAMED = {
     "kernel/parts.py": {"Disc"},
     # what is left uncertain is normal, and geometric errors of one size
     "draws/estimates.py": {"JointNormal"},
-    "model/every_frame.py": {"Normal"},
+    "model/full_frame_model.py": {"Normal"},
     # the physics of a source says what its own draws follow
     "sources/axis_install.py": {"Disc"},
     "sources/backlash.py": {"Uniform"},

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from precision_pin.base.errors import InputError, InternalError
 from precision_pin.draws.expressions import (
     Component,
     Constant,
@@ -22,7 +23,6 @@ from precision_pin.draws.expressions import (
     sin,
     sqrt,
 )
-from precision_pin.errors import InputError, InternalError
 
 INDEX = {"a": 0, "b": 1, "c": 2}
 A, B, C = (Component(name) for name in INDEX)

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import (
     FARTHEST_NORMAL,
     Arcsine,
@@ -29,8 +31,7 @@ from precision_pin.draws.laws import (
     Uniform,
 )
 from precision_pin.draws.laws.law import cumulative
-from precision_pin.draws.space import Draw, LabelledSpace, Scope, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import LabelledSpace, Space
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
 from support.thinning import mostly_slow
 

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from scipy import special
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws import philox
+from precision_pin.draws.draw import MOST_POSES, MOST_VISITS, Draw, Scope, occasion
 from precision_pin.draws.expressions import Component, Constant
 from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Normal, Triangular, TruncatedNormal, Uniform
-from precision_pin.draws.space import MOST_POSES, MOST_VISITS, Draw, LabelledSpace, Scope, Space, occasion
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.draws.space import LabelledSpace, Space
 from support import philox_reference
 from support.sampling_checks import BLOCK, Sampler, exact_failures, sampling_failures
 from support.thinning import mostly_slow

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
-from precision_pin.errors import InputError
 
 SCALAR: list[tuple[Law, Any]] = [
     (Uniform(0.25, 1.0), stats.uniform(0.75, 0.5)),

@@ -8,7 +8,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from precision_pin.errors import PrecisionPinWarning
+from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.sheet import read as read_sheet
 
 _NUMBER = re.compile(r"[\d.]+(e-?\d+)?")

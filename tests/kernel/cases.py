@@ -10,9 +10,10 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Expression, Program, cos, sin, sqrt
 from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.terms.table import TermTable
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from precision_pin import compile_ahead
-from precision_pin.compile_ahead import Job, compile_jobs, shown_by, silent
+from precision_pin.base import compile_ahead
+from precision_pin.base.compile_ahead import Job, compile_jobs, shown_by, silent
 from precision_pin.kernel import part_list
 
 
@@ -128,7 +128,7 @@ def test_jobs_begun_ahead_are_done_once_and_others_join_them(
 @pytest.mark.slow
 def test_jobs_begun_ahead_that_nobody_asks_for_end_with_the_process() -> None:
     code = (
-        "from precision_pin.compile_ahead import Job, begin_jobs\n"
+        "from precision_pin.base.compile_ahead import Job, begin_jobs\n"
         "import time\n"
         "begin_jobs([Job('time', 'sleep', (60.0,), 1.0)])\n"
         "time.sleep(0.5)\n"

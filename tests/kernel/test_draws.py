@@ -9,19 +9,21 @@ import pytest
 from scipy import special, stats
 
 from kernel.cases import COVARIANCE, EVERY_LAW, from_python, plain_table
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Operator
 from precision_pin.draws.laws import Circle, Disc, Law, Normal, Triangular, TruncatedNormal, Uniform
 from precision_pin.draws.laws.bases import SymmetricLaw
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import Space
 from precision_pin.kernel import loops as loops
 from precision_pin.kernel import sampler
+from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.statistics import LARGEST, sketch
 
 ALPHA = 1e-6
 
 
-def layout_of(space: Space) -> sampler.SamplerArrays:
+def layout_of(space: Space) -> SamplerArrays:
     return sampler.to_arrays(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
 
 

@@ -13,6 +13,7 @@ from scipy import special, stats
 from kernel.cases import from_python, plain_table
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import (
     Arcsine,
     Empirical,
@@ -25,9 +26,10 @@ from precision_pin.draws.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.draws.space import Space
 from precision_pin.kernel import loops as loops
 from precision_pin.kernel import sampler
+from precision_pin.kernel.arrays import SamplerArrays
 from support.sampling_checks import exact_failures, sampling_failures
 
 SLOPES = ((0.0, -1.0), (0.3, -0.2), (0.6, 0.0), (0.9, 0.3), (1.0, 2.0))
@@ -65,7 +67,7 @@ SAME_BITS = ("two", "gap", "many", "rows", "single")
 """Laws of uniform numbers that need only + - × ÷."""
 
 
-def layout_of(space: Space) -> sampler.SamplerArrays:
+def layout_of(space: Space) -> SamplerArrays:
     return sampler.to_arrays(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
 
 

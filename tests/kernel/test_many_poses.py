@@ -10,16 +10,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from kernel.cases import EVERY_LAW, compiled_variants, pose_model, random_frame, random_table
+from precision_pin.base.errors import InputError
+from precision_pin.base.jit import INTERPRETED
 from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Program
 from precision_pin.draws.laws import Circle, Empirical, Fixed, Normal, Rows, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError
-from precision_pin.jit import INTERPRETED
+from precision_pin.draws.space import Space
 from precision_pin.kernel import loops, many_poses, sampler
+from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.kernel.blocks import BLOCK, Blocks
 from precision_pin.kernel.loops import WIDE
 from precision_pin.kernel.pose_arrays import JoinedTables
-from precision_pin.kernel.sampler import BLOCK, Blocks
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan, Specification
 from precision_pin.terms.table import TermTable
@@ -255,7 +257,7 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
     space = Space((Draw("a", Uniform(1.0), scope), Draw("b", Uniform(1.0))))
     plans = [Plan(np.zeros(8), np.ones(8))] * 2
 
-    def layouts(reach: float, formula: Any = None) -> list[sampler.SamplerArrays]:
+    def layouts(reach: float, formula: Any = None) -> list[SamplerArrays]:
         twists = np.zeros((2, 6))
         program = PROGRAM if formula is None else Program.compile([formula, Component("b")], space.index)
         models = []

@@ -13,8 +13,10 @@ import pytest
 
 import precision_pin
 from kernel.cases import EVERY_LAW, compiled_variants, plain_table, random_table
-from precision_pin import jit
+from precision_pin.base import jit
+from precision_pin.base.jit import INTERPRETED, cached_entry
 from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import (
     Arcsine,
     Circle,
@@ -27,8 +29,7 @@ from precision_pin.draws.laws import (
     TruncatedNormal,
     Uniform,
 )
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.jit import INTERPRETED, cached_entry
+from precision_pin.draws.space import Space
 from precision_pin.kernel import loops, many_poses, parts, sampler
 from precision_pin.kernel.part_list import PARTS
 from precision_pin.statistics import Plan, Specification
@@ -39,7 +40,7 @@ TESTS = Path(__file__).parents[1]
 
 SMALL = """
 import numpy as np
-from precision_pin.jit import cached_entry, cached_part, call, is_kept
+from precision_pin.base.jit import cached_entry, cached_part, call, is_kept
 
 @cached_part
 def part(x, k):

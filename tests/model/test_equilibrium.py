@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.laws import Disc, Fixed, Normal, Uniform
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError, InternalError
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Space
-from precision_pin.errors import InputError, InternalError
+from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain, Place
+from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
+from precision_pin.robot.places import Place
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.terms.source import Source

@@ -9,10 +9,11 @@ from typing import Annotated, final
 import numpy as np
 import pytest
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.errors import SheetError
+from precision_pin.draws.draw import Setting
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import LabelledSpace, Setting, Space
-from precision_pin.errors import SheetError
+from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.examples import PAPER_SHEET

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
-from precision_pin.terms.labelled_sources import labels
+from precision_pin.terms.source_set import labels
 from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm
 from support.sheets import SEVEN_Q, everything, geometry, loads, named, seven_joint_arm
 

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.examples import shipped_sheets
 from precision_pin.sources import Backlash, Beam, Clearance, Encoder, JointCompliance, Length, Payload, Table
 from precision_pin.terms.bound_source import BoundSource, terms_at_many
-from precision_pin.terms.labelled_sources import own_draws, with_quantities
 from precision_pin.terms.source import Source
+from precision_pin.terms.source_set import own_draws, with_quantities
 from precision_pin.terms.term import JointValue, Term
 from sources.test_depends_on import ARMS, CASES, TOLERANCE, Liar, measured
 

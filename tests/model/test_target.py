@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from precision_pin.errors import InputError
-from precision_pin.outputs.as_built.urdf import AsBuilt
+from precision_pin.base.errors import InputError
+from precision_pin.export.as_built import AsBuilt
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Overrides, read
 

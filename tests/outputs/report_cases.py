@@ -11,8 +11,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from precision_pin.outputs.report.collect import Results, collect
-from precision_pin.outputs.report.page import page
+from precision_pin.analyses.collect import Results, collect
+from precision_pin.pages.report.page import page
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
 from precision_pin.statistics.specification import specification

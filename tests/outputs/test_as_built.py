@@ -14,11 +14,12 @@ import yourdfpy
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from precision_pin.base.errors import InputError, InternalError, UrdfError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Disc, Normal, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError, InternalError, UrdfError
+from precision_pin.draws.space import Space
+from precision_pin.export.as_built import AsBuilt, frozen_sources
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.as_built.urdf import AsBuilt, frozen_sources
 from precision_pin.robot import urdf
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs

@@ -27,11 +27,11 @@ import pytest
 from playwright.sync_api import BrowserContext, Page
 
 from outputs.view_cases import arm_text, made_up_errors
+from precision_pin.base.errors import Finding, InputError, OutputError, SheetError
 from precision_pin.draws.space import Space
-from precision_pin.errors import Finding, InputError, OutputError, SheetError
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.view import Shown, page
-from precision_pin.outputs.view.live import serve
+from precision_pin.pages.view import ViewPose, page
+from precision_pin.pages.view.live import serve
 from precision_pin.robot.chain import Chain
 from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
 from support.thinning import mostly_slow
@@ -520,7 +520,7 @@ def test_the_real_page_works_in_the_frame_under_its_own_policy(browser, tmp_path
     path = tmp_path / "arm.urdf"
     path.write_text(arm_text(), "utf-8")
     model = ErrorModel(Chain.from_urdf(path, tip="tool"), Space(), [])
-    shown = [Shown(model.at(q), made_up_errors(50)) for q in ((0.4, -0.7), (0.0, 0.0))]
+    shown = [ViewPose(model.at(q), made_up_errors(50)) for q in ((0.4, -0.7), (0.0, 0.0))]
 
     def make_page() -> str:
         name = re.search(r'robot name="(.*?)"', path.read_text("utf-8"))
@@ -663,7 +663,7 @@ def test_a_port_that_does_not_exist_or_is_reserved_is_refused(port):
 PROGRAM = """
 import sys
 from pathlib import Path
-from precision_pin.outputs.view.live import serve
+from precision_pin.pages.view.live import serve
 
 def make_page():
     Path(sys.argv[1]).read_text()

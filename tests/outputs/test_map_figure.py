@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
+from precision_pin.analyses.map.figure import figure, layout_of
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.map.figure import figure, layout_of
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_set import PoseSet
 

@@ -21,9 +21,9 @@ from nbclient import NotebookClient
 from nbformat.v4 import new_code_cell, new_notebook
 
 import precision_pin as pp
-from precision_pin import se3
-from precision_pin.display.html import MOST_ROWS, Table, rendered
-from precision_pin.display.progress import progress
+from precision_pin.base import se3
+from precision_pin.base.progress import progress
+from precision_pin.render.notebook import MOST_ROWS, Table, rendered
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.statistics import QUANTITIES
@@ -409,7 +409,7 @@ def executed(notebook: nbformat.NotebookNode, folder: Path = DOCS, **settings: o
 def test_progress_in_a_kernel_says_nothing_about_widgets_and_goes_with_an_interrupt(tmp_path):
     lines = """
         import time
-        from precision_pin.display.progress import progress
+        from precision_pin.base.progress import progress
         try:
             with progress(100, "sampling", delay=0) as advance:
                 advance(10); time.sleep(0.2); advance(10)

@@ -11,8 +11,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from precision_pin.errors import OutputError
-from precision_pin.outputs.monte_carlo import figures as plots
+from precision_pin.base.errors import OutputError
+from precision_pin.sampling import figures as plots
 from precision_pin.statistics import Plan, Specification, Summary, finish, observe, start
 
 SPECIFICATIONS = (

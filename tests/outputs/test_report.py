@@ -27,18 +27,18 @@ from outputs.report_cases import (
     write_hostile,
 )
 from precision_pin.analyses.budget.budget import budget
+from precision_pin.analyses.collect import collect_poses
 from precision_pin.analyses.exact_law.exact_law import exact_law
+from precision_pin.analyses.monte_carlo.section import distributions
+from precision_pin.analyses.monte_carlo.verdict import specifications, verdict
 from precision_pin.analyses.worst_case.worst_case import worst_case
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.kit.html import element, section
-from precision_pin.outputs.monte_carlo.section import distributions
-from precision_pin.outputs.monte_carlo.verdict import specifications, verdict
-from precision_pin.outputs.report.assumptions import assumptions
-from precision_pin.outputs.report.changes import changes
-from precision_pin.outputs.report.collect import collect_poses
-from precision_pin.outputs.report.page import _opened, page
-from precision_pin.outputs.report.summary import summary
-from precision_pin.outputs.view import script_hashes
+from precision_pin.pages.report.assumptions import assumptions
+from precision_pin.pages.report.changes import changes
+from precision_pin.pages.report.page import _opened, page
+from precision_pin.pages.report.summary import summary
+from precision_pin.pages.view import script_hashes
+from precision_pin.render.html import element, section
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sampling import monte_carlo
 from precision_pin.sheet import read
@@ -574,7 +574,7 @@ def three_poses(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_several_poses_stand_on_one_page_the_worst_first(three_poses):
     sheet, found = three_poses
     assert found[0].analysis.pose_name == "far"

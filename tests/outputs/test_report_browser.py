@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from outputs.report_cases import HAN, SCRIPT, SVG, paper, results_of, write_hostile
-from precision_pin.outputs.report.page import page
+from precision_pin.pages.report.page import page
 from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
 
 pytestmark = [pytest.mark.slow, needs_chromium]

@@ -9,10 +9,10 @@ import pytest
 
 import precision_pin as pp
 from outputs.report_cases import Reader, paper
-from precision_pin.outputs.map.section import map_chapter
-from precision_pin.outputs.report.page import page
+from precision_pin.analyses.map.section import map_chapter
+from precision_pin.pages.report.page import page
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")]
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")]
 
 
 def test_the_map_has_a_section_and_its_verdict_stands_at_the_top():

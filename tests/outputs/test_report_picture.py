@@ -9,11 +9,11 @@ import itertools
 import numpy as np
 import pytest
 
-from precision_pin import se3
+from precision_pin.base import se3
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.kit.picture import Cloud, draw_picture
-from precision_pin.outputs.kit.raster import Camera, draw_triangles
-from precision_pin.outputs.kit.triangles import Triangles
+from precision_pin.pages.view.drawing import Cloud, draw_picture
+from precision_pin.pages.view.raster import Camera, draw_triangles
+from precision_pin.pages.view.triangles import Triangles
 from precision_pin.robot.examples import PAPER_SHEET
 
 RED, BLUE = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0)

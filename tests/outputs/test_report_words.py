@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from outputs.report_cases import Reader, paper
-from precision_pin import units
+from precision_pin.analyses.report_cells import bracketed
+from precision_pin.base import units
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import (
     Arcsine,
     Circle,
@@ -26,11 +28,10 @@ from precision_pin.draws.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.kit.html import Html, element, table
-from precision_pin.outputs.report.numbers import bracketed
-from precision_pin.outputs.report.wording import without_folders
+from precision_pin.pages.report.wording import without_folders
+from precision_pin.render.html import Html, element, table
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.beam import Beam
@@ -197,7 +198,7 @@ TEXT_ON = {
 
 def schemes() -> dict[str, dict[str, str]]:
     """Return the colours of the page's style by scheme."""
-    css = importlib.resources.files("precision_pin.outputs.report").joinpath("style.css").read_text("utf-8")
+    css = importlib.resources.files("precision_pin.pages.report").joinpath("style.css").read_text("utf-8")
     blocks = re.findall(r":root \{(.*?)\}", css, re.DOTALL)
     found = [dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", block)) for block in blocks]
     return dict(zip(("light", "dark", "print"), found, strict=True))

@@ -13,7 +13,7 @@ from precision_pin.analyses.moments.moments import moments
 from precision_pin.analyses.registry import declarations
 from precision_pin.analyses.reliability.reliability import reliability
 from precision_pin.analyses.worst_case.worst_case import worst_case
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import monte_carlo
@@ -92,9 +92,9 @@ def test_sampled_results_draw_themselves():
 
 def test_a_bound_below_what_was_found_says_why():
     # joints that turn by a radian bend the arm far beyond its tangent
+    from precision_pin.analyses.worst_case.figure import explain_excess
     from precision_pin.draws.laws import Normal, Uniform
     from precision_pin.draws.space import Space
-    from precision_pin.outputs.worst_case.figure import explain_excess
     from precision_pin.sources.joint_offset import JointOffset
     from support.sheets import seven_joint_arm
 

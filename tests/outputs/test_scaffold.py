@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
+from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets
-from precision_pin.errors import InputError
+from precision_pin.export.scaffold import quoted, scaffold
+from precision_pin.export.starting_tolerances import Survey, general_tolerance, round_125
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.scaffold.sheet import quoted, scaffold
-from precision_pin.outputs.scaffold.starting_tolerances import Survey, general_tolerance, round_125
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, resolve_robot
 from precision_pin.sheet import read
@@ -26,7 +26,7 @@ from precision_pin.sources import catalogue
 from support.thinning import mostly_slow
 
 # odd robots have findings, which are not what is tested here
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 ARMS = {
     "ur5": "tool0",

@@ -31,9 +31,9 @@ from outputs.view_cases import (
     simple_page,
     visual,
 )
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.view import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, Shown, script_hashes
+from precision_pin.pages.view import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, ViewPose, script_hashes
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.robot.urdf import read
 
@@ -319,8 +319,8 @@ def test_the_cloud_is_capped_and_the_page_stays_small(tmp_path):
 def test_all_poses_share_the_points(tmp_path):
     at = pose_model(tmp_path, arm_text())
     errors = made_up_errors(30_000)
-    assert drawn_points(pages([Shown(at, errors)] * 4)) == [DEFAULT_POINTS] * 4
-    assert drawn_points(pages([Shown(at, errors)] * 10)) == [10_000] * 10
+    assert drawn_points(pages([ViewPose(at, errors)] * 4)) == [DEFAULT_POINTS] * 4
+    assert drawn_points(pages([ViewPose(at, errors)] * 10)) == [10_000] * 10
 
 
 @pytest.mark.slow
@@ -328,7 +328,7 @@ def test_two_hundred_poses_make_a_page_of_a_few_megabytes():
     model = ErrorModel.load(PAPER_SHEET)
     at = model.at()
     errors = at.exact(model.space.sample(1, 0, 2000))
-    assert len(pages([Shown(at, errors)] * MOST_POSES)) < 6e6
+    assert len(pages([ViewPose(at, errors)] * MOST_POSES)) < 6e6
 
 
 @pytest.mark.parametrize(
@@ -358,9 +358,9 @@ def test_bad_arguments_are_refused_in_one_line(paper, errors, settings, message)
     ("poses", "message"),
     [
         (lambda at, other: [], "1 to 200 poses, got 0"),
-        (lambda at, other: [Shown(at, np.zeros((6, 2)))] * 201, "1 to 200 poses, got 201"),
-        (lambda at, other: [Shown(at, np.zeros((6, 2))), Shown(other, np.zeros((6, 2)))], "of one chain"),
-        (lambda at, other: [Shown(at, np.zeros((6, 2))), Shown(at, np.zeros((6, 3)))], "equally many samples"),
+        (lambda at, other: [ViewPose(at, np.zeros((6, 2)))] * 201, "1 to 200 poses, got 201"),
+        (lambda at, other: [ViewPose(at, np.zeros((6, 2))), ViewPose(other, np.zeros((6, 2)))], "of one chain"),
+        (lambda at, other: [ViewPose(at, np.zeros((6, 2))), ViewPose(at, np.zeros((6, 3)))], "equally many samples"),
     ],
 )
 def test_poses_that_cannot_stand_in_one_page_are_refused(paper, tmp_path, poses, message):

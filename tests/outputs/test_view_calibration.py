@@ -13,16 +13,16 @@ import pytest
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from outputs.view_cases import data_block, nodes_of, pages
-from precision_pin import se3
 from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.outputs.calibration.section import calibration_chapter
-from precision_pin.outputs.calibration.table import calibration_table
-from precision_pin.outputs.view import ViewPose
-from precision_pin.outputs.view.calibrated import MOST_DRAWN, CalibrationLayer
+from precision_pin.analyses.calibration.layer import MOST_DRAWN, CalibrationLayer
+from precision_pin.analyses.calibration.section import calibration_chapter
+from precision_pin.analyses.calibration.table import calibration_table
+from precision_pin.base import se3
+from precision_pin.pages.view import ViewPose
 from precision_pin.sources import JointOffset
 from support.browser import chromium, complaints, needs_chromium, visited
 
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 PLACE = se3.displacement([2.0, -1.0, 0.5, 0.3, -1.2, 0.8])
 ROW = 9

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from outputs.view_cases import data_block, floats
+from precision_pin.base.errors import InputError
 from precision_pin.cli import main
-from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.view import live
+from precision_pin.pages.view import live
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_sources.trajectory import read_trajectory

@@ -7,18 +7,18 @@ import pytest
 
 import precision_pin as pp
 from outputs.view_cases import arm_text, data_block, nodes_of, pages
-from precision_pin import se3
+from precision_pin.analyses.compensation.layer import CompensationLayer, _displaced, _joints
+from precision_pin.analyses.compensation.section import compensation_chapter
+from precision_pin.base import se3
 from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Space
-from precision_pin.outputs.compensation.section import compensation_chapter
-from precision_pin.outputs.view import ViewPose
-from precision_pin.outputs.view.compensated import CompensationLayer, _displaced, _joints
+from precision_pin.pages.view import ViewPose
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset
 from support.browser import chromium, complaints, needs_chromium, visited
 
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 
 @pytest.fixture(scope="module")

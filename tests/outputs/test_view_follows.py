@@ -13,9 +13,9 @@ from playwright.sync_api import BrowserContext
 from outputs.test_view_browser import opened, picture, set_slider, state
 from outputs.view_cases import arm_text, matrix, pages, simple_page
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.view import ViewPose
-from precision_pin.outputs.view.ellipsoids import ellipsoids
-from precision_pin.outputs.view.headline import answers
+from precision_pin.pages.view import ViewPose
+from precision_pin.pages.view.ellipsoids import ellipsoids
+from precision_pin.pages.view.headline import answers
 from precision_pin.statistics.specification import specification
 from support.browser import Visit, chromium, complaints, needs_chromium
 
@@ -234,7 +234,7 @@ def test_links_take_the_colour_of_their_share_and_give_it_back(context, tmp_path
     before = visit.page.evaluate(colours)
     visit.page.check("#shares")
     during = np.array(visit.page.evaluate(colours))
-    from precision_pin.outputs.view.tolerances import link_shares
+    from precision_pin.pages.view.tolerances import link_shares
 
     shares = link_shares(shown.pose_model)
     # stronger is less blue

@@ -10,14 +10,14 @@ import pytest
 
 import precision_pin as pp
 from outputs.view_cases import Node, data_block, nodes_of, pages
-from precision_pin.errors import PrecisionPinWarning
-from precision_pin.outputs.view import ViewPose
-from precision_pin.outputs.view.places import PlacesData
+from precision_pin.analyses.map.layer import PlacesData
+from precision_pin.base.errors import PrecisionPinWarning
+from precision_pin.pages.view import ViewPose
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_set import PoseSet
 from support.browser import chromium, complaints, needs_chromium, visited
 
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 AWAY = np.array([1.0, 2.0, 3.0])
 REACHES = (-0.6, -0.2, 0.3)
 """Of the two places of two branches and a third one, by joint 2."""

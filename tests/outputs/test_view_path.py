@@ -9,12 +9,12 @@ import pytest
 
 import precision_pin as pp
 from outputs.view_cases import data_block, nodes_of, pages
-from precision_pin.outputs.view import ViewPose
-from precision_pin.outputs.view.path_band import PathLayer
+from precision_pin.analyses.path.layer import PathLayer
+from precision_pin.pages.view import ViewPose
 from precision_pin.robot.examples import PAPER_SHEET
 from support.browser import chromium, complaints, needs_chromium, visited
 
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 
 @pytest.fixture(scope="module")

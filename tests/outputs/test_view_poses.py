@@ -19,11 +19,11 @@ from outputs.view_cases import (
     pose_model,
     simple_page,
 )
-from precision_pin import se3
-from precision_pin.errors import InputError
+from precision_pin.base import se3
+from precision_pin.base.errors import InputError
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.view import Shown
-from precision_pin.outputs.view.ellipsoids import ellipsoids
+from precision_pin.pages.view import ViewPose
+from precision_pin.pages.view.ellipsoids import ellipsoids
 from precision_pin.robot import mcpc
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.urdf import read
@@ -164,7 +164,7 @@ def test_the_tips_of_arms_with_every_kind_of_source_are_the_exact_samples():
     shown = []
     for number, q in enumerate(poses):
         at = model.at(q)
-        shown.append(Shown(at, at.exact(model.space.sample(1, 0, 10, pose=number)), None, number))
+        shown.append(ViewPose(at, at.exact(model.space.sample(1, 0, 10, pose=number)), None, number))
     settings = data_block(pages(shown), "settings")
     for number, one in enumerate(shown):
         pose = settings["poses"][number]
@@ -208,7 +208,7 @@ def test_an_arm_without_mean_errors_has_no_deflected_shape(tmp_path):
 def test_mcpc_frames_are_those_of_the_paper_at_every_pose():
     model = ErrorModel.load(PAPER_SHEET)
     q = [model.configuration(), np.array([0.3, -0.4, 0.5, -0.6])]
-    shown = [Shown(at, at.exact(model.space.sample(1, 0, 9))) for at in map(model.at, q)]
+    shown = [ViewPose(at, at.exact(model.space.sample(1, 0, 9))) for at in map(model.at, q)]
     settings = data_block(pages(shown), "settings")
     parameters = mcpc.from_chain(model.chain)
     for values, pose in zip(q, settings["poses"], strict=True):
@@ -226,7 +226,7 @@ def test_mcpc_frames_are_those_of_the_paper_at_every_pose():
 
 def test_every_pose_has_its_texts(tmp_path):
     at = pose_model(tmp_path, arm_text())
-    shown = [Shown(at, made_up_errors(50), name) for name in ("first", None)]
+    shown = [ViewPose(at, made_up_errors(50), name) for name in ("first", None)]
     first, second = (pose["texts"] for pose in data_block(pages(shown), "settings")["poses"])
     assert (first["caption-pose"], second["caption-pose"]) == ("first (1 of 2)", "(2 of 2)")
     assert first["caption-joints"] == "turn 22.918°, bend -40.107°"

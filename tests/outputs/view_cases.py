@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import umsgpack
 
-from precision_pin import se3
+from precision_pin.base import se3
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.outputs.view import Shown, page
+from precision_pin.pages.view import ViewPose, page
 from precision_pin.robot.chain import Chain
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
@@ -63,10 +63,10 @@ def made_up_errors(count: int, seed: int = 0, size: float = 1e-4) -> np.ndarray:
 
 def simple_page(model: PoseModel, errors: np.ndarray | None = None, name: str | None = None, **settings: object) -> str:
     values = made_up_errors(50) if errors is None else errors
-    return pages([Shown(model, values, name)], **settings)
+    return pages([ViewPose(model, values, name)], **settings)
 
 
-def pages(shown: Sequence[Shown], **settings: object) -> str:
+def pages(shown: Sequence[ViewPose], **settings: object) -> str:
     return page(shown, **{"title": "a test", "seed": 1, "model_name": "exact", **settings})  # type: ignore[arg-type]
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.robot.approach import approaches_along, read_approach, written_approach
 
 JOINTS = ("base", "upper arm", "wrist")

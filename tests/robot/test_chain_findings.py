@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 import precision_pin as pp
-from precision_pin.errors import Finding
+from precision_pin.base.errors import Finding
 from precision_pin.robot import urdf
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.chain_findings import chain_findings

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio
 import pytest
 
-from precision_pin.errors import InputError, InternalError, UnknownNameError
+from precision_pin.base.errors import InputError, InternalError, UnknownNameError
 from precision_pin.robot import pinocchio_model
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Robot, canonical, parse

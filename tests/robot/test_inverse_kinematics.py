@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.inverse_kinematics import inverse_kinematics

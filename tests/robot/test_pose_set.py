@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.robot.pose_set import NO_BRANCH, PoseSet, smallest_singular_values
 from support.plain_robot import chain_of, joint, link, robot
 

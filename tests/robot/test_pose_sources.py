@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import example_urdfs
 from support.plain_robot import chain_of, joint, link, robot

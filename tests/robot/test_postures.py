@@ -16,10 +16,10 @@ import pinocchio
 import pytest
 
 import precision_pin
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.jit import INTERPRETED
 from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.jit import INTERPRETED
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot import posture_loops
@@ -228,7 +228,7 @@ def test_one_compilation_serves_every_chain_and_any_array():
 PROGRAM = """
 import numpy as np
 from precision_pin.robot import posture_loops
-from precision_pin.jit import INTERPRETED
+from precision_pin.base.jit import INTERPRETED
 from precision_pin.robot.chain import Chain
 chain = Chain.from_urdf("arm.urdf", tip="tool")
 many = chain.at_many(np.linspace(-2, 2, 35).reshape(7, 5))

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.backlash import Backlash

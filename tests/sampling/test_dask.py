@@ -15,8 +15,8 @@ import psutil
 import pytest
 
 import precision_pin as pp
-from precision_pin.errors import InputError
-from precision_pin.kernel.sampler import BLOCK
+from precision_pin.base.errors import InputError
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.sampling import cluster
 from precision_pin.sampling.cluster import dask_cluster
 from sampling.cases import MODEL, wait_until

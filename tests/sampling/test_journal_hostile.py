@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
+from precision_pin.sampling.checkpoint_codec import SAMPLES, packed, unpacked
 from precision_pin.sampling.journal import MAGIC
-from precision_pin.sampling.saved import SAMPLES, packed, unpacked
 from sampling.cases import assert_same_bits
 from sampling.test_journal import EMPTY, IDENTITY, STATES, state_in
 

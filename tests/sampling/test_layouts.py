@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.display import progress as progress_bar
-from precision_pin.errors import InputError
+from precision_pin.base import progress as progress_bar
+from precision_pin.base.errors import InputError
 from precision_pin.kernel import loops, sampler
-from precision_pin.kernel.sampler import BLOCK
+from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.sampling.blocks import MOST_SAMPLES, check_samples
 from precision_pin.sampling.identity import digest
 from precision_pin.sampling.workers import Foreign, Processes, Threads, chosen
@@ -100,7 +101,7 @@ def test_work_can_be_sent_and_is_not_compiled_anew_where_it_arrives() -> None:
     in_one_go(task)
     before = len(loops.run.signatures)
     sent = pickle.loads(pickle.dumps(task))
-    for field in fields(sampler.SamplerArrays):
+    for field in fields(SamplerArrays):
         assert same(getattr(task.layout, field.name), getattr(sent.layout, field.name)), field.name
     assert same(task.plan.centre, sent.plan.centre)
     assert same(task.plan.scale, sent.plan.scale)
@@ -271,7 +272,7 @@ def test_more_samples_than_memory_are_not_kept(samples: int) -> None:
 
 
 def test_free_memory_is_what_the_system_says(monkeypatch, tmp_path) -> None:
-    from precision_pin.inputs import memory
+    from precision_pin.base import memory
 
     (tmp_path / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    4800 kB\n")
     (tmp_path / "memory.max").write_text("max\n")

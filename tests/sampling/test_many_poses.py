@@ -10,10 +10,12 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
+from precision_pin.base.errors import InputError, PrecisionPinWarning, UnknownNameError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError, PrecisionPinWarning, UnknownNameError
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.many_poses import sample_poses
@@ -46,7 +48,7 @@ MIXED = offsets({1: Scope.POSE, 2: Scope.VISIT})
 
 def test_each_pose_has_the_samples_of_one_pose_alone() -> None:
     # more poses than are worked on together, and a last block that is not full
-    samples = sampler.BLOCK + 3000
+    samples = BLOCK + 3000
     found = sample_poses(MODEL, Q, samples=samples, seed=3, specifications=SPECIFICATIONS)
     assert found.poses == 70
     for pose in (0, 1, 63, 64, 69):
@@ -95,7 +97,7 @@ def test_few_samples_resolve_little(model: Any, samples: int) -> None:
 
 def test_any_number_of_threads_gives_the_same_bits() -> None:
     told: list[int] = []
-    samples = 9 * sampler.BLOCK + 77
+    samples = 9 * BLOCK + 77
     one, many = (
         sample_poses(
             MIXED, Q[:, :66], samples=samples, threads=threads, specifications=SPECIFICATIONS, progress=told.append

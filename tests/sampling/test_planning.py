@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Empirical, Law, Lognormal, Normal, Rows, TwoPoint, Uniform
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.sampling.planning import planned
+from precision_pin.sampling.histogram_plan import planned
 from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import QUANTITIES, Plan, finish, observe, quantity_values, start

@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 import precision_pin as pp
+from precision_pin.analyses.monte_carlo.poses_table import poses_table
+from precision_pin.base.errors import UnknownNameError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Normal
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import UnknownNameError
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.poses.table import poses_table
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sampling.pose_verdicts import PosesSpecification
 from precision_pin.sources import JointOffset

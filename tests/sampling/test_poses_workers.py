@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import many_poses
 

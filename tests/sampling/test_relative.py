@@ -7,10 +7,11 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
+from precision_pin.base.errors import InputError, PrecisionPinWarning, UnknownNameError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError, PrecisionPinWarning, UnknownNameError
-from precision_pin.kernel import sampler
+from precision_pin.draws.space import Space
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.sources import JointOffset
 from sampling.cases import MODEL
 
@@ -52,7 +53,7 @@ def test_each_robot_is_the_one_that_the_model_displaces_at_both_poses() -> None:
 
 
 def test_the_covariance_is_that_of_the_difference_of_slopes_and_of_both_visits() -> None:
-    samples = 2 * sampler.BLOCK
+    samples = 2 * BLOCK
     found = pp.relative(MIXED, P, Q, samples=samples, model="linear", threads=1)
     here, there = joint_slopes(P), joint_slopes(Q)
     expected = STD**2 * (here - there) @ (here - there).T

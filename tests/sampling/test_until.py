@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.errors import InputError
-from precision_pin.kernel.sampler import BLOCK
+from precision_pin.base.errors import InputError
+from precision_pin.kernel.blocks import BLOCK
 from sampling.cases import MODEL
 
 TARGET = "95 % to 0.03 mm"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from precision_pin.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Sheet, read
 

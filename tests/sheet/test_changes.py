@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.robot.examples import PAPER_SHEET
 from support.plain_robot import joint, link, robot
 

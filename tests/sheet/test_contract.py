@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from precision_pin.base.errors import SheetError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
-from precision_pin.draws.space import Draw, Scope
-from precision_pin.errors import SheetError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Sheet, parse_pose, read
@@ -254,7 +254,7 @@ def test_order_of_sources_and_parameters_never_matters(write: Write) -> None:
 
 
 @pytest.mark.filterwarnings(
-    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.base.errors.PrecisionPinWarning"
 )
 def test_two_sources_of_one_kind_at_one_place_are_told_apart(load: Load, write: Write) -> None:
     text = HEAD + "sources:\n" + "  - joint_offset: {joint: joint1, offset: {uniform: 1 mrad}}\n"

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from precision_pin.draws.laws import Empirical, Normal, Rows
-from precision_pin.sheet.remarks import FEW, few_samples
+from precision_pin.sheet.sheet_lint import FEW, few_samples
 
 from .conftest import Load
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from precision_pin.errors import Finding
+from precision_pin.base.errors import Finding
 
 from .conftest import Load, Refuse
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
+from precision_pin.base.errors import Finding
 from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Arcsine, Empirical, Law, Lognormal, Rows, TwoPoint
-from precision_pin.draws.space import Draw, Scope
-from precision_pin.errors import Finding
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet import json_schema
 
@@ -190,7 +190,7 @@ parameters:
 
 
 @pytest.mark.filterwarnings(
-    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.base.errors.PrecisionPinWarning"
 )
 def test_correlations_of_two_and_of_several(load: Load, write: Write) -> None:
     text = HEAD + PARAMETERS + "correlations:\n  - {parameters: [a1, c], correlation: -0.5}\n"

@@ -10,13 +10,13 @@ import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
+from precision_pin.base.errors import Finding, is_note
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Fixed, Law, Uniform
-from precision_pin.draws.space import Draw
-from precision_pin.errors import Finding, is_note
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet import Sheet, json_schema
-from precision_pin.sheet.remarks import note_on_normal
 from precision_pin.sheet.schema import ASSUMED
+from precision_pin.sheet.sheet_lint import note_on_normal
 from precision_pin.sources import catalogue
 
 from .conftest import Load, Refuse

@@ -15,7 +15,7 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.cli import inputs
-from precision_pin.draws.space import Scope
+from precision_pin.draws.draw import Scope
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, shipped_sheet, shipped_sheets
 from precision_pin.sampling.result import Analysis
 from precision_pin.sheet import read

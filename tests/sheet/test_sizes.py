@@ -16,11 +16,12 @@ from scipy.linalg import block_diag
 
 import precision_pin
 import precision_pin as pp
+from precision_pin.base import csv_columns
+from precision_pin.base.errors import InputError, SheetError, UnknownNameError
 from precision_pin.draws.correlation import BlockCovariance, Correlation
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Disc, JointNormal, Normal, Uniform
-from precision_pin.draws.space import Draw, Extension, Scope, Space
-from precision_pin.errors import InputError, SheetError, UnknownNameError
-from precision_pin.inputs import csv_columns
+from precision_pin.draws.space import Extension, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet import read
 from precision_pin.sheet.text import read_text

@@ -10,7 +10,7 @@ from fuzzing.errorsheets.trial import sheet_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from precision_pin.errors import Finding, InputError, SheetError
+from precision_pin.base.errors import Finding, InputError, SheetError
 from precision_pin.sheet import read
 from precision_pin.sheet.text import read_text
 

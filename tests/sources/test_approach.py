@@ -237,7 +237,7 @@ def test_equilibrium_says_where_single_robots_lie_otherwise() -> None:
     assert found(0.6, 1e-7) == []  # an arm that hardly bends
 
 
-@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_many_poses_with_their_own_approaches_are_those_of_each_alone() -> None:
     model = hinge_with_load()
     q = np.array([[0.0, 0.1, 0.1, 0.05]])

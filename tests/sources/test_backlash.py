@@ -3,9 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError, SheetError, UnknownNameError
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Scope, Space
-from precision_pin.errors import InputError, SheetError, UnknownNameError
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import examples
 from precision_pin.robot.chain import Chain

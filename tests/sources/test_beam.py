@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy import integrate
 
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Load
+from precision_pin.robot.loads import Load
 from precision_pin.sources import beam
 from precision_pin.sources.beam import Beam, point_flexibility, stretch_flexibility, weight_flexibility
 from support.checks.beam import beam_loads, check_beam, integrals

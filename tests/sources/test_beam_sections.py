@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component, Program
 from precision_pin.draws.laws import Fixed, Normal, Uniform
-from precision_pin.draws.space import Draw, Space
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.cross_sections import MATERIALS, Section, box, rod, tube

@@ -7,12 +7,13 @@ import pytest
 from scipy import integrate
 from scipy.spatial.transform import Rotation
 
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Load
+from precision_pin.robot.loads import Load
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.profiles import Segment

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from scipy import optimize
 
+from precision_pin.base.errors import InputError, SheetError, UnknownNameError
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.laws import Normal, TruncatedNormal, Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Space
-from precision_pin.errors import InputError, SheetError, UnknownNameError
+from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import examples
-from precision_pin.robot.chain import Chain, Load
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.loads import Load
 from precision_pin.sources import bearing_stiffness
 from precision_pin.sources.bearing_stiffness import BearingStiffness
 from precision_pin.sources.payload import Payload

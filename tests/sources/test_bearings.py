@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Draw, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain

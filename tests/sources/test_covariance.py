@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError, SheetError
+from precision_pin.base.errors import InputError, SheetError
+from precision_pin.draws.draw import Draw, Scope
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import covariance
 from precision_pin.sources.covariance import Covariance

@@ -9,12 +9,14 @@ from typing import final
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain, Load, Posture
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.loads import Load
 from precision_pin.sources import (
     AxisInstall,
     Backlash,

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
+from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import joint_compliance
 from precision_pin.sources.joint_compliance import JointCompliance

@@ -3,9 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Draw, Space
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import length
 from precision_pin.sources.length import Length

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import SheetError
 from precision_pin.draws.expressions import Component, Operation
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
-from precision_pin.errors import SheetError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import levelling
 from precision_pin.sources.joint_compliance import JointCompliance

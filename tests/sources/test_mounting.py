@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError, SheetError, UnknownNameError
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError, SheetError, UnknownNameError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import mounting
 from precision_pin.sources.joint_compliance import JointCompliance
@@ -21,7 +21,7 @@ def test_against_the_displaced_robot():
 
 
 @pytest.mark.filterwarnings(
-    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.base.errors.PrecisionPinWarning"
 )
 def test_from_a_sheet_through_every_engine(tmp_path):
     file = written(

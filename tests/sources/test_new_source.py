@@ -10,11 +10,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from precision_pin import sources, units
+from precision_pin import sources
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
 from precision_pin.cli import main
 from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 
@@ -29,9 +30,10 @@ from typing import Annotated, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin.base import units
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Setting
+from precision_pin.draws.draw import Draw, Setting
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term

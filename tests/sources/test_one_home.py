@@ -18,9 +18,10 @@ ABOVE = ("sheet", "model", "kernel", "sampling", "analyses", "outputs", "cli")
 HOMES = (
     "sources/",
     "outputs/scaffold/",
-    "model/every_frame.py",
-    "model/displaced_arm.py",
+    "model/full_frame_model.py",
+    "model/calibrated_geometry.py",
     "sheet/measurement_entry.py",
+    "sheet/measurement.py",
 )
 """Where kinds of sources may be named: the last three are models made of them, and the load of a measurement, a payload."""
 CODE = {path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in FILES}

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from precision_pin.draws.space import Scope, Space
-from precision_pin.errors import InputError, SheetError
+from precision_pin.base.errors import InputError, SheetError
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling import monte_carlo
@@ -31,7 +32,7 @@ def test_by_hand_and_against_the_displaced_robot():
 
 
 @pytest.mark.filterwarnings(
-    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.base.errors.PrecisionPinWarning"
 )
 def test_from_a_sheet_through_every_engine(tmp_path):
     (tmp_path / "measured").mkdir()
@@ -52,7 +53,7 @@ def test_from_a_sheet_through_every_engine(tmp_path):
 
 
 @pytest.mark.filterwarnings(
-    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.base.errors.PrecisionPinWarning"
 )
 def test_the_path_is_relative_to_the_sheet_wherever_it_is_read_from(tmp_path, monkeypatch):
     (tmp_path / "sheets").mkdir()
@@ -173,7 +174,7 @@ def test_bad_sheets_give_one_line(tmp_path, plane, settings, message):
 
 
 def test_a_file_that_is_too_large_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("precision_pin.inputs.csv_columns.LARGEST_FILE", 10)
+    monkeypatch.setattr("precision_pin.base.csv_columns.LARGEST_FILE", 10)
     (tmp_path / "large.csv").write_text(PLANE, encoding="utf-8")
     with pytest.raises(InputError, match=r"large\.csv is larger than"):
         Table(joint="hinge", file=tmp_path / "large.csv")

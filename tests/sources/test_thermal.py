@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import InputError, SheetError, UnknownNameError
 from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError, SheetError, UnknownNameError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import thermal
 from precision_pin.sources.thermal import Thermal

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from precision_pin.errors import InputError, InternalError, UnknownNameError
+from precision_pin.base.errors import InputError, InternalError, UnknownNameError
 from precision_pin.statistics import (
     COLUMNS,
     LARGEST,

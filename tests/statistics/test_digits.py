@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from precision_pin.outputs.monte_carlo.table import statistic, tolerance_bounds
+from precision_pin.analyses.monte_carlo.table import statistic, tolerance_bounds
 from precision_pin.statistics import Plan, finish, format_inside, observe, quantity_values, start
 from precision_pin.statistics.digits import format_interval, round_end
 from precision_pin.statistics.distribution import CONTENTS

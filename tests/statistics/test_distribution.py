@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import gammaincinv
 
-from precision_pin.errors import UnknownNameError
+from precision_pin.base.errors import UnknownNameError
 from precision_pin.statistics import Plan, Specification, finish, format_supported, observe, significant_digits, start
 from precision_pin.statistics.verdicts import SpecificationResult, capability_index
 

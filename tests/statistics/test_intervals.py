@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.statistics import (
     Plan,
     Specification,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.statistics import QUANTITIES, Distribution, Plan, finish, observe, specification, start
 from precision_pin.statistics.precision import Target, reached, target
 from precision_pin.statistics.quantities import QUANTITY_WORDS

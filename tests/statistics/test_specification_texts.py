@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from precision_pin.display.tables import symbol
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
+from precision_pin.render.tables import symbol
 from precision_pin.statistics import QUANTITIES
 from precision_pin.statistics.precision import target
 from precision_pin.statistics.specification import specification

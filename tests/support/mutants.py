@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import sys
 import types
@@ -38,7 +39,12 @@ def planted(fault: Fault) -> types.ModuleType:
     if not fault.user:
         return changed
     user = original(fault.user)
-    shared = [name for name in changed.__all__ if hasattr(user, name)]
+    known = vars(importlib.import_module(f"precision_pin.sources.{fault.module}"))
+    shared = [
+        name
+        for name, value in vars(user).items()
+        if name in known and not name.startswith("_") and known[name] is value
+    ]
     assert shared, f"{fault.user} takes nothing from {fault.module}"
     for name in shared:
         setattr(user, name, getattr(changed, name))

@@ -10,7 +10,8 @@ import pinocchio
 from scipy.spatial.transform import Rotation
 
 from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator
-from precision_pin.robot.chain import Chain, Place
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.places import Place
 from precision_pin.terms.term import JointValue, Term
 from support.plain_robot import inserted, motion
 

@@ -13,9 +13,10 @@ import math
 import numpy as np
 from scipy import stats
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws import laws
-from precision_pin.draws.space import Scope, Space
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import Space
 
 
 def philox_words(counter: tuple[int, int, int, int], key: tuple[int, int]) -> tuple[int, int, int, int]:

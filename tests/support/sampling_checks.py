@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws import laws
 from precision_pin.draws.space import Space
 from support import philox_reference

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.laws import Disc, JointNormal, Normal, Triangular, Uniform
-from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.sources.axis_install import AxisInstall

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from precision_pin.analyses.provenance import Pose, Poses, listed_poses
+from precision_pin.base.arguments import check_instance, check_items
+from precision_pin.base.errors import Finding
 from precision_pin.draws.space import check_seed
-from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_instance, check_items
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics.intervals import check_confidence
-
-__all__ = ["check_request"]
 
 
 def check_request(

@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Any, NamedTuple
 
-__all__ = ["Declaration", "Option", "load"]
-
 
 def load(place: str) -> Any:
     """Import and return the object ``package.module:name``."""

@@ -21,11 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.replicates import REPLICATES
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws.space import Space
-
-__all__ = ["MOST_SKEWNESS", "Marginals", "law_breaks"]
-
 
 MOST_SKEWNESS: Final = 0.6
 """Largest skewness of the mean of all replicates; a count of 2.8 expected events has as much."""

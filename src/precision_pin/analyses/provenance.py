@@ -10,15 +10,13 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.display.tables import origins_entry
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
+from precision_pin.base.versions import versions
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.origins import OriginShares, origin_shares
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.variance_by_provenance import OriginShares, origin_shares
+from precision_pin.render.tables import origins_entry
 from precision_pin.robot.approach import ApproachedPose, approach_entry, written_approach
-from precision_pin.sampling.versions import versions
-
-__all__ = ["Pose", "PoseLabel", "Poses", "Provenance", "listed_poses"]
 
 Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 """Name of a pose, or joint values in chain order or by name, with an approach or without; ``None`` for the first pose."""

@@ -10,8 +10,6 @@ from typing import Any
 
 from precision_pin.analyses.declaration import Declaration, load
 
-__all__ = ["FOLDERS", "declarations", "find_function"]
-
 FOLDERS: list[str] = [
     "precision_pin.analyses.budget",
     "precision_pin.analyses.worst_case",

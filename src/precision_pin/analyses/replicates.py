@@ -21,11 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.arrays import Array
-from precision_pin.statistics.skewed_means import studentised
-
-__all__ = ["REPLICATES", "Estimates", "estimated", "half_widths", "jackknife", "pseudo_values"]
-
+from precision_pin.base.arrays import Array
+from precision_pin.statistics.hall_transform import studentised
 
 REPLICATES: Final = 32
 """Number of independent runs, or scrambles of a net."""

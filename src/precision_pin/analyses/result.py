@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from precision_pin.analyses.declaration import load
 from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.analyses.registry import declarations
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.stored import JsonResult
-from precision_pin.display.tables import MOST_POSES, UNITS, dataset, joint_text, pose_labels
-from precision_pin.errors import Finding, UnknownNameError
-from precision_pin.inputs.arguments import check_whole
+from precision_pin.base.arguments import check_whole
+from precision_pin.base.errors import Finding, UnknownNameError
+from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import JsonResult
+from precision_pin.render.tables import MOST_POSES, UNITS, dataset, joint_text, pose_labels
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["PoseResult", "Result", "list_warnings", "name_pose"]
 
 
 class PoseResult(Protocol):

@@ -6,7 +6,7 @@ import gc
 import sys
 
 # the first module that the program imports: it imports nothing that takes time
-from precision_pin import interrupts
+from precision_pin.base import interrupts
 
 __all__ = ["EXIT_INPUT", "EXIT_INTERNAL", "EXIT_SPEC", "main"]
 

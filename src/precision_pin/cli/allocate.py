@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import click
 
+from precision_pin.base.files import whole_folder, write_text
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import read_sheet
@@ -23,13 +24,10 @@ from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
-from precision_pin.display.files import whole_folder, write_text
 
 if TYPE_CHECKING:
     from precision_pin.analyses.allocation.allocation_result import AllocationResult
     from precision_pin.model.error_model import ErrorModel
-
-__all__ = ["command"]
 
 
 class _Options(ChainOptions):
@@ -74,9 +72,9 @@ def command(**options: Unpack[_Options]) -> int:
     """
     from precision_pin.analyses.allocation.allocate import allocate, allocation_steps
     from precision_pin.analyses.allocation.problem import read_problem
+    from precision_pin.analyses.allocation.table import allocation_table
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.allocation.table import allocation_table
 
     check_seed(options["seed"])
     outputs = Outputs({"--json": options["json_path"]}, options["out"], ("allocation.*", "allocated.errors.yaml"))
@@ -115,9 +113,9 @@ def _write(model: ErrorModel, result: AllocationResult, options: _Options) -> No
         write_text(Path(json_path), result.to_json() + "\n")
     if out is None:
         return
-    from precision_pin.outputs.allocation.figure import figure
-    from precision_pin.outputs.allocation.sheet import allocated_sheet
-    from precision_pin.outputs.monte_carlo.figures import save
+    from precision_pin.analyses.allocation.figure import figure
+    from precision_pin.analyses.allocation.sheet import allocated_sheet
+    from precision_pin.sampling.figures import save
 
     with whole_folder(Path(out)) as stage:
         write_text(stage / "allocation.json", result.to_json() + "\n")

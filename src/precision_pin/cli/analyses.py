@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, final
 import click
 
 from precision_pin.analyses.declaration import Declaration, Option, load
+from precision_pin.base.files import whole_folder, write_text
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
@@ -30,14 +31,11 @@ from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
-from precision_pin.display.files import whole_folder, write_text
 
 if TYPE_CHECKING:
     from precision_pin.analyses.result import Result
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sheet import Sheet
-
-__all__ = ["make_command"]
 
 _INPUTS: Final = "Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME."
 
@@ -191,7 +189,7 @@ def _answer(declaration: Declaration, shared: _Shared, result: Result, of_table:
         write_text(Path(json_path), result.to_json() + "\n")
     if out is None:
         return
-    from precision_pin.outputs.monte_carlo import figures
+    from precision_pin.sampling import figures
 
     several = len(result.poses) > 1
     files = [f"{name}-{k + 1}" if several else name for k in range(len(result.poses))]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Literal, Unpack
 
 import click
 
+from precision_pin.base.files import whole_folder, write_text
+from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.analyze_poses import FILES as FILES_OF_POSES
 from precision_pin.cli.analyze_poses import PosesJob, analyze_poses, refuse_of_one_pose
@@ -31,13 +33,9 @@ from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.cli.workers import WorkerOptions, check_workers, worker_options, working
-from precision_pin.display.files import whole_folder, write_text
-from precision_pin.interrupts import raise_if_interrupted, unwinding
 
 if TYPE_CHECKING:
     from precision_pin.sampling.result import MonteCarloResult
-
-__all__ = ["command"]
 
 FILES = ("analysis.json", "position.*", "attitude.*", "components.*")
 """Files written to a folder."""
@@ -104,9 +102,9 @@ def command(
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does not
     depend on what samples it: threads, processes or a cluster, at one go or resumed.
     """
+    from precision_pin.analyses.monte_carlo.table import analysis_table
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.monte_carlo.table import analysis_table
     from precision_pin.sampling import check_samples, monte_carlo
     from precision_pin.sampling.relative import relative
     from precision_pin.statistics.precision import target
@@ -178,7 +176,7 @@ def _refuse_of_relative(options: list[str]) -> None:
 
 
 def _write_folder(analysis: MonteCarloResult, folder: Path) -> None:
-    from precision_pin.outputs.monte_carlo import figures
+    from precision_pin.sampling import figures
 
     with whole_folder(folder) as stage:
         write_text(stage / "analysis.json", analysis.to_json() + "\n")

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Final, Literal, final
 
 import click
 
+from precision_pin.base.errors import Finding
+from precision_pin.base.files import whole_folder, write_text
+from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.poses import AskedPose
@@ -16,18 +19,13 @@ from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.terminal import echo_table
 from precision_pin.cli.workers import WorkerOptions, working
-from precision_pin.display.files import whole_folder, write_text
-from precision_pin.display.tables import pose_labels
-from precision_pin.errors import Finding
-from precision_pin.interrupts import raise_if_interrupted
+from precision_pin.render.tables import pose_labels
 
 if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sampling.poses_result import PosesResult
     from precision_pin.sheet import Sheet
     from precision_pin.statistics import Specification
-
-__all__ = ["FILES", "PosesJob", "analyze_poses", "refuse_of_one_pose"]
 
 FILES: Final = ("poses.json", "position.*", "attitude.*")
 """Files written to a folder."""
@@ -66,7 +64,7 @@ def refuse_of_one_pose(options: Sequence[str], poses: int) -> None:
 
 def analyze_poses(error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPose], job: PosesJob) -> int:
     """Sample at several poses, print and write the result; returns the exit code."""
-    from precision_pin.outputs.poses.table import poses_table
+    from precision_pin.analyses.monte_carlo.poses_table import poses_table
     from precision_pin.sampling.many_poses import sample_poses
 
     compile_sampler(error_model.space, job.model)
@@ -116,8 +114,8 @@ def _find(
 
 
 def _write_folder(result: PosesResult, folder: Path) -> None:
-    from precision_pin.outputs.monte_carlo import figures
-    from precision_pin.outputs.poses.figure import figure
+    from precision_pin.sampling import figures
+    from precision_pin.sampling.poses_figure import figure
 
     with whole_folder(folder) as stage:
         write_text(stage / "poses.json", result.to_json() + "\n")

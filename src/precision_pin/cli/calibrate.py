@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Final, Unpack
 
 import click
 
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.files import whole_folder, write_text
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.headings import HeadedOption, output_option, pose_option
 from precision_pin.cli.inputs import read_sheet
@@ -28,8 +30,6 @@ from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
-from precision_pin.display.files import whole_folder, write_text
-from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,13 +37,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from precision_pin.analyses.calibration.calibration_result import CalibrationResult
-    from precision_pin.display.stored import JsonResult
-    from precision_pin.measurement.measurement import Measurement
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.render.result_io import JsonResult
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
-
-__all__ = ["calibration_of", "command"]
+    from precision_pin.sheet.measurement import Measurement
 
 _RANDOM: Final = 50
 """Poses of a forecast where none are given."""
@@ -145,11 +143,11 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> i
     "joint1 [deg], x [mm], y [mm], z [mm]". With --no-prior the exit code is 1 where the readings do not determine every
     number.
     """  # noqa: D301 - a backspace, which tells click to keep the lines
+    from precision_pin.analyses.calibration.csv_files import poses_csv
     from precision_pin.analyses.calibration.forecast import forecast_calibration
     from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration
+    from precision_pin.analyses.calibration.table import calibration_table, forecast_table, plan_table
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.calibration.csv_files import poses_csv
-    from precision_pin.outputs.calibration.table import calibration_table, forecast_table, plan_table
 
     robots, options["inputs"] = _split(options["inputs"], several=options["population"])
     data = robots[0] if robots else None
@@ -239,8 +237,8 @@ def _fit(
 def _read_factory(sheet: Sheet, file: str, options: _Options) -> None:
     """Print what a factory calibration says of a robot, and write what is asked for."""
     from precision_pin.analyses.calibration.factory import ur_calibration
+    from precision_pin.analyses.calibration.factory_table import factory_table
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.calibration.factory_table import factory_table
 
     found = ur_calibration(file, ErrorModel.from_sheet(sheet))
     echo_warnings(found.findings)
@@ -253,9 +251,9 @@ def _read_factory(sheet: Sheet, file: str, options: _Options) -> None:
 def _measure_population(sheet: Sheet, robots: list[str], measurement: Measurement, options: _Options) -> None:
     """Print the tolerances that several robots show, and write the sheet with them."""
     from precision_pin.analyses.calibration.population import population
+    from precision_pin.analyses.calibration.population_sheet import population_sheet
+    from precision_pin.analyses.calibration.population_table import population_table
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.calibration.population_sheet import population_sheet
-    from precision_pin.outputs.calibration.population_table import population_table
 
     model = ErrorModel.from_sheet(sheet)
     with progress_bar(len(robots) + len(model.space.draws), "fitting robots", "steps") as progress:
@@ -277,8 +275,8 @@ def _measure_population(sheet: Sheet, robots: list[str], measurement: Measuremen
 
 def _write_sheet(result: JsonResult, original: str, path: str) -> None:
     """Write the sheet of the calibrated arm, and the result that it names."""
-    from precision_pin.display.files import write_files
-    from precision_pin.outputs.calibration.sheet import calibrated_sheet, result_name
+    from precision_pin.analyses.calibration.sheet import calibrated_sheet, result_name
+    from precision_pin.base.files import write_files
 
     name = str(Path(path).with_name(result_name(path)))
     text = calibrated_sheet(original, path)
@@ -355,7 +353,7 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int, measurement: Me
     import numpy as np
 
     from precision_pin.analyses.calibration.contact import contact_poses, seen_poses
-    from precision_pin.inputs.arguments import check_whole
+    from precision_pin.base.arguments import check_whole
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.pose_sources.random_poses import random_poses
 
@@ -396,8 +394,8 @@ def _answer(result: JsonResult, table: Callable[[Any], str], figure: str | None,
         write_text(Path(json_path), result.to_json() + "\n")
     if out is None:
         return
-    from precision_pin.outputs.calibration import figures
-    from precision_pin.outputs.monte_carlo.figures import save
+    from precision_pin.analyses.calibration import figures
+    from precision_pin.sampling.figures import save
 
     drawn: Figure | None = None if figure is None else getattr(figures, figure)(result)
     with whole_folder(Path(out)) as stage:

@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING, Unpack
 
 import click
 
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli import EXIT_INPUT
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.options import ChainOptions, Command, chain_options
 from precision_pin.cli.streams import echo_data, wrapped
-from precision_pin.errors import Finding, InputError
 from precision_pin.robot.examples import named_briefly
 
 if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
-
-__all__ = ["command"]
 
 
 @click.command("check", cls=Command)
@@ -54,7 +52,7 @@ def command(as_json: bool, **arm: Unpack[ChainOptions]) -> int:
 
 def _findings(arm: ChainOptions) -> tuple[Finding, ...]:
     from precision_pin.robot import urdf
-    from precision_pin.sheet.remarks import note_on_normal
+    from precision_pin.sheet.sheet_lint import note_on_normal
 
     try:
         found = find_inputs(arm["inputs"], sheet_needed=False)

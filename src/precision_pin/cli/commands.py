@@ -10,8 +10,6 @@ from precision_pin.analyses.registry import declarations
 if TYPE_CHECKING:
     import click
 
-__all__ = ["COMMANDS", "list_commands", "list_groups", "load_command"]
-
 UNDERSTAND, DECIDE, MEASURE = "Understand how accurate it is", "Decide what to change", "Measure"
 SHOW, HELP = "Show", "Sheets and help"
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Literal, Unpack
 
 import click
 
+from precision_pin.base.files import whole_folder, write_text
+from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
@@ -27,14 +29,10 @@ from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
-from precision_pin.display.files import whole_folder, write_text
-from precision_pin.interrupts import raise_if_interrupted, unwinding
 from precision_pin.robot.examples import PAPER_SHEET
 
 if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
-
-__all__ = ["command"]
 
 MOST_POSES = 50
 
@@ -72,9 +70,9 @@ def command(**options: Unpack[_Options]) -> int:
     them. The exit code is 1 if any of them misses a specification.
     """
     from precision_pin.analyses.compare.compare import MOST_MODELS, compare, count_steps
+    from precision_pin.analyses.compare.table import comparison_table
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.compare.table import comparison_table
     from precision_pin.statistics.specification import specification
 
     check_seed(options["seed"])
@@ -111,8 +109,8 @@ def command(**options: Unpack[_Options]) -> int:
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), result.to_json() + "\n")
     if out is not None:
-        from precision_pin.outputs.compare.figure import figure
-        from precision_pin.outputs.monte_carlo.figures import save
+        from precision_pin.analyses.compare.figure import figure
+        from precision_pin.sampling.figures import save
 
         with whole_folder(Path(out)) as stage:
             write_text(stage / "comparison.json", result.to_json() + "\n")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Literal, Unpack
 
 import click
 
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.files import whole_folder, write_text
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import read_sheet
@@ -25,8 +27,6 @@ from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
-from precision_pin.display.files import whole_folder, write_text
-from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
     from precision_pin.analyses.compensation.compensation_result import CompensationResult
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.pose_sources.trajectory import Column
     from precision_pin.sheet import Sheet
-
-__all__ = ["command", "compensation_of"]
 
 
 class _Options(ChainOptions, PoseOptions):
@@ -81,8 +79,8 @@ def command(**options: Unpack[_Options]) -> int:
     joint values are found by Newton's method on the arm with its errors. The exit code is 1 where a pose has no correction.
     """
     from precision_pin.analyses.compensation.compensate import compensate
+    from precision_pin.analyses.compensation.table import compensation_table
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.compensation.table import compensation_table
 
     check_poses(options)
     weights = _weights(options["weights"])
@@ -150,7 +148,7 @@ def _write(result: CompensationResult, columns: tuple[Column, ...], options: _Op
     OutputError
         Something cannot be written.
     """
-    from precision_pin.outputs.compensation.corrected_csv import corrected_csv
+    from precision_pin.analyses.compensation.corrected_csv import corrected_csv
 
     csv_path, json_path, out = options["csv_path"], options["json_path"], options["out"]
     corrected = corrected_csv(result, columns) if result.is_complete else None
@@ -159,8 +157,8 @@ def _write(result: CompensationResult, columns: tuple[Column, ...], options: _Op
     if csv_path is not None and corrected is not None:
         write_text(Path(csv_path), corrected)
     if out is not None:
-        from precision_pin.outputs.compensation.figure import figure
-        from precision_pin.outputs.monte_carlo.figures import save
+        from precision_pin.analyses.compensation.figure import figure
+        from precision_pin.sampling.figures import save
 
         with whole_folder(Path(out)) as stage:
             write_text(stage / "compensation.json", result.to_json() + "\n")

@@ -10,15 +10,13 @@ import click
 from precision_pin.cli.options import Command
 from precision_pin.cli.streams import echo_data
 
-__all__ = ["command"]
-
 
 @click.command("doctor", cls=Command)
 def command() -> None:
     """Print the versions and paths that a result depends on; good to put into a bug report."""
     import precision_pin
+    from precision_pin.base.versions import versions
     from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
-    from precision_pin.sampling.versions import versions
 
     lines = {
         **versions(),

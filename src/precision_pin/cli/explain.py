@@ -11,11 +11,9 @@ from typing import Final, NamedTuple
 
 import click
 
+from precision_pin.base.errors import UnknownNameError
 from precision_pin.cli.options import Command
 from precision_pin.cli.streams import count_columns, echo_data
-from precision_pin.errors import UnknownNameError
-
-__all__ = ["CodeGroup", "CodeMeaning", "command", "list_codes"]
 
 WIDTH: Final = 100
 

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Final, Unpack
 
 import click
 
+from precision_pin.base.errors import Finding, InputError, OutputError
+from precision_pin.base.files import whole_folder, write_text
+from precision_pin.base.text_escape import visible
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
 from precision_pin.cli.notes import echo_frozen, echo_note
@@ -19,16 +22,11 @@ from precision_pin.cli.options import Command, OnePoseOptions, one_pose_options,
 from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.targets import Outputs
-from precision_pin.display.files import whole_folder, write_text
-from precision_pin.errors import Finding, InputError, OutputError
-from precision_pin.visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from precision_pin.outputs.as_built.urdf import AsBuilt
-
-__all__ = ["command"]
+    from precision_pin.export.as_built import AsBuilt
 
 MOST_UNITS: Final = 100_000
 FEW_UNITS: Final = 100
@@ -57,8 +55,8 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
     and all errors (loads, draws for a pose or a visit) at the export pose.
     """
     from precision_pin.draws.space import check_seed
+    from precision_pin.export.as_built import AsBuilt
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.as_built.urdf import AsBuilt
 
     check_seed(seed)
     if not 1 <= units <= MOST_UNITS:

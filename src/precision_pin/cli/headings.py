@@ -7,8 +7,6 @@ from typing import Any, Final, final
 
 import click
 
-__all__ = ["HeadedOption", "output_option", "pose_option", "robot_option", "sampling_option", "write_options"]
-
 _OWN: Final = "Options"
 _POSES, _ROBOT, _SAMPLING, _OUTPUT = "Poses", "Robot and sheet", "Sampling", "Output and messages"
 _LAST: Final = (_POSES, _ROBOT, _SAMPLING, _OUTPUT)

@@ -8,16 +8,14 @@ from pathlib import Path
 
 import click
 
+from precision_pin.base.errors import OutputError
+from precision_pin.base.files import write_text
+from precision_pin.base.input_files import noted_inputs
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.notes import echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import Command, robot_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
-from precision_pin.display.files import write_text
-from precision_pin.errors import OutputError
-from precision_pin.inputs.files import noted_inputs
-
-__all__ = ["command"]
 
 
 @click.command("init", cls=Command)
@@ -34,7 +32,7 @@ def command(
     ROBOT may be example:NAME; where a sheet with sources comes with precision-pin for it, that one is written. The sheet runs
     as it is: precision-pin analyze SHEET.
     """
-    from precision_pin.outputs.scaffold.sheet import scaffold
+    from precision_pin.export.scaffold import scaffold
     from precision_pin.robot.chain import Chain
     from precision_pin.robot.chain_findings import chain_findings
     from precision_pin.robot.examples import PREFIX, example_urdfs, resolve_robot, shipped_sheet, starting_sheet

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, final
 
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.input_files import noted_inputs
 from precision_pin.cli.notes import echo_note, echo_warning_lines, echo_warnings
 from precision_pin.cli.options import ChainOptions, describe_excess
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.files import noted_inputs
 from precision_pin.robot.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from precision_pin.cli.targets import Outputs
     from precision_pin.sheet import Sheet
-
-__all__ = ["Inputs", "chosen_pose", "echo_findings", "find_inputs", "read_inputs", "read_sheet"]
 
 SHEET_SUFFIXES: Final = (".yaml", ".yml")
 MOST_LEAVES: Final = 6

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Final, Unpack
 
 import click
 
+from precision_pin.base.errors import Finding, InputError, UnitError
+from precision_pin.base.files import whole_folder, write_text
+from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.headings import output_option, robot_option
 from precision_pin.cli.inputs import read_sheet
@@ -26,14 +29,9 @@ from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
-from precision_pin.display.files import whole_folder, write_text
-from precision_pin.errors import Finding, InputError, UnitError
-from precision_pin.interrupts import raise_if_interrupted, unwinding
 
 if TYPE_CHECKING:
     from precision_pin.analyses.iso9283.result import Iso9283Result
-
-__all__ = ["command"]
 
 _IN_CUBE: Final = 5
 FILES: Final = ("iso9283.*",)
@@ -99,9 +97,9 @@ def command(
     from precision_pin.analyses.iso9283.figure_limits import listed_limits
     from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
     from precision_pin.analyses.iso9283.measured_file import read_cycles
+    from precision_pin.analyses.iso9283.table import iso9283_table
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.iso9283.table import iso9283_table
 
     check_seed(seed)
     listed_limits(specs)
@@ -163,7 +161,7 @@ def _lengths(option: str, text: str, example: str) -> list[float]:
     InputError
         The option's text is not three lengths with a unit.
     """
-    from precision_pin import units
+    from precision_pin.base import units
 
     try:
         return units.parse_vector(text, units.LENGTH, count=3)
@@ -179,7 +177,7 @@ def _mass(text: str) -> float:
     InputError
         The text is no mass with a unit.
     """
-    from precision_pin import units
+    from precision_pin.base import units
 
     try:
         return units.parse(text, units.MASS)
@@ -193,8 +191,9 @@ def _wrong(option: str, error: UnitError, example: str) -> InputError:
 
 
 def _write_folder(result: Iso9283Result, folder: Path) -> None:
-    from precision_pin.outputs.iso9283 import figure
+    from precision_pin.analyses.iso9283.figure import figure
+    from precision_pin.sampling.figures import save
 
     with whole_folder(folder) as stage:
         write_text(stage / "iso9283.json", result.to_json() + "\n")
-        figure.save(figure.figure(result), stage / "iso9283")
+        save(figure(result), stage / "iso9283")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import click
 
+from precision_pin.base.files import whole_folder, write_text
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
@@ -29,15 +30,12 @@ from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.cli.workers import WorkerOptions, check_workers, worker_options, working
-from precision_pin.display.files import whole_folder, write_text
 
 if TYPE_CHECKING:
     from precision_pin.analyses.map.map_result import MapResult
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
     from precision_pin.statistics import Specification
-
-__all__ = ["command", "map_of"]
 
 
 class _Options(ChainOptions, PoseOptions, WorkerOptions):
@@ -89,9 +87,9 @@ def command(**options: Unpack[_Options]) -> int:
     the exact model at every pose that can be reached, as many as it takes; it is met only if it is met at all of them.
     """
     from precision_pin.analyses.map.map_poses import count_steps, map_poses
+    from precision_pin.analyses.map.table import map_table
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.map.table import map_table
     from precision_pin.statistics.specification import specification
 
     check_seed(options["seed"])
@@ -138,8 +136,8 @@ def _write(result: MapResult, options: _Options) -> None:
     if netcdf is not None:
         result.to_netcdf(netcdf)
     if out is not None:
-        from precision_pin.outputs.map.figure import figure
-        from precision_pin.outputs.monte_carlo.figures import save
+        from precision_pin.analyses.map.figure import figure
+        from precision_pin.sampling.figures import save
 
         with whole_folder(Path(out)) as stage:
             write_text(stage / "map.json", result.to_json() + "\n")

@@ -8,15 +8,13 @@ from typing import Unpack
 
 import click
 
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.notes import echo_warnings, quiet_option
 from precision_pin.cli.options import ChainOptions, Command, chain_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.terminal import echo_table
-from precision_pin.errors import Finding, InputError
-
-__all__ = ["command"]
 
 
 @click.command("mcpc", cls=Command)
@@ -29,7 +27,7 @@ def command(as_json: bool, **arm: Unpack[ChainOptions]) -> None:
 
     Without arguments: the paper's arm.
     """
-    from precision_pin.outputs.monte_carlo.table import mcpc_table
+    from precision_pin.analyses.monte_carlo.table import mcpc_table
     from precision_pin.robot import mcpc, urdf
     from precision_pin.robot.chain import Chain
     from precision_pin.robot.chain_findings import chain_findings

@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar
 
 import click
 
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli.headings import HeadedOption
-from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from precision_pin import units
-    from precision_pin.measurement.measurement import Measurement
+    from precision_pin.base import units
     from precision_pin.sheet import Sheet
-
-__all__ = ["MeasurementOptions", "measurement_of", "measurement_options", "stated_measurement"]
+    from precision_pin.sheet.measurement import Measurement
 
 Decorated = TypeVar("Decorated", bound="Callable[..., Any]")
 _OF_KIND: Final = ("attitude_std", "anchor", "plane", "sockets")
@@ -75,8 +73,8 @@ def measurement_of(sheet: Sheet, options: MeasurementOptions) -> Measurement:
     InputError
         A number is wrong, or settings do not go together.
     """
-    from precision_pin import units
-    from precision_pin.measurement.measurement import Measurement
+    from precision_pin.base import units
+    from precision_pin.sheet.measurement import Measurement
 
     stated = sheet.measurement
     given: dict[str, Any] = (
@@ -113,7 +111,7 @@ def stated_measurement(sheet: Sheet) -> Measurement:
 
 
 def _point(name: str, text: str) -> tuple[float, ...]:
-    from precision_pin import units
+    from precision_pin.base import units
 
     try:
         return tuple(units.parse_vector(text, units.LENGTH, count=3))
@@ -122,7 +120,7 @@ def _point(name: str, text: str) -> tuple[float, ...]:
 
 
 def _number(name: str, text: str, quantity: units.Quantity) -> float:
-    from precision_pin import units
+    from precision_pin.base import units
 
     try:
         return units.parse(text, quantity)

@@ -9,19 +9,9 @@ from typing import Final
 
 import click
 
+from precision_pin.base.errors import Finding, is_note
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.streams import say
-from precision_pin.errors import Finding, is_note
-
-__all__ = [
-    "all_warnings_option",
-    "echo_frozen",
-    "echo_note",
-    "echo_warning_lines",
-    "echo_warnings",
-    "is_quiet",
-    "quiet_option",
-]
 
 _QUIET: Final = f"{__name__}.quiet"
 _ALL_WARNINGS: Final = f"{__name__}.all_warnings"

@@ -8,33 +8,10 @@ from typing import Any, Final, NotRequired, TypedDict, TypeVar
 
 import click
 
+from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.cli.headings import pose_option, robot_option, sampling_option, write_options
 from precision_pin.cli.notes import all_warnings_option, quiet_option
 from precision_pin.cli.resources import require_resources
-from precision_pin.errors import PrecisionPinWarning
-
-__all__ = [
-    "ChainOptions",
-    "Command",
-    "OnePoseOptions",
-    "PoseOptions",
-    "SamplingCommand",
-    "beyond_limits_option",
-    "calibration_option",
-    "chain_options",
-    "compensation_option",
-    "describe_excess",
-    "inputs_argument",
-    "map_option",
-    "model_option",
-    "one_pose_options",
-    "path_option",
-    "pose_options",
-    "robot_options",
-    "seed_option",
-    "spec_option",
-    "target_option",
-]
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 

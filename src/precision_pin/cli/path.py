@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Final, Literal, Unpack
 
 import click
 
+from precision_pin.base.errors import Finding, InputError, UnitError
+from precision_pin.base.files import whole_folder, write_text
+from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
@@ -29,17 +32,12 @@ from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
-from precision_pin.display.files import whole_folder, write_text
-from precision_pin.errors import Finding, InputError, UnitError
-from precision_pin.interrupts import raise_if_interrupted, unwinding
 
 if TYPE_CHECKING:
     from precision_pin.analyses.path.path_result import PathResult
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
     from precision_pin.statistics import Specification
-
-__all__ = ["command", "path_of", "read_path"]
 
 SAMPLES: Final = 10_000
 
@@ -92,9 +90,9 @@ def command(**options: Unpack[_Options]) -> int:
     each pose, and a band that holds the whole error curve of that share of the robots or more.
     """
     from precision_pin.analyses.path.path_law import count_steps, path_law
+    from precision_pin.analyses.path.table import path_table
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.path.table import path_table
     from precision_pin.statistics.specification import specification
 
     check_poses(options)
@@ -134,8 +132,8 @@ def command(**options: Unpack[_Options]) -> int:
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), result.to_json() + "\n")
     if out is not None:
-        from precision_pin.outputs.monte_carlo.figures import save
-        from precision_pin.outputs.path.figure import figure
+        from precision_pin.analyses.path.figure import figure
+        from precision_pin.sampling.figures import save
 
         with whole_folder(Path(out)) as stage:
             write_text(stage / "path.json", result.to_json() + "\n")
@@ -145,7 +143,7 @@ def command(**options: Unpack[_Options]) -> int:
 
 
 def _probability(text: str) -> float:
-    from precision_pin import units
+    from precision_pin.base import units
 
     try:
         # 95 % is 0.95 and not the next number, so that it is one of the levels of the table

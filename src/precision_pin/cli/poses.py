@@ -8,11 +8,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, final
 
+from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.cli.inputs import chosen_pose
 from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.options import PoseOptions
 from precision_pin.cli.progress import progress_bar
-from precision_pin.errors import Finding, InputError, UnknownNameError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,19 +22,6 @@ if TYPE_CHECKING:
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.pose_sources.trajectory import Trajectory
     from precision_pin.sheet import Sheet
-
-__all__ = [
-    "AskedPose",
-    "AskedPoses",
-    "check_poses",
-    "pose_files",
-    "pose_values",
-    "read_grid",
-    "read_pose_set",
-    "read_poses",
-    "read_way",
-    "reference_pose",
-]
 
 MOST_ROWS: Final = 2**20 - 1
 """The most poses of a trajectory or a grid where a command sets no lower bound: draws of pose scope can be made at no more."""
@@ -233,7 +220,7 @@ def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROW
     InputError
         A wrong file or step, or more than ``most`` poses.
     """
-    from precision_pin import units
+    from precision_pin.base import units
     from precision_pin.robot.pose_sources.trajectory import read_trajectory
 
     size = os.path.getsize(file) if os.path.isfile(file) else 0

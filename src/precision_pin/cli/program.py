@@ -7,15 +7,13 @@ import traceback
 
 import click
 
-from precision_pin import interrupts
+from precision_pin.base import interrupts
+from precision_pin.base.errors import InputError, InternalError
+from precision_pin.base.text_escape import one_line, shown
 from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL
 from precision_pin.cli.commands import list_commands, list_groups, load_command
 from precision_pin.cli.resources import shortage
 from precision_pin.cli.streams import messages, prepare_streams, raise_if_output_lost
-from precision_pin.errors import InputError, InternalError
-from precision_pin.visible import one_line, shown
-
-__all__ = ["run"]
 
 
 class LateGroup(click.Group):
@@ -35,7 +33,7 @@ class LateGroup(click.Group):
         """Suggest the nearest command for an unknown name."""
         name = args[0] if args else ""
         if name not in list_commands() and not name.startswith("-"):
-            from precision_pin.errors import nearest
+            from precision_pin.base.errors import nearest
 
             ctx.fail(f"no command named {shown(name)}; {nearest(name, list_commands())}")
         return super().resolve_command(ctx, args)

@@ -7,19 +7,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal
 
+from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.cli.notes import echo_note, is_quiet
-from precision_pin.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
     from precision_pin.draws.space import Space
 
-__all__ = ["compile_sampler", "progress_bar"]
-
 
 def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -> None:
     """Compile the sampler of a model, if it never was on this machine, and show progress."""
-    from precision_pin.compile_ahead import COMPILING_NOTE, shown_by, silent
-    from precision_pin.display.progress import compilation
+    from precision_pin.base.compile_ahead import COMPILING_NOTE, shown_by, silent
+    from precision_pin.base.progress import compilation
     from precision_pin.kernel import sampler
 
     variant = sampler.variant_of(space, model)
@@ -39,7 +37,7 @@ def progress_bar(total: int, what: str, unit: str = "samples") -> Iterator[Calla
     if is_quiet():
         yield lambda _: raise_if_interrupted()
         return
-    from precision_pin.display.progress import progress
+    from precision_pin.base.progress import progress
 
     with progress(total, what, unit=unit) as step:
 

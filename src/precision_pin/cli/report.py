@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal, Unpack, final
 
 import click
 
+from precision_pin.base.errors import InputError
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.calibrate import calibration_of
 from precision_pin.cli.compensate import compensation_of
@@ -36,14 +37,11 @@ from precision_pin.cli.path import path_of, read_path
 from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_grid, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
-from precision_pin.errors import InputError
 
 if TYPE_CHECKING:
     from precision_pin.analyses.iso9283.result import Iso9283Result
     from precision_pin.sampling import Progress
     from precision_pin.sheet import Sheet
-
-__all__ = ["command"]
 
 ROBOTS: Final = 2000
 """Robots of the test by ISO 9283."""
@@ -128,16 +126,16 @@ def command(
     if is_allocated:
         _check_allocation(sheet)
     from precision_pin.analyses.allocation.allocate import allocate
+    from precision_pin.analyses.allocation.section import allocation_chapter
+    from precision_pin.analyses.calibration.section import calibration_chapter
+    from precision_pin.analyses.collect import collect_poses, count_steps
+    from precision_pin.analyses.compensation.section import compensation_chapter
+    from precision_pin.analyses.iso9283.section import iso9283_chapter
     from precision_pin.analyses.map.map_poses import VERIFIED
+    from precision_pin.analyses.map.section import map_chapter
+    from precision_pin.analyses.path.section import path_chapter
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.allocation.section import allocation_chapter
-    from precision_pin.outputs.calibration.section import calibration_chapter
-    from precision_pin.outputs.compensation.section import compensation_chapter
-    from precision_pin.outputs.iso9283.section import iso9283_chapter
-    from precision_pin.outputs.map.section import map_chapter
-    from precision_pin.outputs.path.section import path_chapter
-    from precision_pin.outputs.report.collect import collect_poses, count_steps
-    from precision_pin.outputs.report.page import page
+    from precision_pin.pages.report.page import page
 
     asked_for = sum(one is not None for one in (*beside, test_at)) + is_allocated
     step = _Steps(count_steps(specifications, len(poses)) + asked_for)

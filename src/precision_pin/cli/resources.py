@@ -8,9 +8,7 @@ import resource
 import threading
 from typing import Final
 
-from precision_pin.errors import Finding, InputError
-
-__all__ = ["require_resources", "shortage"]
+from precision_pin.base.errors import Finding, InputError
 
 NEEDED: Final = 10**9
 """Bytes of address space; with less, C++ libraries abort while they are loaded."""

@@ -9,8 +9,6 @@ import click
 from precision_pin.cli.options import Command
 from precision_pin.cli.streams import echo_data
 
-__all__ = ["command"]
-
 
 @click.command("schema", cls=Command)
 def command() -> None:

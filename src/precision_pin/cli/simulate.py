@@ -8,6 +8,8 @@ from typing import Final, Unpack
 
 import click
 
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.files import write_text
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options
@@ -23,10 +25,6 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.targets import Outputs
-from precision_pin.display.files import write_text
-from precision_pin.errors import Finding, InputError
-
-__all__ = ["command"]
 
 _MOST: Final = 100_000
 """Readings in a file."""
@@ -62,15 +60,15 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Unpac
     """
     import numpy as np
 
+    from precision_pin.analyses.calibration.csv_files import cycles_csv, readings_csv
     from precision_pin.analyses.calibration.design import stations_of
     from precision_pin.analyses.calibration.simulation import as_measured, simulate_readings
-    from precision_pin.display.tables import milli
+    from precision_pin.base.arguments import check_whole
+    from precision_pin.base.text_escape import visible
     from precision_pin.draws.draw import MOST_VISITS
     from precision_pin.draws.space import check_seed
-    from precision_pin.inputs.arguments import check_whole
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.calibration.csv_files import cycles_csv, readings_csv
-    from precision_pin.visible import visible
+    from precision_pin.render.tables import milli
 
     check_seed(seed)
     check_whole("--unit", unit, 0, 2**64 - 1, "from 0 to 2^64 - 1")

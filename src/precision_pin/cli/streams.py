@@ -18,10 +18,8 @@ from typing import Any, Final, TextIO, final
 
 import click
 
-from precision_pin.errors import OutputError
-from precision_pin.visible import one_line
-
-__all__ = ["count_columns", "echo_data", "messages", "prepare_streams", "raise_if_output_lost", "say", "wrapped"]
+from precision_pin.base.errors import OutputError
+from precision_pin.base.text_escape import one_line
 
 _USUAL_COLUMNS: Final = 80
 """Of a terminal that does not say."""

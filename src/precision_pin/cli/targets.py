@@ -12,10 +12,8 @@ from typing import Final, final
 
 import click
 
-from precision_pin.display.files import require_writable, resolve, whole_folder, write_text
-from precision_pin.errors import OutputError
-
-__all__ = ["Outputs", "PageOutput", "check_folder_name", "check_page_name"]
+from precision_pin.base.errors import OutputError
+from precision_pin.base.files import require_writable, resolve, whole_folder, write_text
 
 PAGES: Final = (".html", ".htm")
 FILES: Final = (

@@ -11,9 +11,7 @@ from typing import Final
 import click
 
 from precision_pin.cli.streams import count_columns, echo_data, wrapped
-from precision_pin.display.text_table import folded
-
-__all__ = ["WIDTH", "echo_table"]
+from precision_pin.render.text_table import folded
 
 WIDTH: Final = 100
 """Most columns of a sentence, and those of one that goes to no terminal; tables shorten their cells to fit."""

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import click
 
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.calibrate import calibration_of
 from precision_pin.cli.compensate import compensation_of
@@ -37,19 +39,15 @@ from precision_pin.cli.path import path_of, read_path
 from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
-from precision_pin.errors import Finding, InputError
-from precision_pin.interrupts import raise_if_interrupted, unwinding
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from precision_pin.kernel.sampler import SamplerArrays
-    from precision_pin.outputs.view import ViewPose
-    from precision_pin.outputs.view.layers import Layer
+    from precision_pin.kernel.arrays import SamplerArrays
+    from precision_pin.pages.view import ViewPose
+    from precision_pin.render.layers import Layer
     from precision_pin.sheet import Sheet
-
-__all__ = ["command"]
 
 CHUNK = 2**14
 """Samples between two steps of the progress."""
@@ -106,7 +104,7 @@ def command(
     machine only, until Ctrl-C, and rebuilt whenever the sheet or the robot changes.
     """
     from precision_pin.draws.space import check_seed
-    from precision_pin.outputs.view import MOST_POINTS, check_factor, limits_kept, page
+    from precision_pin.pages.view import MOST_POINTS, check_factor, limits_kept, page
     from precision_pin.sampling import check_samples
     from precision_pin.statistics.specification import specification
 
@@ -173,12 +171,12 @@ def _layers(
     seed: int,
 ) -> list[Layer]:
     """Return what is shown beside the arm."""
+    from precision_pin.analyses.calibration.layer import CalibrationLayer
+    from precision_pin.analyses.compensation.layer import CompensationLayer
+    from precision_pin.analyses.map.layer import PlacesData
     from precision_pin.analyses.map.map_poses import VERIFIED
+    from precision_pin.analyses.path.layer import PathLayer
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.view.calibrated import CalibrationLayer
-    from precision_pin.outputs.view.compensated import CompensationLayer
-    from precision_pin.outputs.view.path_band import PathLayer
-    from precision_pin.outputs.view.places import PlacesData
 
     layers: list[Layer] = []
     if map_file is not None:
@@ -195,7 +193,7 @@ def _layers(
 
 
 def _poses(sheet: Sheet, arm: PoseOptions) -> list[AskedPose]:
-    from precision_pin.outputs.view import MOST_POSES
+    from precision_pin.pages.view import MOST_POSES
 
     poses = read_poses(sheet, arm, MOST_POSES)
     if len(poses) > MOST_POSES:
@@ -207,12 +205,12 @@ def _sampled(
     poses: Sequence[AskedPose], sheet: Sheet, samples: int, seed: int, model: Literal["exact", "linear"]
 ) -> tuple[list[ViewPose], list[str]]:
     """Return the errors of the same robots at every pose, and the shares that rest on assumptions; print warnings."""
-    from precision_pin.display.tables import resting_on
     from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.model.origins import origin_shares
+    from precision_pin.model.variance_by_provenance import origin_shares
     from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
-    from precision_pin.outputs.view import ViewPose
+    from precision_pin.pages.view import ViewPose
+    from precision_pin.render.tables import resting_on
 
     error_model = ErrorModel.from_sheet(sheet)
     compile_sampler(error_model.space, model)
@@ -273,7 +271,7 @@ def _serve(
     open_browser: bool,
 ) -> None:
     """Serve the page, first from the sheet already read, then from the files as they change."""
-    from precision_pin.outputs.view.live import serve
+    from precision_pin.pages.view.live import serve
 
     known = [sheet]
     serve(

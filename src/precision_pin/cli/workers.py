@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
 import click
 
+from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.headings import sampling_option
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.streams import say
-from precision_pin.interrupts import raise_if_interrupted, unwinding
 
 if TYPE_CHECKING:
     from precision_pin.sampling.workers import Submitter
-
-__all__ = ["WorkerOptions", "Workers", "check_workers", "worker_options", "working"]
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

@@ -19,16 +19,13 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_items, check_number, check_numbers, check_text, shown
+from precision_pin.base.array_checks import fix_fields, returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws import lazy_special
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.inputs.arguments import check_items, check_number, check_numbers, check_text, shown
-from precision_pin.inputs.arrays import fix_fields, returns_read_only
-
-__all__ = ["LEAST_EIGENVALUE", "BlockCovariance", "Correlation", "check_correlations", "covariance_of"]
-
 
 LEAST_EIGENVALUE: Final = 1e-6
 """A matrix with a smaller eigenvalue is refused: parameters that always move together are one parameter."""

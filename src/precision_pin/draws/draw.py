@@ -8,15 +8,12 @@ from typing import final
 
 import numpy as np
 
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_instance, check_text, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.units import PerJoint, Quantity
 from precision_pin.draws.expressions import Expression
 from precision_pin.draws.laws import Law
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_text, check_whole
-from precision_pin.units import PerJoint, Quantity
-
-__all__ = ["MOST_POSES", "MOST_VISITS", "Draw", "Scope", "Setting", "occasion"]
-
 
 MOST_POSES = 2**20 - 1
 MOST_VISITS = 4095

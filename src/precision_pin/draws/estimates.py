@@ -9,13 +9,12 @@ from typing import Final, final
 
 import numpy as np
 
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_name
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import JointNormal, Law
-from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_name
-
-__all__ = ["Estimates", "bounds_of"]
+from precision_pin.draws.space import Space
 
 _UNTOUCHED: Final = 1e-9
 """Change of a mean, variance or correlation, in units of the prior, that counts as none."""

@@ -16,28 +16,8 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError, InternalError
-
-__all__ = [
-    "Component",
-    "Constant",
-    "Expression",
-    "Operation",
-    "Operator",
-    "Program",
-    "Slopes",
-    "Value",
-    "component_names",
-    "cos",
-    "fix_signs",
-    "operations",
-    "sign",
-    "signs_of",
-    "sin",
-    "sqrt",
-]
-
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, InternalError
 
 Slopes = dict[int, float]
 """Derivatives by the column of the component."""

@@ -16,25 +16,22 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
-from precision_pin.draws import lazy_special, philox
-from precision_pin.draws.correlation import BlockCovariance, Correlation, check_correlations, covariance_of
-from precision_pin.draws.draw import MOST_POSES, MOST_VISITS, Draw, Scope, Setting, occasion
-from precision_pin.draws.expressions import Component, Expression, Value
-from precision_pin.draws.laws import FARTHEST_NORMAL, Law
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import (
+from precision_pin.base.arguments import (
     check_items,
     check_name,
     check_number,
     check_numbers,
     check_whole,
 )
-from precision_pin.inputs.arrays import returns_read_only
-from precision_pin.inputs.memory import check_memory
-
-__all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
-
+from precision_pin.base.array_checks import returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.draws import lazy_special, philox
+from precision_pin.draws.correlation import BlockCovariance, Correlation, check_correlations, covariance_of
+from precision_pin.draws.draw import MOST_POSES, MOST_VISITS, Draw, Scope, Setting, occasion
+from precision_pin.draws.expressions import Component, Expression, Value
+from precision_pin.draws.laws import Law
 
 _UNCHECKED: Final = 2**28
 """Bytes below which free memory is not checked: the check would take longer than the sampling."""

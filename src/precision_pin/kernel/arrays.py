@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.draws.draw import Scope, occasion
 from precision_pin.draws.expressions import Operator
-from precision_pin.draws.space import Scope, Space, occasion
+from precision_pin.draws.space import Space
 from precision_pin.kernel.draw_arrays import (
     Interval,
     convert_draws,
@@ -29,8 +30,6 @@ from precision_pin.kernel.loops import FINE, NARROW, WIDE, Draws, Formulas, Moti
 
 if TYPE_CHECKING:
     from precision_pin.terms.table import TermTable
-
-__all__ = ["SamplerArrays", "convert_table", "convert_tables"]
 
 Column = tuple[int, ...]
 """One row, or two rows to multiply."""

@@ -14,12 +14,10 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.kernel.loops import ATOM
 from precision_pin.statistics import State, largest_of
-
-__all__ = ["BLOCK", "MOST_UNITS", "Blocks", "check_blocks"]
 
 BLOCK: Final = ATOM
 """Units in a block, 16,384."""

@@ -8,25 +8,12 @@ from typing import Any, Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.kernel_row import Branch, KernelRow
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError
 from precision_pin.kernel.loops import STRIDE, Draws, Wanted
-
-__all__ = [
-    "BESIDE",
-    "COMMON",
-    "Interval",
-    "convert_draws",
-    "freeze",
-    "freeze_offsets",
-    "intervals",
-    "offset",
-    "offsets",
-    "rare_laws",
-]
 
 COMMON: Final[frozenset[Branch]] = frozenset(("fixed", "uniform", "triangular", "normal", "truncated"))
 """Laws whose loops are always compiled; the loops of the other laws and of correlation are compiled on demand."""

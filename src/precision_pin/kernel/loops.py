@@ -27,8 +27,8 @@ import numpy as np
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.jit import (
+from precision_pin.base.arrays import Array
+from precision_pin.base.jit import (
     INTERPRETED,
     cached_entry,
     cached_part,
@@ -38,37 +38,6 @@ from precision_pin.jit import (
     inline,
     strict,
 )
-
-__all__ = [
-    "ANGLE",
-    "ATOM",
-    "DRAW",
-    "EXACT",
-    "FINE",
-    "FORMULA",
-    "HELD",
-    "LANE_DOUBLES",
-    "LARGEST",
-    "LINEAR",
-    "NARROW",
-    "NORM_COLUMNS",
-    "NORM_EXPONENTS",
-    "NORM_MANTISSA",
-    "NOT_FINITE",
-    "SCRATCH",
-    "STRIDE",
-    "SUMS",
-    "TILE",
-    "WIDE",
-    "Counting",
-    "Draws",
-    "Formulas",
-    "Motions",
-    "Superposition",
-    "Wanted",
-    "run",
-    "run_poses",
-]
 
 Offsets = NDArray[np.uint64]
 Bins = NDArray[np.uint32]

@@ -23,11 +23,13 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.jit import call
 from precision_pin.draws.space import check_seed
-from precision_pin.errors import InputError
-from precision_pin.jit import call
 from precision_pin.kernel import loops
+from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.kernel.blocks import BLOCK, Blocks, check_blocks
 from precision_pin.kernel.loops import (
     HELD,
     LANE_DOUBLES,
@@ -38,30 +40,11 @@ from precision_pin.kernel.loops import (
     SUMS,
     Wanted,
 )
-from precision_pin.kernel.parts import compile_parts, empty_table
+from precision_pin.kernel.part_list import compile_parts
+from precision_pin.kernel.parts import empty_table
 from precision_pin.kernel.pose_arrays import JoinedTables
-from precision_pin.kernel.sampler import (
-    BLOCK,
-    REASONS,
-    Blocks,
-    Model,
-    SamplerArrays,
-    allocate_rows,
-    allocate_scratch,
-    check_blocks,
-    stage_of,
-)
+from precision_pin.kernel.sampler import REASONS, Model, allocate_rows, allocate_scratch, stage_of
 from precision_pin.statistics import COLUMNS, LARGEST, NORMS, Plan
-
-__all__ = [
-    "MOST_TOGETHER",
-    "NormBlocks",
-    "norm_edges",
-    "observe_norms",
-    "observe_poses",
-    "warm_up",
-]
-
 
 MOST_TOGETHER: Final = 64
 """Best number of poses to process together: the cost of drawing is then negligible, and the sums stay in the cache."""
@@ -79,7 +62,7 @@ class NormBlocks:
     lowest, highest
         ``(P, 2)`` smallest and largest |d| and |δ|.
     sums
-        ``(P, blocks, 31)`` with the same bits as in :class:`precision_pin.kernel.sampler.Blocks`.
+        ``(P, blocks, 31)`` with the same bits as in :class:`precision_pin.kernel.Blocks`.
     sketch
         ``(P, 2, 514)`` counts of |d| and |δ| between `norm_edges`.
     inside

@@ -8,9 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, Literal
 
-from precision_pin.compile_ahead import Job, begin_jobs
-
-__all__ = ["PARTS", "begin_compiling", "part_jobs"]
+from precision_pin.base.compile_ahead import Job, begin_jobs, compile_jobs
 
 PARTS: Final[Mapping[str, float]] = {
     "_displace": 2.4,
@@ -35,12 +33,24 @@ _MODULE: Final = "precision_pin.kernel.parts"
 _LAWS: Final = "apply_laws"
 _RARE: Final = 1.5
 """Additional compilation time of the rare laws, in seconds."""
+_TOGETHER: Final = 3.5
+"""Seconds that the outermost function takes to compile once its parts are compiled."""
 
 
 def part_jobs(rare: Literal[True] | None, linear: Literal[True] | None) -> list[Job]:
     """Return the jobs that compile the parts of a variant."""
     laws = Job(_MODULE, "compile_part", (_LAWS, rare), PARTS[_LAWS] + (_RARE if rare else 0.0))
     return [laws, *_list_common_jobs("_displace" if linear else "_superpose")]
+
+
+def compile_parts(rare: Literal[True] | None, linear: Literal[True] | None, module: str) -> None:
+    """Compile the parts of a variant in parallel in other processes, then run the module's ``warm_up``."""
+    from precision_pin.base.jit import can_keep
+    from precision_pin.kernel import loops
+
+    if can_keep(loops.run):
+        last = Job(module, "warm_up", (rare, linear), _TOGETHER, last=True)
+        compile_jobs([*part_jobs(rare, linear), last])
 
 
 def _list_common_jobs(unused: str) -> list[Job]:

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
-from precision_pin.compile_ahead import Job, compile_jobs
+from precision_pin.base.jit import make_ready
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Program
 from precision_pin.draws.laws import Disc
-from precision_pin.draws.space import Draw, Space
-from precision_pin.jit import can_keep, make_ready
+from precision_pin.draws.space import Space
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import SamplerArrays, convert_table
 from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Counting, Wanted
-from precision_pin.kernel.part_list import part_jobs
 from precision_pin.terms.table import TermTable
-
-__all__ = ["compile_part", "compile_parts", "empty_table", "part_arguments"]
-
-_TOGETHER: Final = 3.5
-"""Seconds that the outermost function takes to compile once its parts are compiled."""
 
 
 def empty_table(rare: Wanted = None) -> SamplerArrays:
@@ -67,11 +61,3 @@ def part_arguments(name: str, rare: Wanted = None) -> tuple[Any, ...]:
 def compile_part(name: str, rare: Wanted) -> None:
     """Compile a part into the cache."""
     make_ready(getattr(loops, name), part_arguments(name, rare))
-
-
-def compile_parts(rare: Wanted, linear: Wanted, module: str) -> None:
-    """Compile the parts of a variant in parallel in other processes, then run the module's ``warm_up``."""
-    if not can_keep(loops.run):
-        return
-    last = Job(module, "warm_up", (rare, linear), _TOGETHER, last=True)
-    compile_jobs([*part_jobs(rare, linear), last])

@@ -13,14 +13,12 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.draws.space import Scope, occasion
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Scope, occasion
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.draw_arrays import BESIDE
 from precision_pin.kernel.loops import Draws, Formulas, Motions, Offsets, Superposition
-
-__all__ = ["JoinedTables", "is_alike"]
 
 
 @final

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any, Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_choice
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.jit import call, is_kept
+from precision_pin.base.memory import check_memory
 from precision_pin.draws.space import Space, check_seed
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_choice
-from precision_pin.inputs.memory import check_memory
-from precision_pin.jit import call, is_kept
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import SamplerArrays, convert_table, convert_tables
 from precision_pin.kernel.blocks import BLOCK, MOST_UNITS, Blocks, check_blocks
@@ -45,32 +45,12 @@ from precision_pin.kernel.loops import (
     Motions,
     Wanted,
 )
-from precision_pin.kernel.parts import compile_parts, empty_table
+from precision_pin.kernel.part_list import compile_parts
+from precision_pin.kernel.parts import empty_table
 from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, start
 
 if TYPE_CHECKING:
     from precision_pin.model.pose_model import PoseModel
-
-__all__ = [
-    "BLOCK",
-    "REASONS",
-    "Blocks",
-    "SamplerArrays",
-    "accumulate",
-    "allocate_rows",
-    "allocate_scratch",
-    "check_blocks",
-    "errors",
-    "errors_at",
-    "is_compiled",
-    "observe_blocks",
-    "sample",
-    "stage_of",
-    "to_arrays",
-    "to_arrays_at_poses",
-    "variant_of",
-    "warm_up",
-]
 
 Model = Literal["exact", "linear"]
 

@@ -14,15 +14,15 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import se3
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, InternalError
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError, InternalError
-from precision_pin.robot.chain import Deflection, Factors, Place, Posture
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.loads import Deflection, Factors
+from precision_pin.robot.places import Place
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import JointValue, Target, Term
-
-__all__ = ["Feedback", "MakeTerms", "Settled", "refuse_buckling", "settle"]
 
 MakeTerms = Callable[[Posture], Sequence[Term]]
 """Function that returns the terms of all sources at a posture."""

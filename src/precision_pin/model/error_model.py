@@ -13,39 +13,37 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display.html import Table, rendered
-from precision_pin.draws.estimates import Estimates
-from precision_pin.draws.space import Draw, LabelledSpace, Space
-from precision_pin.errors import Finding, InputError, UnknownNameError
-from precision_pin.inputs.arguments import (
+from precision_pin.base.arguments import (
     check_choice,
     check_instance,
     check_items,
     check_mapping,
     check_path,
 )
-from precision_pin.model.about_rest import terms_about_rest
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.estimates import Estimates
+from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.equilibrium import settle
+from precision_pin.model.equilibrium_expansion import terms_about_rest
 from precision_pin.model.named_poses import read_poses
-from precision_pin.model.origins import origins_of_numbers
 from precision_pin.model.pose_model import PoseModel, joint_value
 from precision_pin.model.statics_findings import statics_findings
+from precision_pin.model.variance_by_provenance import origins_of_numbers
+from precision_pin.render.notebook import Table, rendered
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
-from precision_pin.sheet.origins import MEASURED
+from precision_pin.sheet.provenance import MEASURED
 from precision_pin.terms.bound_source import BoundSource, load_posture, terms_at_many
-from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels, own_draws, with_quantities
 from precision_pin.terms.source import Source, fix_settings
+from precision_pin.terms.source_set import draw_owners, draw_words, labels, own_draws, with_quantities
 from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import Term, TermsOfPose
-
-__all__ = ["ErrorModel"]
-
 
 _AT_ONCE: Final = 256
 """Poses whose joint frames and terms are computed together; their arrays stay in the processor's cache."""

@@ -6,13 +6,11 @@ from collections.abc import Mapping
 
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_mapping
+from precision_pin.base.arguments import check_mapping
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach
 from precision_pin.robot.chain import Chain
-
-__all__ = ["read_poses"]
 
 
 def read_poses(

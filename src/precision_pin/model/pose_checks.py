@@ -7,15 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.model.backlash_sides import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.turnover import turnover_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.statistics import NO_SPREAD
-
-__all__ = ["MOST_POSES", "pose_findings", "strained_findings"]
 
 TRIED: Final = 64
 """Robots sampled to find whether errors vary."""

@@ -15,22 +15,19 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.display import tables
-from precision_pin.display.html import Table, rendered
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_numbers
+from precision_pin.base.array_checks import returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.memory import check_memory
 from precision_pin.draws.space import Space
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_numbers
-from precision_pin.inputs.arrays import returns_read_only
-from precision_pin.inputs.memory import check_memory
+from precision_pin.render import tables
+from precision_pin.render.notebook import Table, rendered
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.urdf import Joint
 from precision_pin.terms.table import SlopeColumns, TermTable
 from precision_pin.terms.term import Term
-
-__all__ = ["PoseModel", "joint_value", "spread_of"]
-
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "δx", "δy", "δz")
 _UNITS: Final = (*["mm"] * 3, *["mrad"] * 3)

@@ -6,14 +6,12 @@ from typing import Final, Literal
 
 import numpy as np
 
-from precision_pin.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.model.backlash_sides import resettled_findings
 from precision_pin.model.equilibrium import MakeTerms, settle
 from precision_pin.model.pose_model import PoseModel, spread_of
-from precision_pin.model.turnover import resettled_findings
-from precision_pin.robot.chain import Place
+from precision_pin.robot.places import Place
 from precision_pin.terms.table import TermTable
-
-__all__ = ["statics_findings"]
 
 _TRIED: Final = 1000
 _TRIED_SEED: Final = 0

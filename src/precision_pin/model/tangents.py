@@ -13,15 +13,13 @@ from typing import Final, final
 
 import numpy as np
 
-from precision_pin import se3
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError
-from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.terms.table import TermTable
-
-__all__ = ["AT_ONCE", "Tangents", "tangents"]
 
 AT_ONCE: Final = 256
 """Poses whose first-order models are computed together; their arrays stay in the processor's cache."""

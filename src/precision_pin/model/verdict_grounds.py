@@ -10,14 +10,12 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
+from precision_pin.base.text_escape import visible
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Grounds
-from precision_pin.visible import visible
-
-__all__ = ["exact_findings", "exact_findings_at", "grounds_at", "grounds_at_each", "speed_findings"]
 
 _MOST_POSES: Final = 50
 """Poses at which the share of what is taken as exact is computed; of more poses, so many in equal steps."""

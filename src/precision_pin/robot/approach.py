@@ -9,20 +9,9 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.inputs.arguments import shown
-
-__all__ = [
-    "PREVIOUS",
-    "Approach",
-    "ApproachedPose",
-    "approach_entry",
-    "approaches_along",
-    "read_approach",
-    "read_approaches",
-    "written_approach",
-]
+from precision_pin.base.arguments import shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
 
 Approach = tuple[int, ...]
 """1, -1 or 0 for each joint in chain order: up, down, or not known; empty where no approach is given."""

@@ -16,19 +16,20 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display.html import rendered
-from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import (
+from precision_pin.base import se3
+from precision_pin.base.arguments import (
     check_instance,
     check_mapping,
     check_number,
     check_path,
 )
-from precision_pin.inputs.arrays import read_only, returns_read_only
-from precision_pin.inputs.quantities import check_quantities, check_quantity
+from precision_pin.base.array_checks import read_only, returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding
+from precision_pin.base.quantity_arguments import check_quantities, check_quantity
+from precision_pin.base.units import ACCELERATION, LENGTH, MASS
+from precision_pin.render.notebook import rendered
 from precision_pin.robot import statics
 from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain_geometry import ChainGeometry, cut_chain
@@ -37,15 +38,10 @@ from precision_pin.robot.joint_table import joint_table, spaced
 from precision_pin.robot.loads import Deflection, Factors, Load, own_loads
 from precision_pin.robot.pinocchio_model import PinocchioModel
 from precision_pin.robot.places import (
-    LinkFrame,
     Place,
 )
 from precision_pin.robot.postures import ChainConstants, Postures
 from precision_pin.robot.urdf import Robot, read
-from precision_pin.units import ACCELERATION, LENGTH, MASS
-
-__all__ = ["EARTH", "Chain", "Deflection", "Factors", "LinkFrame", "Load", "Place", "Posture"]
-
 
 EARTH: Final = (0.0, 0.0, -9.81)
 """Default gravity, base axes, m/s²."""

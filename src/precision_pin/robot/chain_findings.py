@@ -10,12 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.urdf.findings import shown
-
-__all__ = ["chain_findings", "limit_findings"]
 
 _ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
 """Begin of a warning about a link or joint, and of each entry of a warning that lists several."""

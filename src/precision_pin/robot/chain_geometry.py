@@ -10,10 +10,10 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_name, check_numbers, check_text, check_whole
-from precision_pin.inputs.arrays import fix_fields, read_only, returns_read_only
+from precision_pin.base.arguments import check_name, check_numbers, check_text, check_whole
+from precision_pin.base.array_checks import fix_fields, read_only, returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.robot.places import (
     ORDER_END,
     ORDER_FRAME,
@@ -25,8 +25,6 @@ from precision_pin.robot.places import (
 )
 from precision_pin.robot.postures import alignment
 from precision_pin.robot.urdf import Joint, Robot, rerooted
-
-__all__ = ["FARTHEST_TARGET", "ChainGeometry", "cut_chain"]
 
 FARTHEST_TARGET: Final = 1000.0
 """Largest coordinate of a target in the tip's axes, m."""

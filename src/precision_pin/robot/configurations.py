@@ -11,16 +11,13 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_mapping, check_name, check_numbers
-from precision_pin.inputs.arrays import fix_copy, returns_read_only
-from precision_pin.inputs.quantities import check_quantities, check_quantity
+from precision_pin.base.arguments import check_mapping, check_name, check_numbers
+from precision_pin.base.array_checks import fix_copy, returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.quantity_arguments import check_quantities, check_quantity
+from precision_pin.base.units import ANGLE, LENGTH, Quantity
 from precision_pin.robot.urdf import Joint
-from precision_pin.units import ANGLE, LENGTH, Quantity
-
-__all__ = ["Configurations", "joint_quantity"]
-
 
 LONGEST: Final = 1e6
 """Largest value (m) of a prismatic joint; larger values leave too few digits for errors of nanometres."""

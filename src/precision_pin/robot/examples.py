@@ -9,18 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from precision_pin.errors import Finding, InputError, UnknownNameError
-
-__all__ = [
-    "PAPER_SHEET",
-    "example_urdfs",
-    "named_briefly",
-    "resolve_robot",
-    "shipped_sheet",
-    "shipped_sheets",
-    "similar_file",
-    "starting_sheet",
-]
+from precision_pin.base.errors import Finding, InputError, UnknownNameError
 
 PREFIX: Final = "example:"
 ROBOTS: Final = Path(__file__).parents[1] / "robots"

@@ -10,16 +10,14 @@ from typing import Literal, final, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.display.progress import steps_to
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_choice, check_instance, check_numbers
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.arguments import check_choice, check_instance, check_numbers
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.progress import steps_to
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet, PoseStatus, smallest_singular_values
 from precision_pin.robot.solution_search import CONSTRAINTS, SolutionSearch, Task
-
-__all__ = ["Branches", "Solutions", "inverse_kinematics"]
 
 Branches = Literal["nearest", "best", "all"]
 """Which of several solutions."""

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table
+from precision_pin.base.arrays import Array
+from precision_pin.render.notebook import Table
 from precision_pin.robot.urdf import Joint
-
-__all__ = ["joint_table", "spaced"]
 
 
 def joint_table(joints: Sequence[Joint], placements: Array, tip: str) -> Table:

@@ -8,14 +8,12 @@ from typing import final
 
 import numpy as np
 
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_numbers
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 from precision_pin.draws.expressions import Expression
-from precision_pin.inputs.arguments import check_numbers
-from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.places import LinkFrame
 from precision_pin.robot.urdf import Robot
-
-__all__ = ["Deflection", "Factors", "Load", "own_loads"]
 
 Factors = tuple[Expression, ...]
 """Parameters whose product multiplies a number; none for a constant."""

@@ -14,12 +14,9 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InternalError
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InternalError
 from precision_pin.robot.urdf import Robot, canonical
-
-__all__ = ["PinocchioModel"]
-
 
 AGREEMENT = 1e-9
 """Largest difference allowed between Pinocchio and our own reader, relative to the robot's reach and mass."""

@@ -9,13 +9,11 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.inputs.arguments import check_numbers
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.arguments import check_numbers
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.robot.urdf import Joint, Robot
-
-__all__ = ["LinkFrame", "Place", "link_frames", "locked_values"]
 
 ORDER_START, ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(-1, 4)
 """Order of the kinds of places on one chain link."""

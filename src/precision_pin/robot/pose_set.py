@@ -9,14 +9,12 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.display.tables import pose_labels
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_number
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.arguments import check_number
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.render.tables import pose_labels
 from precision_pin.robot.chain import Chain
-
-__all__ = ["NO_BRANCH", "SINGULAR_BELOW", "PoseSet", "PoseStatus", "chain_length", "smallest_singular_values"]
 
 PoseStatus = Literal["reached", "unreachable", "limit", "singular"]
 """``reached``; ``unreachable``: no joint values lead there; ``limit``: a joint is outside its limits; ``singular``: joint values

@@ -18,10 +18,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.jit import cached_entry, fma
-
-__all__ = ["FARTHEST_TURN", "TILE", "allocate_scratch", "run"]
+from precision_pin.base.arrays import Array
+from precision_pin.base.jit import cached_entry, fma
 
 Scalar = Any
 """A number inside compiled code: an offset (np.uint64), an index or a double."""

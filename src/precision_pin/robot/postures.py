@@ -16,13 +16,11 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.inputs.arrays import read_only, returns_read_only
-from precision_pin.inputs.memory import check_memory
+from precision_pin.base import se3
+from precision_pin.base.array_checks import read_only, returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.memory import check_memory
 from precision_pin.robot.loads import Load
-
-__all__ = ["ChainConstants", "Postures", "alignment"]
 
 
 def alignment(axis: Array) -> Array:
@@ -189,7 +187,7 @@ class Postures:
 
     def _run(self, poses: Array, jacobian: Array, torque: Array, wrench: Array) -> None:
         # imported late: numba takes half a second, which one posture does not need
-        from precision_pin.jit import call
+        from precision_pin.base.jit import call
         from precision_pin.robot import posture_loops
 
         constants = self._constants

@@ -17,13 +17,11 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.interrupts import raise_if_interrupted
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import chain_length
-
-__all__ = ["CONSTRAINTS", "SolutionSearch", "Task"]
 
 Task = Literal["pose", "axis", "position"]
 """What must agree with the wanted pose: position and attitude; position and the direction of the tool axis, whatever the angle

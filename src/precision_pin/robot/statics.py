@@ -8,12 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
 from precision_pin.robot.loads import Factors, Load
-
-__all__ = ["Weight", "torque_on", "weigh", "wrench_basis", "wrench_on"]
-
 
 Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]]]
 """A load in the base: the origin of its frame, and for each of its moments factors, mass and first moment in base axes.

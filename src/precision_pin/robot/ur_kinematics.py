@@ -20,12 +20,10 @@ import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.files import UnreadableFileError, note_input, read_text_file
-
-__all__ = ["MODELS", "UrKinematics", "nominal_ur", "read_ur_calibration"]
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
 
 MODELS: Final = {
     "UR3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),

@@ -10,21 +10,20 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.array_checks import fix_fields, returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.quantity_arguments import check_quantities
+from precision_pin.base.units import LENGTH
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.space import check_seed
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_whole
-from precision_pin.inputs.arrays import fix_fields, returns_read_only
-from precision_pin.inputs.memory import check_memory
-from precision_pin.inputs.quantities import check_quantities
 from precision_pin.kernel import sampler
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.approach import Approach
-from precision_pin.units import LENGTH
-
-__all__ = ["ApproachErrors", "sample_approaches"]
 
 
 @final
@@ -124,7 +123,7 @@ def sample_approaches(
     listed = check_items("the approaches", approaches, object)
     if len(listed) < 2:
         raise InputError(f"{len(listed)} approaches; to compare them, give two or more")
-    check_whole("the number of robots", robots, 1, sampler.BLOCK * 2**20)
+    check_whole("the number of robots", robots, 1, BLOCK * 2**20)
     check_whole("the number of cycles", cycles, 2, MOST_VISITS // len(listed))
     check_whole("the number of the pose", number, 0, MOST_POSES - 1)
     check_whole("first, the number of a robot,", first, 0, 2**63)

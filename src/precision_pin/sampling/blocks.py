@@ -12,13 +12,13 @@ from typing import Any, Final, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_whole
+from precision_pin.base.arguments import check_whole
+from precision_pin.base.errors import InputError
+from precision_pin.base.versions import versions
 from precision_pin.kernel import sampler
-from precision_pin.sampling.versions import versions
+from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.kernel.blocks import BLOCK, Blocks
 from precision_pin.statistics import Plan
-
-__all__ = ["MOST_SAMPLES", "Work", "check_packages", "check_samples", "packages", "pickled_with_read_only_arrays"]
 
 MOST_SAMPLES: Final = 10**12
 
@@ -87,7 +87,7 @@ class Work:
         Versions in the process that started the run; a worker with other versions is an error.
     """
 
-    layout: sampler.SamplerArrays
+    layout: SamplerArrays
     plan: Plan
     model: Literal["exact", "linear"]
     seed: int
@@ -98,9 +98,9 @@ class Work:
     @property
     def blocks(self) -> int:
         """Number of blocks of the run; the last one may be short."""
-        return -(-self.samples // sampler.BLOCK)
+        return -(-self.samples // BLOCK)
 
-    def observe(self, first_block: int, blocks: int) -> sampler.Blocks:
+    def observe(self, first_block: int, blocks: int) -> Blocks:
         """Return the statistics of blocks ``first_block … first_block + blocks - 1``.
 
         Raises

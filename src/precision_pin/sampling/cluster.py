@@ -8,10 +8,8 @@ from concurrent.futures import wait
 from contextlib import contextmanager
 from typing import Any, Final, final
 
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.sampling.workers import MOST_WORKERS
-
-__all__ = ["DaskCluster", "dask_cluster"]
 
 PATIENCE: Final = 10
 """Seconds to wait for the scheduler, and again for its first worker."""

@@ -12,18 +12,17 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numba.core.registry import cpu_target
 
-from precision_pin.errors import InputError, InternalError
-from precision_pin.kernel import loops, sampler
+from precision_pin.base.errors import InputError, InternalError
+from precision_pin.base.versions import versions
+from precision_pin.kernel import loops
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.robot.approach import written_approach
 from precision_pin.sampling.blocks import Work
-from precision_pin.sampling.versions import versions
 
 if TYPE_CHECKING:
     import os
 
     from precision_pin.robot.chain import Posture
-
-__all__ = ["differences", "digest", "identity"]
 
 _PLAN: Final = "the planned centres and scales"
 
@@ -63,7 +62,7 @@ def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike
         "model": work.model,
         "seed": str(work.seed),
         "samples": str(work.samples),
-        "block": str(sampler.BLOCK),
+        "block": str(BLOCK),
         **versions(),
         "the sampler's code": _file_digest(Path(loops.__file__)),
         "machine": f"{triple} {processor}",

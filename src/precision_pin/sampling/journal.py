@@ -21,11 +21,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Final, Generic, final
 
-from precision_pin.errors import InputError, OutputError
+from precision_pin.base.errors import InputError, OutputError
+from precision_pin.sampling.checkpoint_codec import Codec, S, largest, packed, unpacked
 from precision_pin.sampling.identity import differences
-from precision_pin.sampling.saved import Codec, S, largest, packed, unpacked
-
-__all__ = ["Journal", "opened"]
 
 MAGIC: Final = b"precision-pin journal 1\n"
 MOST_RECORDS: Final = 64

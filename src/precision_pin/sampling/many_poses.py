@@ -18,30 +18,31 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display import progress as progress_bar
-from precision_pin.display.tables import pose_labels
-from precision_pin.draws.draw import MOST_POSES
-from precision_pin.draws.space import Scope, check_seed
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_whole
-from precision_pin.inputs.memory import check_memory
+from precision_pin.base import progress as progress_bar
+from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.draws.draw import MOST_POSES, Scope
+from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.kernel.pose_arrays import JoinedTables, is_alike
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_checks import strained_findings
 from precision_pin.model.verdict_grounds import exact_findings
+from precision_pin.render.tables import pose_labels
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.blocks import Work, packages
-from precision_pin.sampling.everywhere import count_everywhere
+from precision_pin.sampling.checkpoint import POSES, PosesDone, start_of_poses
 from precision_pin.sampling.identity import digest, identity
+from precision_pin.sampling.joint_yield import count_everywhere
 from precision_pin.sampling.journal import Journal, opened
 from precision_pin.sampling.pose_group import PILOTS, Model, PoseGroup, PosesWork
-from precision_pin.sampling.poses_done import POSES, PosesDone, start_of_poses
 from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.sampling.workers import Submitter, Workers, chosen
 from precision_pin.statistics import (
@@ -50,9 +51,6 @@ from precision_pin.statistics import (
     check_confidence,
 )
 from precision_pin.statistics.specification import Specifications, listed_specifications
-
-__all__ = ["MOST_SAMPLES", "sample_poses"]
-
 
 MOST_SAMPLES: Final = 2**32 - 1
 """Most samples at each pose; the sketches count with 32 bits."""
@@ -319,7 +317,7 @@ def _tasks(
 ) -> Iterator[tuple[PoseGroup, int, int]]:
     """Yield each group of poses from a first one on with the blocks to observe; groups are prepared one at a time."""
     models = error_model.at_columns(values[:, first_pose:], None if approaches is None else approaches[:, first_pose:])
-    blocks = -(-work.samples // sampler.BLOCK)
+    blocks = -(-work.samples // BLOCK)
     while together := list(islice(models, MOST_TOGETHER)):
         layouts = sampler.to_arrays_at_poses(together)
         while layouts:

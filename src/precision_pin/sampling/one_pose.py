@@ -10,11 +10,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display import progress as progress_bar
-from precision_pin.draws.space import Scope, check_seed
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import (
+from precision_pin.base import progress as progress_bar
+from precision_pin.base.arguments import (
     check_callable,
     check_flag,
     check_instance,
@@ -23,21 +20,26 @@ from precision_pin.inputs.arguments import (
     check_path,
     shown,
 )
-from precision_pin.inputs.memory import check_kept
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.memory import check_kept
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
+from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.origins import origin_shares
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.variance_by_provenance import origin_shares
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import Work, check_samples, packages
+from precision_pin.sampling.checkpoint_codec import SAMPLES
+from precision_pin.sampling.histogram_plan import planned
 from precision_pin.sampling.identity import identity
 from precision_pin.sampling.journal import opened
-from precision_pin.sampling.planning import planned
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sampling.result_findings import find_coarse_bins, find_constant_error
 from precision_pin.sampling.result_parts import Correlated, Until
-from precision_pin.sampling.saved import SAMPLES
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Submitter, chosen
 from precision_pin.statistics import (
@@ -50,8 +52,6 @@ from precision_pin.statistics import (
 )
 from precision_pin.statistics.precision import Precision, Target, reached, target
 from precision_pin.statistics.specification import Specifications, listed_specifications
-
-__all__ = ["Progress", "check_progress", "makers", "model_at_pose", "monte_carlo"]
 
 _LARGEST_SQUARE: Final = 1e75
 """Largest square of errors accepted, m² or rad²: beyond, the sums of fourth powers for the intervals overflow."""
@@ -90,7 +90,7 @@ def monte_carlo(
 
     On machines of one type the result has the same bits for any workers, and however often the run is stopped and resumed.
     Conditions that strain an assumption, such as joint values outside their limits, are listed in the result's ``warnings``
-    and issued as :class:`precision_pin.errors.PrecisionPinWarning`; ``findings`` are not issued again.
+    and issued as :class:`precision_pin.base.errors.PrecisionPinWarning`; ``findings`` are not issued again.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def _missed_target(text: str, found: Precision, samples: int) -> Finding:
     return Finding("warning", "W_UNTIL", f"{samples:,} samples do not reach the target {text}{about}")
 
 
-def makers(layout: sampler.SamplerArrays, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
+def makers(layout: SamplerArrays, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
     """Return the parameters of the units with the largest errors."""
     units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
     names = layout.space.components

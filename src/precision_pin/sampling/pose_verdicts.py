@@ -8,8 +8,6 @@ from typing import Any, Final, final
 
 from precision_pin.statistics import Grounds, SpecificationResult, Verdict
 
-__all__ = ["PosesSpecification"]
-
 _WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "not judged", "undecided", "nothing to judge", "met")
 
 

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.stored import JsonResult
-from precision_pin.display.tables import data_frame, described, interval_columns, milli, optional, pose_labels
-from precision_pin.draws.space import Scope
-from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_name, check_whole
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.arguments import check_name, check_whole
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
+from precision_pin.base.versions import versions
+from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import grounds_at_each
+from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import JsonResult
+from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.sampling.pose_verdicts import PosesSpecification
-from precision_pin.sampling.versions import versions
 from precision_pin.statistics import (
     COMPONENTS,
     NORMS,
@@ -40,9 +40,6 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["LEVELS", "PosesResult"]
-
 
 LEVELS: Final = (0.5, 0.95, 0.9973)
 """Probabilities of the quantiles."""
@@ -244,7 +241,7 @@ class PosesResult(JsonResult):
             Another quantity.
         """
         # plots rest on results, not results on plots
-        drawn: Axes | Figure = import_module("precision_pin.outputs.poses.figure").plot(self, quantity, axes)
+        drawn: Axes | Figure = import_module("precision_pin.sampling.poses_figure").plot(self, quantity, axes)
         return drawn
 
     def between(self, one: int, other: int) -> Array:

@@ -13,29 +13,30 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display import progress as progress_bar
-from precision_pin.draws.space import Scope, check_seed
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_flag, check_instance, check_items, check_whole
-from precision_pin.inputs.memory import check_kept
+from precision_pin.base import progress as progress_bar
+from precision_pin.base.arguments import check_flag, check_instance, check_items, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.memory import check_kept
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
+from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.kernel.blocks import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling import Progress, available_cores, check_progress, check_samples
+from precision_pin.sampling.histogram_plan import PILOT, reach
 from precision_pin.sampling.one_pose import makers, model_at_pose
-from precision_pin.sampling.planning import PILOT, reach
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sampling.result_findings import find_coarse_bins, find_constant_error
 from precision_pin.sampling.result_parts import Correlated, RelativeTo
 from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.statistics import Plan, check_confidence, finish, observe, quantity_values, start
 from precision_pin.statistics.specification import Specifications, listed_specifications
-
-__all__ = ["MOST_THREADS", "relative"]
 
 MOST_THREADS: Final = 1024
 
@@ -136,11 +137,11 @@ def relative(
         # after a failure or an interrupt the running blocks are awaited; each takes a fraction of a second
         stack.callback(pool.shutdown, wait=True, cancel_futures=True)
         under_way: deque[Future[Array]] = deque()
-        firsts = iter(range(0, int(samples), sampler.BLOCK))
+        firsts = iter(range(0, int(samples), BLOCK))
         # blocks are added in order, so that the sums do not depend on the threads
         while state.count < samples:
             while len(under_way) < 2 * workers and (first := next(firsts, None)) is not None:
-                under_way.append(pool.submit(pair.errors, first, min(sampler.BLOCK, int(samples) - first)))
+                under_way.append(pool.submit(pair.errors, first, min(BLOCK, int(samples) - first)))
             block = under_way.popleft().result()
             state = observe(plan, state, block)
             if keep_samples:
@@ -204,7 +205,7 @@ class _Pair:
 
     at: PoseModel
     other: PoseModel
-    layouts: tuple[sampler.SamplerArrays, sampler.SamplerArrays]
+    layouts: tuple[SamplerArrays, SamplerArrays]
     model: Literal["exact", "linear"]
     seed: int
 

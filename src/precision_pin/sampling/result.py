@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.stored import JsonResult
-from precision_pin.display.tables import (
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.versions import versions
+from precision_pin.model.variance_by_provenance import OriginShares
+from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import JsonResult
+from precision_pin.render.tables import (
     ROUNDING,
     UNITS,
     absolute,
@@ -29,12 +33,8 @@ from precision_pin.display.tables import (
     symbol,
     unit,
 )
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arrays import fix_fields
-from precision_pin.model.origins import OriginShares
 from precision_pin.robot.approach import approach_entry
 from precision_pin.sampling.result_parts import Correlated, RelativeTo, Until
-from precision_pin.sampling.versions import versions
 from precision_pin.statistics import (
     QUANTITIES,
     Distribution,
@@ -51,8 +51,6 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["Analysis", "Correlated", "MonteCarloResult", "Until"]
 
 
 @final
@@ -210,7 +208,7 @@ class MonteCarloResult(JsonResult):
             All six components are to be drawn on one pair of axes.
         """
         # imported here, because the modules of the outputs import those of the results
-        drawn: Axes | Figure = import_module("precision_pin.outputs.monte_carlo.figures").plot(self, quantity, axes)
+        drawn: Axes | Figure = import_module("precision_pin.sampling.figures").plot(self, quantity, axes)
         return drawn
 
     def to_pandas(self) -> pandas.DataFrame:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from precision_pin.errors import Finding
+from precision_pin.base.errors import Finding
 from precision_pin.statistics import QUANTITIES, Summary
-
-__all__ = ["find_coarse_bins", "find_constant_error"]
 
 _COARSE: Final = 0.05
 """Share of the standard deviation above which the bin error of a quantile gives a warning."""

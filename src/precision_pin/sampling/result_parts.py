@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, final
 
+from precision_pin.base.array_checks import fix_fields
 from precision_pin.draws.space import Space
-from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.approach import approach_entry
 from precision_pin.statistics.precision import Precision
-
-__all__ = ["Correlated", "RelativeTo", "Until"]
 
 
 @final

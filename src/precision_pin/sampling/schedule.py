@@ -9,16 +9,13 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.errors import OutputError
-from precision_pin.kernel import sampler
-from precision_pin.kernel.sampler import Blocks
+from precision_pin.base.errors import OutputError
+from precision_pin.kernel.blocks import BLOCK, Blocks
 from precision_pin.sampling.blocks import Work
 from precision_pin.sampling.journal import Journal
-from precision_pin.sampling.stream import Stream, task_size
+from precision_pin.sampling.task_queue import Stream, task_size
 from precision_pin.sampling.workers import Workers
 from precision_pin.statistics import State
-
-__all__ = ["Sampling"]
 
 
 @final
@@ -109,7 +106,7 @@ class Sampling:
             raise
 
     def _next_block(self) -> int:
-        return self.state.count // sampler.BLOCK
+        return self.state.count // BLOCK
 
     def _add(self, found: Blocks) -> None:
         if self.errors is not None and found.errors is not None:

@@ -13,13 +13,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
 from precision_pin.statistics import COMPONENTS, NORMS
-
-__all__ = ["first_order_skewness"]
-
 
 _NO_SLOPE = 1e-3
 """Share of its vector's first-order spread below which a component is dominated by higher orders."""

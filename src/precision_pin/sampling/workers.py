@@ -14,10 +14,8 @@ from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any, Final, Protocol, final
 
-from precision_pin.errors import InputError, PrecisionPinError
-from precision_pin.inputs.arguments import check_whole
-
-__all__ = ["Foreign", "Observing", "Processes", "Submitter", "Threads", "Workers", "available_cores", "chosen"]
+from precision_pin.base.arguments import check_whole
+from precision_pin.base.errors import InputError, PrecisionPinError
 
 MOST_WORKERS: Final = 1024
 MOST_LOSSES: Final = 3

@@ -8,11 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from precision_pin.base.errors import InputError
+from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
 from precision_pin.draws.estimates import Estimates
-from precision_pin.errors import InputError
-from precision_pin.inputs.files import UnreadableFileError, note_input, read_text_file
-
-__all__ = ["read_estimates"]
 
 _SCHEMA: Final = "precision-pin/calibration/1"
 _LARGEST: Final = 64 * 2**20

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Final, final
 
-from precision_pin import units
-from precision_pin.errors import InputError, UrdfError
+from precision_pin.base import units
+from precision_pin.base.errors import InputError, UrdfError
 from precision_pin.robot.chain import EARTH, Chain
 from precision_pin.robot.examples import resolve_robot
 from precision_pin.robot.urdf import Robot
@@ -16,8 +16,6 @@ from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.poses import joint_quantity
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.target import parse_target
-
-__all__ = ["Overrides", "read_chain"]
 
 GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
 

@@ -12,14 +12,12 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin.errors import Finding, InputError, SheetError, UnknownNameError
+from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError
+from precision_pin.base.text_escape import shown
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, source_model
 from precision_pin.sheet.text import Path, Text, read_text
-from precision_pin.terms.labelled_sources import labels
 from precision_pin.terms.source import Source
-from precision_pin.visible import shown
-
-__all__ = ["Change", "change_text", "matches", "parse_change", "plain_data", "values_at"]
+from precision_pin.terms.source_set import labels
 
 _SINGLE: Final = ("gravity", "statics", "target", "calibrated", "measurement")
 _SECTIONS: Final = ("parameters", "poses", "locked", *_SINGLE)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import Correlation
-from precision_pin.draws.space import Draw, Space
-from precision_pin.errors import InputError
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.space import Space
 from precision_pin.sheet.findings import Findings
-from precision_pin.sheet.settings import SettingError
+from precision_pin.sheet.law_reader import SettingError
 from precision_pin.sheet.text import Path
-
-__all__ = ["correlated_space"]
 
 
 def correlated_space(

@@ -10,12 +10,10 @@ from typing import Any, Final, final
 
 from pydantic import BaseModel, ValidationError
 
-from precision_pin.errors import Finding, InputError, SheetError, UnknownNameError, nearest
+from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
+from precision_pin.sheet.law_reader import SettingError
 from precision_pin.sheet.schema import SettingReason
-from precision_pin.sheet.settings import SettingError
 from precision_pin.sheet.text import Path, Text
-
-__all__ = ["POSE_VALUES", "Findings"]
 
 _SHAPES: Final = {
     "dict_type": "expected keys with values, {key: value}",

@@ -9,14 +9,12 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin import units
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError, nearest
+from precision_pin.base import units
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError, nearest
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
 from precision_pin.sheet.text import Path, Text
-from precision_pin.visible import shown
-
-__all__ = ["GridEntry"]
 
 _LONGEST: Final = 40
 

@@ -7,14 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path as FilePath
 from typing import Any, final
 
-from precision_pin import units
-from precision_pin.draws.space import Scope
-from precision_pin.errors import InputError
-from precision_pin.inputs import csv_columns
+from precision_pin.base import csv_columns, units
+from precision_pin.base.errors import InputError
+from precision_pin.base.units import Quantity
+from precision_pin.draws.draw import Scope
 from precision_pin.sheet.text import Path
-from precision_pin.units import Quantity
-
-__all__ = ["LawReader", "SettingError"]
 
 
 @final

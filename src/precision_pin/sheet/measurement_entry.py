@@ -6,15 +6,13 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from precision_pin import units
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import shown
-from precision_pin.measurement.measurement import KINDS, Kind, Measurement
+from precision_pin.base import units
+from precision_pin.base.arguments import shown
+from precision_pin.base.errors import InputError
 from precision_pin.robot.chain import Chain
-from precision_pin.sheet.settings import SettingError
+from precision_pin.sheet.law_reader import SettingError
+from precision_pin.sheet.measurement import KINDS, Kind, Measurement
 from precision_pin.sources.payload import Payload
-
-__all__ = ["LoadEntry", "MeasurementEntry", "PlaneEntry", "read_measurement"]
 
 
 class PlaneEntry(BaseModel):

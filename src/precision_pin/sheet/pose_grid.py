@@ -8,10 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final, cast, final
 
-from precision_pin import units
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError, nearest
-from precision_pin.inputs.files import UnreadableFileError, read_text_file
+from precision_pin.base import units
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError, nearest
+from precision_pin.base.input_files import UnreadableFileError, read_text_file
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import Branches
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
@@ -22,9 +23,6 @@ from precision_pin.robot.pose_sources.random_poses import random_poses
 from precision_pin.sheet.grid_entry import GridEntry
 from precision_pin.sheet.poses import parse_pose
 from precision_pin.sheet.text import read_text
-from precision_pin.visible import shown
-
-__all__ = ["PoseGrid", "read_pose_grid"]
 
 LARGEST_FILE: Final = 2**20
 _LONGEST: Final = 40

@@ -7,16 +7,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from precision_pin import units
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
+from precision_pin.base import units
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.robot.approach import PREVIOUS, Approach, approaches_along, read_approach
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
 from precision_pin.sheet.findings import POSE_VALUES, Findings
-from precision_pin.sheet.settings import SettingError
-
-__all__ = ["PlainPose", "PoseText", "joint_quantity", "parse_pose", "parse_poses", "split_pose"]
+from precision_pin.sheet.law_reader import SettingError
 
 PlainPose = str | list[str] | Mapping[str, str]
 """Joint values as text: numbers with one unit, a list, or by joint."""

@@ -12,14 +12,14 @@ from typing import Any, Final, Literal, final
 import numpy as np
 from pydantic import ValidationError
 
-from precision_pin import units
-from precision_pin.arrays import Array
+from precision_pin.base import units
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
+from precision_pin.base.input_files import UnreadableFileError, read_text_file
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.laws import Fixed
-from precision_pin.draws.space import Draw, Extension, LabelledSpace, Space
-from precision_pin.errors import Finding, InputError, SheetError, UnknownNameError, nearest
-from precision_pin.inputs.files import UnreadableFileError, read_text_file
-from precision_pin.measurement.measurement import Measurement
+from precision_pin.draws.space import Extension, LabelledSpace, Space
 from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.chain_findings import chain_findings
@@ -28,20 +28,18 @@ from precision_pin.sheet.chain_entry import Overrides, read_chain
 from precision_pin.sheet.changes import Change, change_text, plain_data, values_at
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
+from precision_pin.sheet.measurement import Measurement
 from precision_pin.sheet.measurement_entry import read_measurement
-from precision_pin.sheet.origins import Origin, origins_by_path, source_origins
 from precision_pin.sheet.poses import parse_poses
-from precision_pin.sheet.remarks import remark_on_poses, remark_on_sources
+from precision_pin.sheet.provenance import Origin, origins_by_path, source_origins
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, parse_parameter
+from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, load_posture
-from precision_pin.terms.labelled_sources import labels, own_draws
 from precision_pin.terms.source import Source
-
-__all__ = ["Contents", "Overrides", "Sheet", "read", "read_data"]
-
+from precision_pin.terms.source_set import labels, own_draws
 
 LARGEST_FILE: Final = 4 * 2**20
 _ACCEPTABLE: Final = re.compile(r"(?!W_NO_REST$)W_[A-Z_]+")

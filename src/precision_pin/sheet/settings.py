@@ -8,24 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any, Final, final
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.errors import InputError, UnitError, UnknownNameError, nearest
+from precision_pin.base.units import Quantity
+from precision_pin.draws.draw import Draw, Setting
 from precision_pin.draws.laws import laws_of_sheets
-from precision_pin.draws.space import Draw, Setting
-from precision_pin.errors import InputError, UnitError, UnknownNameError, nearest
 from precision_pin.sheet.law_reader import LawReader, SettingError
-from precision_pin.units import Quantity
-
-__all__ = [
-    "TOLERANCE_PATTERN",
-    "NamedParameter",
-    "SettingError",
-    "law_options",
-    "parse_law",
-    "parse_number",
-    "parse_parameter",
-    "parse_setting",
-    "tolerance_law",
-]
 
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
 TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin import units
-from precision_pin.errors import InputError
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
 from precision_pin.robot.chain_geometry import FARTHEST_TARGET
-from precision_pin.sheet.settings import SettingError
-
-__all__ = ["parse_target"]
+from precision_pin.sheet.law_reader import SettingError
 
 _EXAMPLE: Final = "0 0 100 mm"
 

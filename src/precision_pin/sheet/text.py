@@ -14,9 +14,7 @@ from typing import Any, Final, final
 from ruamel.yaml import YAML, events
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
-from precision_pin.errors import Finding, SheetError
-
-__all__ = ["Path", "Text", "read_text"]
+from precision_pin.base.errors import Finding, SheetError
 
 Path = tuple[str | int, ...]
 """Keys and positions from the top of a sheet."""

@@ -8,15 +8,15 @@ from typing import Annotated, ClassVar, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Disc
-from precision_pin.draws.space import Draw, LabelledSpace, Scope
-from precision_pin.errors import InputError
-from precision_pin.robot.chain import Place, Posture
+from precision_pin.draws.space import LabelledSpace
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.places import Place
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
-
-__all__ = ["AxisInstall"]
 
 
 @final

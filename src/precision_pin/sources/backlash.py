@@ -8,16 +8,16 @@ from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting
-from precision_pin.errors import InputError
-from precision_pin.robot.chain import Factors, Posture
+from precision_pin.draws.space import LabelledSpace
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.loads import Factors
 from precision_pin.terms.sides import side_of
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term, at_means
-
-__all__ = ["Backlash"]
 
 
 @final

@@ -9,21 +9,20 @@ from typing import Annotated, Final, Literal, final
 
 import numpy as np
 
-from precision_pin import se3, units
-from precision_pin.arrays import Array
+from precision_pin.base import se3, units
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.se3 import rotation_about
+from precision_pin.draws.draw import Setting
 from precision_pin.draws.expressions import Expression, Value
-from precision_pin.draws.space import LabelledSpace, Setting
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.robot.chain import Chain, Factors, Load, Posture
-from precision_pin.se3 import rotation_about
+from precision_pin.draws.space import LabelledSpace
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.loads import Factors, Load
 from precision_pin.sources.bent_shape import BentShape
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
 from precision_pin.sources.seats import in_axes
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import Term
-
-__all__ = ["Beam", "beam_axes", "point_flexibility", "stretch_flexibility", "weight_flexibility"]
-
 
 _PARALLEL: Final = 1e-9
 """Sine of the angle below which an axis counts as parallel to the beam."""

@@ -8,16 +8,15 @@ from typing import Annotated, ClassVar, Final, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Setting
 from precision_pin.draws.expressions import Value
-from precision_pin.draws.space import LabelledSpace, Setting
-from precision_pin.errors import InputError
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, travels, wrench_at
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import Term
-
-__all__ = ["BearingStiffness"]
 
 _ROWS: Final = {"radial": (0, 1), "axial": (2,), "tilt": (3, 4), "roll": (5,)}
 """Components of wrench and displacement that each stiffness connects."""

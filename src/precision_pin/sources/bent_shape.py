@@ -8,11 +8,8 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.robot.chain import Posture
-
-__all__ = ["BentShape"]
-
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 """Gauss-Legendre rule, exact up to degree 9."""

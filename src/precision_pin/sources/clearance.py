@@ -9,20 +9,19 @@ from typing import Annotated, ClassVar, Final, Literal, final
 
 import numpy as np
 
-from precision_pin import units
-from precision_pin.arrays import Array
+from precision_pin.base import units
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.expressions import Constant, Value, sign, sqrt
 from precision_pin.draws.laws import Circle, Disc, Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, Space, entry_name
-from precision_pin.errors import InputError
-from precision_pin.robot.chain import Chain, Factors, Posture
+from precision_pin.draws.space import LabelledSpace, Space, entry_name
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.loads import Factors
 from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
 from precision_pin.terms.sides import bounds_of, is_same_for_all, load_value, side_of
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term, at_means
-
-__all__ = ["Clearance"]
-
 
 _NOTHING: Final = 1e-12
 """Share of the band that is added to a load, squared, so that a load of zero has a direction too."""

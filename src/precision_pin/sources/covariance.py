@@ -8,16 +8,15 @@ from typing import Annotated, ClassVar, Final, Literal, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import JointNormal
-from precision_pin.draws.space import Draw, LabelledSpace, Scope
-from precision_pin.errors import InputError
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
-from precision_pin.sources.chosen_place import check_choice, chosen_place
+from precision_pin.sources.attachment import check_choice, chosen_place
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
-
-__all__ = ["Covariance"]
 
 _SIX: Final = units.PerEntry((units.LENGTH,) * 3 + (units.ANGLE,) * 3)
 

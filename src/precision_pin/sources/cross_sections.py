@@ -12,8 +12,6 @@ from typing import Final, final
 
 from precision_pin.draws.expressions import Value
 
-__all__ = ["MATERIALS", "Material", "Section", "box", "rod", "tube"]
-
 
 @final
 @dataclass(frozen=True)

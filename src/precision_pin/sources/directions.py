@@ -8,11 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import se3
-from precision_pin.errors import InputError
+from precision_pin.base import se3
+from precision_pin.base.errors import InputError
 from precision_pin.robot.chain import Chain, Posture
-
-__all__ = ["direction_of", "is_fixed"]
 
 _DIRECTION: Final = re.compile(r"(-?)\s*(x|y|z|axis)\s+of\s+(.+)", re.DOTALL)
 _AXES: Final = {"x": 0, "y": 1, "z": 2}

@@ -8,14 +8,13 @@ from typing import Annotated, ClassVar, final
 
 import numpy as np
 
-from precision_pin import units
-from precision_pin.draws.space import LabelledSpace, Setting
+from precision_pin.base import units
+from precision_pin.draws.draw import Setting
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
-from precision_pin.sources.chosen_place import check_choice, chosen_place
+from precision_pin.sources.attachment import check_choice, chosen_place
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
-
-__all__ = ["Frame"]
 
 
 @final

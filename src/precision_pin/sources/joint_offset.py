@@ -6,13 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
-from precision_pin import units
-from precision_pin.draws.space import LabelledSpace, Setting
+from precision_pin.base import units
+from precision_pin.draws.draw import Setting
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import JointValue, Term
-
-__all__ = ["JointOffset"]
 
 
 @final

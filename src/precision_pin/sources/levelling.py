@@ -9,14 +9,14 @@ from typing import Annotated, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.draws.draw import Setting
 from precision_pin.draws.expressions import Expression
-from precision_pin.draws.space import LabelledSpace, Setting
-from precision_pin.robot.chain import Factors, Posture
+from precision_pin.draws.space import LabelledSpace
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.loads import Factors
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
-
-__all__ = ["Levelling"]
 
 
 @final

@@ -8,14 +8,14 @@ from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 
-from precision_pin import units
-from precision_pin.draws.space import LabelledSpace, Setting
-from precision_pin.errors import InputError
-from precision_pin.robot.chain import Chain, Place, Posture
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Setting
+from precision_pin.draws.space import LabelledSpace
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.places import Place
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
-
-__all__ = ["Mounting"]
 
 
 @final

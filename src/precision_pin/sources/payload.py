@@ -8,15 +8,15 @@ from typing import Annotated, ClassVar, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Setting
 from precision_pin.draws.expressions import Expression, Value
-from precision_pin.draws.space import LabelledSpace, Setting
-from precision_pin.errors import InputError
-from precision_pin.robot.chain import Factors, Load, Posture
+from precision_pin.draws.space import LabelledSpace
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term, at_means
-
-__all__ = ["Payload"]
 
 
 @final

@@ -12,14 +12,13 @@ from typing import Annotated, Final, Literal, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin.base import units
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.draws.draw import Setting
 from precision_pin.draws.expressions import Component, Value
-from precision_pin.draws.space import LabelledSpace, Setting
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.sources import cross_sections
 from precision_pin.sources.cross_sections import MATERIALS, Section
-
-__all__ = ["Profile", "Segment", "Stretch", "ends", "stretches"]
 
 SHAPES: Final = MappingProxyType(
     {

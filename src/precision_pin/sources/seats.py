@@ -12,22 +12,11 @@ from typing import Final, Literal
 
 import numpy as np
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.robot.chain import Chain, Factors, Posture
-
-__all__ = [
-    "PadsOn",
-    "height_above_seat",
-    "in_axes",
-    "seat_axes",
-    "seat_wrench",
-    "shift_of_point",
-    "travels",
-    "wrench_at",
-]
-
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.loads import Factors
 
 PadsOn = Literal["child", "parent"]
 """The link that the pads of a prismatic joint are fixed to."""

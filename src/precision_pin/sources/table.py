@@ -10,17 +10,15 @@ from typing import ClassVar, Final, Literal, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin.base import csv_columns, units
+from precision_pin.base.errors import InputError, nearest
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Rows
-from precision_pin.draws.space import Draw, LabelledSpace, Scope
-from precision_pin.errors import InputError, nearest
-from precision_pin.inputs import csv_columns
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
-from precision_pin.sources.chosen_place import check_choice, chosen_place
+from precision_pin.sources.attachment import check_choice, chosen_place
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
-
-__all__ = ["Table"]
 
 _COLUMNS: Final = dict.fromkeys(("x", "y", "z"), units.LENGTH) | dict.fromkeys(("rx", "ry", "rz"), units.ANGLE)
 

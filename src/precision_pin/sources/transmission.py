@@ -7,15 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
-from precision_pin import units
-from precision_pin.draws.space import Draw, LabelledSpace, Setting, entry_name
-from precision_pin.errors import Finding, InputError
+from precision_pin.base import units
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.draws.draw import Draw, Setting
+from precision_pin.draws.space import LabelledSpace, entry_name
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import JointValue, Term
-
-__all__ = ["Transmission"]
 
 
 @final

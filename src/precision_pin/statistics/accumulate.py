@@ -8,13 +8,11 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InternalError
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InternalError
 from precision_pin.statistics.plan import Plan
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES
 from precision_pin.statistics.sketch import COLUMNS, sketch_columns
-
-__all__ = ["LARGEST", "State", "lane_sums", "largest_of", "merge", "observe", "quantity_values", "start"]
 
 Counts = NDArray[np.int64]
 

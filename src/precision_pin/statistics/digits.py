@@ -14,16 +14,6 @@ import math
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from typing import Final
 
-__all__ = [
-    "MOST_DIGITS",
-    "format_inside",
-    "format_interval",
-    "format_share",
-    "format_supported",
-    "round_end",
-    "significant_digits",
-]
-
 MOST_DIGITS = 6
 """Digits printed of a number that is known exactly, such as the largest value seen."""
 

@@ -10,19 +10,16 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.errors import UnknownNameError
-from precision_pin.inputs.arguments import check_number, check_whole
-from precision_pin.inputs.arrays import fix_fields
-from precision_pin.inputs.quantities import check_quantities, check_quantity
+from precision_pin.base.arguments import check_number, check_whole
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import UnknownNameError
+from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.statistics.digits import MOST_DIGITS, significant_digits
 from precision_pin.statistics.intervals import quantile_ranks, tolerance_ranks, upper_bound_rank
 from precision_pin.statistics.mode import Peak, smoothed_peak
 from precision_pin.statistics.moment_intervals import Moments
 from precision_pin.statistics.quantities import si_quantity
-
-__all__ = ["COMPONENT_LEVELS", "CONTENTS", "NORM_LEVELS", "Distribution", "Histogram"]
-
 
 NORM_LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
 """Probabilities of the quantiles reported of a norm."""

@@ -14,18 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import bdtr, betainc, betaincinv
 
-from precision_pin.arrays import Array
-from precision_pin.inputs.arguments import check_number
-
-__all__ = [
-    "check_confidence",
-    "clopper_pearson",
-    "quantile_coverage",
-    "quantile_ranks",
-    "tolerance_ranks",
-    "upper_bound_rank",
-    "upper_ends",
-]
+from precision_pin.base.arguments import check_number
+from precision_pin.base.arrays import Array
 
 
 def check_confidence(confidence: float) -> None:

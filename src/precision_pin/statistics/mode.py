@@ -21,10 +21,7 @@ from typing import Final, final
 import numpy as np
 from scipy.special import ndtri
 
-from precision_pin.arrays import Array
-
-__all__ = ["Peak", "smoothed_peak"]
-
+from precision_pin.base.arrays import Array
 
 _STEPS_PER_BANDWIDTH = 16
 _MOST_CELLS = 1 << 14

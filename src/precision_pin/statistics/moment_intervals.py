@@ -27,11 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from precision_pin.arrays import Array
-from precision_pin.inputs.arrays import fix_fields
-from precision_pin.statistics.skewed_means import studentised
-
-__all__ = ["Moments"]
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.statistics.hall_transform import studentised
 
 Interval = tuple[float, float]
 

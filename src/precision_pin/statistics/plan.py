@@ -9,14 +9,11 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InternalError
-from precision_pin.inputs.arguments import check_number
-from precision_pin.inputs.quantities import check_quantity
+from precision_pin.base.arguments import check_number
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InternalError
+from precision_pin.base.quantity_arguments import check_quantity
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name, si_quantity
-
-__all__ = ["Plan", "Specification"]
-
 
 _RELATIVE_SCALE_WITHOUT_SPREAD = 2.0**-10
 _SCALE_WITHOUT_SPREAD = 2.0**-30

@@ -20,14 +20,12 @@ import re
 from dataclasses import dataclass
 from typing import Final, final
 
-from precision_pin import units
-from precision_pin.errors import InputError, UnitError, UnknownNameError
-from precision_pin.inputs.arguments import check_text
+from precision_pin.base import units
+from precision_pin.base.arguments import check_text
+from precision_pin.base.errors import InputError, UnitError, UnknownNameError
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.quantities import QUANTITY_PATTERN, QUANTITY_WORDS
 from precision_pin.statistics.summary import Summary
-
-__all__ = ["Precision", "Target", "reached", "target"]
 
 _FORM: Final = re.compile(
     rf"(?:({QUANTITY_PATTERN})(?:\s+|(?=[-+.\d])))?"

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.inputs.arguments import check_name
-from precision_pin.units import ANGLE, LENGTH, Quantity
-
-__all__ = ["COMPONENTS", "NORMS", "QUANTITIES", "QUANTITY_PATTERN", "QUANTITY_WORDS", "quantity_name", "si_quantity"]
+from precision_pin.base.arguments import check_name
+from precision_pin.base.units import ANGLE, LENGTH, Quantity
 
 QUANTITIES: Final = (
     "position.norm",

@@ -24,9 +24,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
-
-__all__ = ["BINS", "COLUMNS", "LOWEST_EXPONENT", "OFFSET", "SHIFT", "sketch_columns", "sketch_edges"]
+from precision_pin.base.arrays import Array
 
 Counts = NDArray[np.int64]
 

@@ -7,13 +7,11 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from precision_pin import units
-from precision_pin.errors import InputError, UnitError, UnknownNameError
-from precision_pin.inputs.arguments import check_text, shown
+from precision_pin.base import units
+from precision_pin.base.arguments import check_text, shown
+from precision_pin.base.errors import InputError, UnitError, UnknownNameError
 from precision_pin.statistics import Specification
 from precision_pin.statistics.quantities import QUANTITY_PATTERN, QUANTITY_WORDS
-
-__all__ = ["DEFAULT_PROBABILITY", "Specifications", "listed_specifications", "specification"]
 
 DEFAULT_PROBABILITY: Final = 0.95
 """Required probability of a specification without one."""

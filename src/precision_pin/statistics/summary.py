@@ -12,9 +12,9 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InternalError
-from precision_pin.inputs.arrays import fix_fields, returns_read_only
+from precision_pin.base.array_checks import fix_fields, returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InternalError
 from precision_pin.statistics.accumulate import State
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import check_confidence, clopper_pearson
@@ -23,16 +23,6 @@ from precision_pin.statistics.plan import Plan, Specification
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import sketch_edges
 from precision_pin.statistics.verdicts import Grounds, SpecificationResult
-
-__all__ = [
-    "NO_SPREAD",
-    "Extreme",
-    "Summary",
-    "VectorDistribution",
-    "finish",
-    "varying_quantities",
-]
-
 
 NO_SPREAD: Final = 1e-12
 """Differences between errors below this value (m, rad) count as rounding on an arm of metres."""

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Final, Literal, final
 
-from precision_pin.visible import visible
-
-__all__ = ["NO_GROUNDS", "Grounds", "SpecificationResult", "Verdict", "capability_index", "judge"]
+from precision_pin.base.text_escape import visible
 
 Verdict = Literal["met", "not met", "not judged", "undecided", "nothing to judge"]
 

@@ -8,15 +8,13 @@ from typing import Any, TypeVar, final
 
 import numpy as np
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.source import Source
 from precision_pin.terms.table import is_alike
 from precision_pin.terms.term import Term
-
-__all__ = ["BoundSource", "load_posture", "terms_at_many"]
 
 Item = TypeVar("Item")
 

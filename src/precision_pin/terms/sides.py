@@ -15,8 +15,6 @@ from precision_pin.draws.expressions import Component, Value, sign
 from precision_pin.draws.space import Space
 from precision_pin.robot.loads import Factors
 
-__all__ = ["bounds_of", "is_same_for_all", "load_value", "side_of"]
-
 Interval = tuple[float, float]
 
 

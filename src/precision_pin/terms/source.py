@@ -15,25 +15,17 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_choice, check_number, check_text, shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.units import PerJoint, Quantity
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component, Expression, component_names
 from precision_pin.draws.laws import Law
-from precision_pin.draws.space import Draw, LabelledSpace, entry_name
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_choice, check_number, check_text, shown
+from precision_pin.draws.space import LabelledSpace, entry_name
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.term import Term
-from precision_pin.units import PerJoint, Quantity
-
-__all__ = [
-    "Dependence",
-    "SettingField",
-    "Source",
-    "fix_settings",
-    "setting_fields",
-    "takes_law",
-]
 
 Dependence = Literal["chain", "configuration", "loads"]
 """The part of a posture that a source reads: its chain; also the joint values; or also the loads."""

@@ -11,16 +11,15 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import se3
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.array_checks import fix_fields, returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, InternalError
 from precision_pin.draws.expressions import Expression, Program
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError, InternalError
-from precision_pin.inputs.arrays import fix_fields, returns_read_only
-from precision_pin.robot.chain import Chain, Place, Posture
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.places import Place
 from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
-
-__all__ = ["SlopeColumns", "TableLayout", "TermTable", "is_alike"]
 
 
 @final

@@ -15,16 +15,13 @@ from typing import final, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_flag, check_items, check_number, check_numbers, shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.expressions import Expression, Program, Value
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_flag, check_items, check_number, check_numbers, shown
 from precision_pin.robot.loads import Factors
 from precision_pin.robot.places import Place
-
-__all__ = ["MOST_FACTORS", "JointValue", "Target", "Term", "TermsOfPose", "at_means"]
-
 
 MOST_FACTORS = 3
 """Largest number of parameters in one term."""

@@ -56,7 +56,7 @@ def readings_of(
     model: pp.ErrorModel, q: NDArray[np.float64], measurement: pp.Measurement, seed: int = 0
 ) -> NDArray[np.float64]:
     """Return readings of a simulated robot, attitudes as rotation vectors."""
-    from precision_pin import se3
+    from precision_pin.base import se3
 
     stations = stations_of(model, q, measurement)
     found = simulate_readings(stations, measurement, model, seed=seed)[:, :, 0]

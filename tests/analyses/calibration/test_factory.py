@@ -231,7 +231,7 @@ def perturbed_yaml(folder: Path, kind: str, seed: int) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_the_file_of_another_model_is_refused_by_name(tmp_path: Path) -> None:
     """Each model's own file is taken, and refused for three others, the nearest one among them, with the right name."""
     chains = {kind: Chain.from_urdf(urdf_of(kind, tmp_path), "tool0", "base") for kind in MODELS}

@@ -10,8 +10,8 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.intervals import interval_after
 from precision_pin.analyses.calibration.simulation import simulate_calibrations
+from precision_pin.base.errors import UnknownNameError
 from precision_pin.draws.laws import Law
-from precision_pin.errors import UnknownNameError
 
 TRACKER = pp.Measurement(std=20e-6, target=OFF_AXIS)
 

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, plain_model, random_poses, readings_of
-from precision_pin import se3
-from precision_pin.errors import InputError
-from precision_pin.measurement.places import Plane
+from precision_pin.base import se3
+from precision_pin.base.errors import InputError
+from precision_pin.sheet.measurement_places import Plane
 from precision_pin.sources import Payload
 
 KINDS = [

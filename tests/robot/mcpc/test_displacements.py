@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.robot import mcpc
 from robot.mcpc import cases
 from support.thinning import mostly_slow

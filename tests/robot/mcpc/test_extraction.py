@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import precision_pin
-from precision_pin.errors import InputError
+from precision_pin.base.errors import InputError
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Chain
 from robot.mcpc import cases

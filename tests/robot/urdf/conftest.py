@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from precision_pin.errors import Finding, UrdfError
+from precision_pin.base.errors import Finding, UrdfError
 from precision_pin.robot.urdf import parse
 
 # two turning joints, one sliding, a tool; nothing in it deserves a finding

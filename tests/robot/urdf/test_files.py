@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from precision_pin.errors import UrdfError
+from precision_pin.base.errors import UrdfError
 from precision_pin.robot.urdf import Mesh, check, locate_mesh, read
 
 CYLINDER = '<cylinder radius="0.05" length="0.4"/>'

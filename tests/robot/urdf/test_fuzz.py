@@ -6,7 +6,7 @@ import pinocchio as pin
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from precision_pin.errors import Finding, UrdfError
+from precision_pin.base.errors import Finding, UrdfError
 from precision_pin.robot.urdf import Robot, canonical, parse
 
 TEXTS = [

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from precision_pin.outputs.view.meshes import MOST_FACES
+from precision_pin.base.text_escape import LONGEST_LINE
+from precision_pin.pages.view.meshes import MOST_FACES
 from precision_pin.robot.urdf import Limits
 from precision_pin.robot.urdf.findings import MOST_FINDINGS
 from precision_pin.robot.urdf.meshcontent import MOST_BYTES, MOST_TEXT_BYTES
 from precision_pin.robot.urdf.meshscenes import MOST_DEPTH, MOST_TRIANGLES
 from precision_pin.robot.urdf.xmltree import ENCODINGS
-from precision_pin.visible import LONGEST_LINE
 
 ROOT = Path(__file__).parents[3]
 LIMITS = Limits()

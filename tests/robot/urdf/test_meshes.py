@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from precision_pin.outputs.view.arm import draw_arm
-from precision_pin.outputs.view.scene import Scene
+from precision_pin.pages.view.arm import draw_arm
+from precision_pin.render.scene import Scene
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import check, read
-from precision_pin.robot.urdf.meshcontent import BrokenMeshError, read_mesh
+from precision_pin.robot.urdf.meshcontent import read_mesh
+from precision_pin.robot.urdf.meshscenes import BrokenMeshError
 
 CYLINDER = '<cylinder radius="0.05" length="0.4"/>'
 CORNERS = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0]], "<f4").tobytes()

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from precision_pin import se3
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.base import se3
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.robot.urdf import Inertial, canonical, parse, rerooted, rpy_of, snapped
 
 BRANCH = (

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from precision_pin.errors import UrdfError
+from precision_pin.base.errors import UrdfError
 from precision_pin.robot.urdf import canonical, read, rerooted
 
 ARMS = {

@@ -6,8 +6,9 @@ from types import ModuleType
 
 import numpy as np
 
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Scope, Space
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.terms.term import JointValue
 from support.checks.common import MM, Q7, evaluated, one_link, same

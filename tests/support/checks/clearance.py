@@ -6,8 +6,9 @@ from types import ModuleType
 
 import numpy as np
 
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Circle, Disc, Uniform
-from precision_pin.draws.space import Scope, Space
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.payload import Payload

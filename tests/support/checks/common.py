@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from precision_pin.draws.space import Draw, Space
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.terms.source import Source

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from precision_pin.draws.space import Scope
+from precision_pin.draws.draw import Scope
 from support.checks.common import Q7, evaluated, one_link, same
 from support.plain_robot import PlainRobot, chain_of, inserted, pose_error, random_arm
 

@@ -6,8 +6,8 @@ from types import ModuleType
 
 import numpy as np
 
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Scope
 from precision_pin.terms.term import JointValue
 from support.checks.common import evaluated, one_link, same
 

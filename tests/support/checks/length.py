@@ -7,8 +7,8 @@ from types import ModuleType
 
 import numpy as np
 
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Draw
 from support.checks.common import Q7, evaluated, same
 from support.plain_robot import (
     PlainRobot,

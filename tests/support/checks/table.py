@@ -8,7 +8,8 @@ from types import ModuleType
 
 import numpy as np
 
-from precision_pin.draws.space import Scope, Space
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from support.checks.common import Q7, evaluated, one_link, same
 from support.plain_robot import PlainRobot, chain_of, inserted, pose_error, random_arm

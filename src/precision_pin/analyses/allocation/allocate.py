@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult, Basis, tightest_of
-from precision_pin.analyses.allocation.choices import SAMPLES, Judge, Judged, Walk, walk
+from precision_pin.analyses.allocation.choices import Judge, Judged, Walk, walk
+from precision_pin.analyses.allocation.convex_program import Limit, Programme, Solution
 from precision_pin.analyses.allocation.error_parts import ErrorParts, error_parts
-from precision_pin.analyses.allocation.front import MOST_POINTS, pareto_front, solve
+from precision_pin.analyses.allocation.pareto_front import MOST_POINTS, pareto_front, solve
 from precision_pin.analyses.allocation.problem import (
     Bound,
     Problem,
@@ -21,21 +22,18 @@ from precision_pin.analyses.allocation.problem import (
     common_grades,
     read_problem,
 )
-from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
 from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions, in_deviations
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import warns_at_end
-from precision_pin.display.progress import steps_to
+from precision_pin.base.arguments import check_instance, check_items, check_number, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import warns_at_end
+from precision_pin.base.errors import Finding
+from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import check_seed
-from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_instance, check_items, check_number, check_whole
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
-
-__all__ = ["SAMPLES", "allocate", "allocation_steps"]
 
 _ROUNDS: Final = 6
 _HOLDS: Final = 0.9

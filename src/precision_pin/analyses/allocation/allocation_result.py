@@ -10,17 +10,15 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 
 from precision_pin.analyses.allocation.error_parts import ErrorParts
-from precision_pin.analyses.allocation.front import FrontPoint
+from precision_pin.analyses.allocation.pareto_front import FrontPoint
 from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.display.html import preformatted
-from precision_pin.display.stored import JsonResult
-from precision_pin.errors import Finding
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
+from precision_pin.render.notebook import preformatted
+from precision_pin.render.result_io import JsonResult
 from precision_pin.statistics import NO_GROUNDS, Grounds
-
-__all__ = ["AllocatedLimit", "AllocationResult", "Basis", "tightest_of"]
 
 Basis = Literal["proof", "samples", "normal law"]
 """What a lower bound of the cost rests on."""
@@ -221,7 +219,7 @@ class AllocationResult(JsonResult):
     def _repr_html_(self) -> str:
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
-        made = import_module("precision_pin.outputs.allocation.table").allocation_table(self)
+        made = import_module("precision_pin.analyses.allocation.table").allocation_table(self)
         return preformatted(str(made))
 
     def __repr__(self) -> str:

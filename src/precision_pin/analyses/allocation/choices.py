@@ -16,16 +16,14 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.allocation.convex_program import ROUNDING, Programme
 from precision_pin.analyses.allocation.problem import Problem
-from precision_pin.analyses.allocation.programme import ROUNDING, Programme
 from precision_pin.analyses.allocation.scaling import Contributions, changed_model, in_deviations
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.statistics import Specification
 from precision_pin.statistics.intervals import upper_ends
-
-__all__ = ["CONFIDENCE", "SAMPLES", "Judge", "Judged", "Walk", "walk"]
 
 SAMPLES: Final = 50_000
 """Fresh samples of a verification."""

@@ -8,14 +8,12 @@ from typing import Final, final
 
 import numpy as np
 
-from precision_pin import units
 from precision_pin.analyses.allocation.iso286 import grade_width
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import shown
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["Cost", "Grades", "read_cost"]
+from precision_pin.base import units
+from precision_pin.base.arguments import shown
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "reciprocal": ("{}",),

@@ -9,10 +9,8 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin.analyses.budget.shares import by_draw, reaches
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
-
-__all__ = ["MEAN", "TOGETHER", "ErrorParts", "SourcePart", "error_parts"]
 
 MEAN: Final = "constant part"
 """Name of the error with every component at its mean."""

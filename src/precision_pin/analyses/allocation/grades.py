@@ -18,11 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from precision_pin.analyses.allocation.programme import ROUNDING, Limit, Programme, Solution, last_kept
+from precision_pin.analyses.allocation.convex_program import ROUNDING, Limit, Programme, Solution, last_kept
 from precision_pin.analyses.allocation.solver_output import without_solver_lines
-from precision_pin.arrays import Array
-
-__all__ = ["solve_with_grades"]
+from precision_pin.base.arrays import Array
 
 _GAP: Final = 1e-6
 """Share of the cost that may be left between the bounds."""

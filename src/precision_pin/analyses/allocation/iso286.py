@@ -6,9 +6,7 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from typing import Final
 
-from precision_pin.errors import InputError, UnknownNameError
-
-__all__ = ["GRADES", "LARGEST", "SIZES", "grade_width"]
+from precision_pin.base.errors import InputError, UnknownNameError
 
 SIZES: Final = (
     3, 6, 10, 18, 30, 50, 80, 120, 180, 250, 315, 400, 500, 630, 800, 1000, 1250, 1600, 2000, 2500, 3150,

@@ -9,17 +9,15 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin import units
 from precision_pin.analyses.allocation.costs import Cost, Grades, read_cost
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.inputs.arguments import shown
+from precision_pin.base import units
+from precision_pin.base.arguments import shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.reader import Contents
 from precision_pin.statistics import Specification
 from precision_pin.statistics.specification import specification
-
-__all__ = ["Bound", "Problem", "Tolerance", "beside", "common_grades", "read_problem"]
 
 _RANGE: Final = 100.0
 """Bounds of a tolerance without its own: this much narrower and wider than it is."""

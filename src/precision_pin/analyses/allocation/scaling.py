@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.problem import Tolerance, beside
 from precision_pin.analyses.worst_case.convex_bodies import Supports
-from precision_pin.arrays import Array
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError
-from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
-
-__all__ = ["Contributions", "Moved", "changed_model", "contributions", "in_deviations"]
 
 _WIDE: Final = 2.0
 _NARROW: Final = 0.5

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Final
 
-__all__ = ["without_solver_lines"]
-
 _LINE: Final = b"HighsMipSolverData::transformNewIntegerFeasibleSolution"
 """Begin of a line that HiGHS 1.12 (SciPy 1.17) leaves from its development."""
 _STDOUT: Final = 1

@@ -34,20 +34,17 @@ from precision_pin.analyses.budget.shares import (
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.replicates import REPLICATES
 from precision_pin.analyses.result import list_warnings
-from precision_pin.call_warnings import warns_at_end
-from precision_pin.display.progress import steps_to
+from precision_pin.base.arguments import check_number, shown
+from precision_pin.base.call_warnings import warns_at_end
+from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
-from precision_pin.errors import Finding, InputError, UnknownNameError
-from precision_pin.inputs.arguments import check_number, shown
-from precision_pin.inputs.memory import check_memory
+from precision_pin.model.backlash_sides import turnover_findings
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.turnover import turnover_findings
 from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
 from precision_pin.statistics.quantities import QUANTITY_WORDS
-
-__all__ = ["budget", "check_points", "check_quantities", "count_steps", "evaluations"]
-
 
 MOST_NUMBERS: Final = 3e11
 """Largest number of random numbers in a budget."""

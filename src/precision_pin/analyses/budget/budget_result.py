@@ -9,32 +9,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
-from precision_pin.display.html import Table
-from precision_pin.display.tables import (
+from precision_pin.base.errors import UnknownNameError
+from precision_pin.render.notebook import Table
+from precision_pin.render.tables import (
     data_frame,
     interval_columns,
     number,
     plus_minus,
 )
-from precision_pin.errors import UnknownNameError
 from precision_pin.statistics import QUANTITIES
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-
-__all__ = [
-    "VECTORS",
-    "BudgetResult",
-    "DrawShare",
-    "Estimate",
-    "Group",
-    "Halved",
-    "PlaceShare",
-    "PoseBudget",
-    "Shares",
-    "SourceShare",
-    "Sums",
-]
 
 VECTORS: Final = ("position", "attitude")
 """Quantities of three components together: their variance is E|d - E d|², the trace of the covariance."""

@@ -12,15 +12,12 @@ from precision_pin.analyses.budget.budget_result import VECTORS, Estimate, Group
 from precision_pin.analyses.budget.shares import COMPONENTS, ROUNDING, deviations_of, group_part, shares_of
 from precision_pin.analyses.marginals import Marginals, law_breaks
 from precision_pin.analyses.replicates import REPLICATES, Estimates
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, quantity_values
-
-__all__ = ["MARKED", "NORMS", "SAMPLED", "SampledBudget", "list_random_draws"]
-
 
 MARKED: Final = 0.95
 """Probability of the quantile on which the effect of a halved tolerance is given."""

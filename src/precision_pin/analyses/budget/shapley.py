@@ -13,11 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-
-__all__ = ["MOST_PLAYERS", "effects", "explained", "values"]
-
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 
 MOST_PLAYERS: Final = 12
 """Largest number of players: all 2^n coalitions are evaluated."""

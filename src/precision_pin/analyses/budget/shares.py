@@ -11,7 +11,7 @@ import numpy as np
 
 from precision_pin.analyses.budget import shapley
 from precision_pin.analyses.budget.budget_result import VECTORS, Shares, SourceShare
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -19,24 +19,6 @@ from precision_pin.robot.chain import Chain
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import QUANTITIES
 from precision_pin.terms.term import JointValue, Target
-
-__all__ = [
-    "COMPONENTS",
-    "ROUNDING",
-    "by_component",
-    "by_draw",
-    "by_place",
-    "component_shares",
-    "correlated_groups",
-    "deviations_of",
-    "group_part",
-    "place_name",
-    "reaches",
-    "shares_of",
-    "source_shares",
-    "worst_case_shares",
-]
-
 
 ROUNDING: Final = 1e-14
 """Largest spread (m, rad) that counts as rounding."""

@@ -20,10 +20,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.replicates import REPLICATES, Estimates, half_widths
-from precision_pin.arrays import Array
-
-__all__ = ["Quantiles", "found_quantiles", "quantile_changes", "quantiles"]
-
+from precision_pin.base.arrays import Array
 
 LARGEST_STEP: Final = 0.1
 """Largest allowed effect of a jump between neighbours on a quantile, as a share of its half-width."""

@@ -19,10 +19,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.marginals import Marginals
 from precision_pin.analyses.replicates import REPLICATES, Estimates, jackknife
-from precision_pin.arrays import Array
-
-__all__ = ["REPLICATES", "Indices", "scrambled_points", "sobol_indices"]
-
+from precision_pin.base.arrays import Array
 
 _BITS: Final = 30
 

@@ -23,14 +23,12 @@ from precision_pin.analyses.calibration.identifiability import (
 from precision_pin.analyses.calibration.posterior import Posterior, SampledRobots, error_left
 from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_flag, check_items
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
 from precision_pin.draws.estimates import Estimates
-from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_flag, check_items
-from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
-
-__all__ = ["calibrate", "measured_problem", "without_gross_errors"]
+from precision_pin.sheet.measurement import Measurement
 
 _GROSS: Final = 1e-3
 """Probability that any right reading of a set is taken for a gross error."""

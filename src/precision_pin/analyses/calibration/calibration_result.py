@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
 from precision_pin.analyses.calibration.checks import DOUBTFUL, probability
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.identifiability import Identifiability
@@ -21,16 +20,15 @@ from precision_pin.analyses.calibration.posterior import LEVEL, ErrorLeft, Poste
 from precision_pin.analyses.calibration.set_up import SetUp
 from precision_pin.analyses.declaration import load
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.display.files import write_files
-from precision_pin.display.html import preformatted
-from precision_pin.display.stored import JsonResult
-from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_name, check_number, check_path
-from precision_pin.measurement.measurement import Measurement
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_name, check_number, check_path
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
+from precision_pin.base.files import write_files
 from precision_pin.model.error_model import ErrorModel
-
-__all__ = ["CalibrationResult", "GrossError"]
+from precision_pin.render.notebook import preformatted
+from precision_pin.render.result_io import JsonResult
+from precision_pin.sheet.measurement import Measurement
 
 Verdict = Literal["agrees", "disagrees", "better than stated"]
 
@@ -205,7 +203,7 @@ class CalibrationResult(JsonResult):
             The robot's file has changed.
         """
         name = check_path("the path of the URDF", path)
-        writer = load("precision_pin.outputs.as_built.urdf:AsBuilt").prepare(self.original, q)
+        writer = load("precision_pin.export.as_built:AsBuilt").prepare(self.original, q)
         write_files({name: writer.fitted(self.components)})
         frozen: tuple[str, ...] = writer.frozen
         return frozen
@@ -268,7 +266,7 @@ class CalibrationResult(JsonResult):
     def _repr_html_(self) -> str:
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
-        made = import_module("precision_pin.outputs.calibration.table").calibration_table(self)
+        made = import_module("precision_pin.analyses.calibration.table").calibration_table(self)
         return preformatted(str(made))
 
     def __repr__(self) -> str:

@@ -11,14 +11,12 @@ from scipy import stats
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.estimates import Estimator
 from precision_pin.analyses.calibration.fit import Fit, Problem
-from precision_pin.arrays import Array
-from precision_pin.draws.space import Scope
-from precision_pin.errors import Finding, InputError
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain_findings import limit_findings
-
-__all__ = ["DOUBTFUL", "FARTHEST", "check_data", "doubt_model", "probability", "refuse_far_readings"]
 
 DOUBTFUL: Final = 1e-3
 """Probability of a larger chi-square below which the model does not explain the readings."""

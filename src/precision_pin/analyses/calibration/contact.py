@@ -7,15 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError
-from precision_pin.interrupts import raise_if_interrupted
-from precision_pin.measurement.measurement import Measurement
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.pose_sources.random_poses import random_poses
-
-__all__ = ["contact_poses", "doubt_contact", "seen_poses"]
+from precision_pin.sheet.measurement import Measurement
 
 _TOGETHER: Final = 64
 _ROUNDS: Final = 40

@@ -16,18 +16,15 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin import units
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError, nearest
-from precision_pin.inputs import csv_columns
-from precision_pin.inputs.arguments import check_numbers, check_path
-from precision_pin.inputs.arrays import fix_fields
-from precision_pin.measurement.measurement import Measurement
+from precision_pin.base import csv_columns, units
+from precision_pin.base.arguments import check_numbers, check_path
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError, nearest
+from precision_pin.base.se3 import log_rotation
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
-from precision_pin.se3 import log_rotation
-
-__all__ = ["COLUMNS", "CalibrationData", "read_data"]
+from precision_pin.sheet.measurement import Measurement
 
 COLUMNS: Final = {
     "position": ("x", "y", "z"),

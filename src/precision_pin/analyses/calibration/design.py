@@ -20,28 +20,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.draws.space import Scope, Space
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance
-from precision_pin.measurement.measurement import Measurement
+from precision_pin.base.arguments import check_instance
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.pose_set import PoseSet
-
-__all__ = [
-    "NEGLIGIBLE",
-    "Station",
-    "UnitNumbers",
-    "flat",
-    "measured_model",
-    "measurement_of",
-    "project_out",
-    "read_poses",
-    "repeat_covariance",
-    "stack_at_means",
-    "stations_of",
-]
+from precision_pin.sheet.measurement import Measurement
 
 NEGLIGIBLE: Final = 1e-9
 """Singular value, relative to the largest, below which a combination of numbers changes no reading."""

@@ -10,9 +10,7 @@ import numpy as np
 import scipy.optimize
 
 from precision_pin.analyses.calibration.design import project_out
-from precision_pin.arrays import Array
-
-__all__ = ["WEAKEST", "Estimator", "covariance_with_prior"]
+from precision_pin.base.arrays import Array
 
 WEAKEST: Final = 1.0
 """Without a prior, a combination is estimated if the readings alone determine it better than its tolerance, by this factor."""

@@ -10,20 +10,18 @@ from typing import Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
 from precision_pin.analyses.declaration import load
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.display.files import write_files
-from precision_pin.display.stored import JsonResult
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_path
-from precision_pin.model.displaced_arm import displaced_arm
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_path
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.files import write_files
+from precision_pin.model.calibrated_geometry import displaced_arm
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
-
-__all__ = ["FactoryCalibration", "ur_calibration"]
 
 _SAME: Final = (1e-3, 1e-3)
 """Distance (m) and angle (rad) of an axis from that of a model within which a robot is of this model."""
@@ -91,7 +89,7 @@ class FactoryCalibration(JsonResult):
         name = check_path("the path of the URDF", path)
         chain = self.model.chain
         bare = displaced_arm(chain, chain.placements @ np.array([se3.displacement(one) for one in self.displacements]))
-        writer = load("precision_pin.outputs.as_built.urdf:AsBuilt").prepare(bare, np.zeros(6))
+        writer = load("precision_pin.export.as_built:AsBuilt").prepare(bare, np.zeros(6))
         write_files({name: writer.fitted(np.zeros(bare.space.size))})
 
     def to_dict(self) -> dict[str, Any]:

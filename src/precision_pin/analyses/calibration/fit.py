@@ -16,13 +16,11 @@ import scipy.linalg
 
 from precision_pin.analyses.calibration.design import Station, UnitNumbers
 from precision_pin.analyses.calibration.estimates import Estimator
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.estimates import bounds_of
-from precision_pin.errors import InputError
-from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
-
-__all__ = ["STEPS", "Fit", "Problem", "Residuals", "fit", "left_out_together"]
+from precision_pin.sheet.measurement import Measurement
 
 STEPS: Final = 60
 _SETTLED: Final = 1e-8

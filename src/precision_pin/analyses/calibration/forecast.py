@@ -31,16 +31,14 @@ from precision_pin.analyses.calibration.estimates import Estimator, covariance_w
 from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack, remarks_on
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, SampledRobots, error_left
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.display.html import preformatted
-from precision_pin.display.stored import JsonResult
+from precision_pin.base.arguments import check_items
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
 from precision_pin.draws.estimates import Estimates
-from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_items
-from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
-
-__all__ = ["CalibrationForecast", "CurvePoint", "forecast_calibration", "task_poses"]
+from precision_pin.render.notebook import preformatted
+from precision_pin.render.result_io import JsonResult
+from precision_pin.sheet.measurement import Measurement
 
 _COUNTS: Final = (3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 1000)
 _BEYOND: Final = (2, 4)
@@ -144,7 +142,7 @@ class CalibrationForecast(JsonResult):
     def _repr_html_(self) -> str:
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
-        made = import_module("precision_pin.outputs.calibration.table").forecast_table(self)
+        made = import_module("precision_pin.analyses.calibration.table").forecast_table(self)
         return preformatted(str(made))
 
     def __repr__(self) -> str:

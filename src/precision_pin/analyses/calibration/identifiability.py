@@ -26,23 +26,10 @@ from precision_pin.analyses.calibration.design import (
     stack_at_means,
     stations_of,
 )
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError
-from precision_pin.measurement.measurement import Measurement
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.model.error_model import ErrorModel
-
-__all__ = [
-    "Combination",
-    "Group",
-    "Identifiability",
-    "identifiability",
-    "observability",
-    "of_stack",
-    "rank_findings",
-    "refuse_where_nothing_is_seen",
-    "remarks_on",
-    "subspaces",
-]
+from precision_pin.sheet.measurement import Measurement
 
 _ENTRY: Final = 1e-6
 """Entry of a projector that counts as zero."""

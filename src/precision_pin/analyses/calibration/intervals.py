@@ -16,8 +16,6 @@ from scipy import special
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 
-__all__ = ["interval_after", "normal_interval"]
-
 _NOTHING: Final = 1e-9
 """Share of a variance below which nothing is learned."""
 _REACH: Final = 9.0

@@ -33,18 +33,16 @@ from precision_pin.analyses.calibration.pose_bound import branches, relaxed
 from precision_pin.analyses.calibration.pose_choice import Design
 from precision_pin.analyses.calibration.posterior import ErrorLeft, SampledRobots, error_left
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.display.html import preformatted
-from precision_pin.display.progress import steps_to
-from precision_pin.display.stored import JsonResult
+from precision_pin.base.arguments import check_choice, check_items, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import check_seed
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_choice, check_items, check_whole
-from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.render.notebook import preformatted
+from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.pose_set import PoseSet
-
-__all__ = ["PLAN_STEPS", "CalibrationPlan", "plan_calibration"]
+from precision_pin.sheet.measurement import Measurement
 
 _STARTS: Final = 3
 PLAN_STEPS: Final = _STARTS + 3
@@ -158,7 +156,7 @@ class CalibrationPlan(JsonResult):
     def _repr_html_(self) -> str:
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
-        made = import_module("precision_pin.outputs.calibration.table").plan_table(self)
+        made = import_module("precision_pin.analyses.calibration.table").plan_table(self)
         return preformatted(str(made))
 
     def __repr__(self) -> str:

@@ -18,17 +18,16 @@ from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, m
 from precision_pin.analyses.calibration.identifiability import Group, subspaces
 from precision_pin.analyses.calibration.variance_components import Evidence, variance_components
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.display.progress import steps_to
-from precision_pin.display.stored import JsonResult
-from precision_pin.draws.space import Scope, Space
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_number
-from precision_pin.inputs.files import UnreadableFileError, note_input, read_text_file
-from precision_pin.measurement.measurement import Measurement
+from precision_pin.base.arguments import check_choice, check_instance, check_items, check_number
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
+from precision_pin.base.progress import steps_to
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-
-__all__ = ["MeasuredTolerance", "Population", "population"]
+from precision_pin.render.result_io import JsonResult
+from precision_pin.sheet.measurement import Measurement
 
 _LARGEST: Final = 64 * 2**20
 _FEW: Final = 10

@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.pose_choice import Design
-from precision_pin.arrays import Array
-from precision_pin.interrupts import raise_if_interrupted
-
-__all__ = ["Relaxed", "branches", "relaxed"]
+from precision_pin.base.arrays import Array
+from precision_pin.base.interrupts import raise_if_interrupted
 
 _STEPS: Final = 400
 _GAP: Final = 2e-5

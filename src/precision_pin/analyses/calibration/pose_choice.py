@@ -22,10 +22,8 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.design import NEGLIGIBLE, flat, project_out
 from precision_pin.analyses.calibration.estimates import covariance_with_prior
-from precision_pin.arrays import Array
-from precision_pin.interrupts import raise_if_interrupted
-
-__all__ = ["Design"]
+from precision_pin.base.arrays import Array
+from precision_pin.base.interrupts import raise_if_interrupted
 
 _EXCHANGES: Final = 500
 _RIDGE: Final = 1e-9

@@ -9,18 +9,16 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin import se3
 from precision_pin.analyses.calibration.design import UnitNumbers, repeat_covariance
 from precision_pin.analyses.calibration.estimates import Estimator
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_name
+from precision_pin.base.arrays import Array
 from precision_pin.draws.space import Space
-from precision_pin.inputs.arguments import check_name
-from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import quantile_ranks
-
-__all__ = ["LEVEL", "ROBOTS", "ErrorLeft", "Posterior", "SampledRobots", "error_left"]
 
 LEVEL: Final = 0.95
 """Probability of the intervals of numbers, and of the quantiles of the error that is left."""

@@ -8,15 +8,13 @@ from typing import Any, final
 
 import numpy as np
 
-from precision_pin import se3
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Station
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.measurement.measurement import Measurement
-from precision_pin.measurement.places import Anchor, Plane, Sockets
-
-__all__ = ["SetUp", "first_guess", "readings_in_base"]
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.sheet.measurement import Measurement
+from precision_pin.sheet.measurement_places import Anchor, Plane, Sockets
 
 
 @final

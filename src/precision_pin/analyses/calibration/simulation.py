@@ -8,7 +8,6 @@ from typing import Final, final
 import numpy as np
 import scipy.linalg
 
-from precision_pin import se3
 from precision_pin.analyses.calibration.design import (
     Station,
     UnitNumbers,
@@ -20,13 +19,12 @@ from precision_pin.analyses.calibration.design import (
 )
 from precision_pin.analyses.calibration.estimates import Estimator
 from precision_pin.analyses.calibration.forecast import task_poses
-from precision_pin.arrays import Array
-from precision_pin.draws.space import Scope
-from precision_pin.inputs.arguments import check_whole
-from precision_pin.measurement.measurement import Measurement
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
-
-__all__ = ["SimulatedCalibrations", "as_measured", "simulate_calibrations", "simulate_readings"]
+from precision_pin.sheet.measurement import Measurement
 
 _STEPS: Final = 30
 _SETTLED: Final = 1e-9

@@ -23,9 +23,7 @@ import scipy.optimize
 from scipy import stats
 
 from precision_pin.analyses.calibration.design import NEGLIGIBLE
-from precision_pin.arrays import Array
-
-__all__ = ["Evidence", "VarianceComponents", "variance_components"]
+from precision_pin.base.arrays import Array
 
 _WIDEST: Final = 1e4
 """Largest scale that an interval can end at; beyond it there is no upper limit."""

@@ -14,13 +14,14 @@ from precision_pin.analyses.compare.paired import Difference, mean_difference, q
 from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.map_poses import source_lines
 from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import warns_at_end
-from precision_pin.display.progress import steps_to
-from precision_pin.draws.space import Draw, check_seed
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_whole
-from precision_pin.inputs.memory import check_memory
+from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.progress import steps_to
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, check_progress, monte_carlo
@@ -29,8 +30,6 @@ from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.sheet.differences import sheet_differences
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
-
-__all__ = ["MOST_MODELS", "SAMPLES", "compare"]
 
 SAMPLES: Final = 100_000
 MOST_MODELS: Final = 8

@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 from precision_pin.analyses.compare.paired import Difference
 from precision_pin.analyses.provenance import PoseLabel, Provenance
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.stored import JsonResult
-from precision_pin.display.tables import milli
-from precision_pin.errors import Finding
+from precision_pin.base.errors import Finding
+from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import JsonResult
+from precision_pin.render.tables import milli
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet.differences import SheetDifference
 from precision_pin.statistics import QUANTITIES, Specification
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = ["LEVELS", "ComparisonResult", "Paired", "PoseComparison"]
 
 LEVELS: Final = (0.5, 0.95, 0.9973)
 """Probabilities of the quantiles that are compared."""
@@ -147,7 +145,7 @@ class ComparisonResult(JsonResult):
     def plot(self) -> Figure:
         """Draw the laws of |d| and |δ| of all models at the worst pose of the first."""
         # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.outputs.compare.figure").figure(self)
+        drawn: Figure = import_module("precision_pin.analyses.compare.figure").figure(self)
         return drawn
 
     def to_dict(self) -> dict[str, Any]:

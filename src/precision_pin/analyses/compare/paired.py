@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws import lazy_special
 from precision_pin.statistics import clopper_pearson, quantile_ranks
 from precision_pin.statistics.moment_intervals import Moments
-
-__all__ = ["Difference", "mean_difference", "quantile_difference", "share_difference"]
 
 _CELLS: Final = 48
 """Places, at most, where the first quantile may lie that are looked at."""

@@ -14,18 +14,16 @@ from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set, source_lines
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display.progress import steps_to
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_numbers
+from precision_pin.base.arguments import check_choice, check_instance, check_items, check_numbers
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.progress import steps_to
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_checks import strained_findings
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
-
-__all__ = ["compensate"]
 
 _POSITION = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 

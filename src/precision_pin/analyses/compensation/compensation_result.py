@@ -10,20 +10,18 @@ import numpy as np
 
 from precision_pin.analyses.compensation.correction import Correction
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.stored import JsonResult
-from precision_pin.display.tables import data_frame, milli
-from precision_pin.errors import Finding
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
+from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import JsonResult
+from precision_pin.render.tables import data_frame, milli
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     from matplotlib.figure import Figure
-
-__all__ = ["CompensationResult", "Mode"]
 
 Mode = Literal["position", "pose"]
 """What is corrected: the position alone, or position and attitude."""
@@ -103,7 +101,7 @@ class CompensationResult(JsonResult):
     def plot(self) -> Figure:
         """Draw the error at the means and the 95 % quantile over the poses, before and after."""
         # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.outputs.compensation.figure").figure(self)
+        drawn: Figure = import_module("precision_pin.analyses.compensation.figure").figure(self)
         return drawn
 
     def to_dict(self) -> dict[str, Any]:

@@ -9,15 +9,13 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base import se3
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import SINGULAR_BELOW
-
-__all__ = ["CONVERGED", "Correction", "CorrectionStatus", "correct"]
 
 CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
 """``corrected``; ``limit``: none was found within the joint limits; ``singular``: the arm is near a singularity and cannot

@@ -11,11 +11,8 @@ import numpy as np
 from scipy import special
 
 from precision_pin.analyses.exact_law.number_law import NumberLaw
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws.laws.projection import Lines, Projection
-
-__all__ = ["MOST_PIECES", "ConvolvedLaw"]
-
 
 MOST_PIECES: Final = 2000
 """Largest number of pieces of the integral; a sum with more pieces is computed as a series."""

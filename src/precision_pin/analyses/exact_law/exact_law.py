@@ -23,25 +23,22 @@ from precision_pin.analyses.exact_law.number_law import NormalLaw, NumberLaw, Si
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.result import list_warnings
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display.progress import steps_to
-from precision_pin.display.tables import symbol
+from precision_pin.base.arguments import check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.progress import steps_to
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_whole
-from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
+from precision_pin.model.backlash_sides import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.turnover import turnover_findings
+from precision_pin.render.tables import symbol
 from precision_pin.sampling import Progress
 from precision_pin.statistics import QUANTITIES, quantity_values
-
-__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "count_steps", "exact_law"]
-
 
 LARGEST_ERROR: Final = 1e-6
 """Largest certified error of the cumulative probabilities for which a law is given."""

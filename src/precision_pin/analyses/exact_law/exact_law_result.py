@@ -13,17 +13,14 @@ from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.analyses.exact_law.number_law import NumberLaw
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table
-from precision_pin.display.tables import MOST_POSES, data_frame, milli, number, symbol, unit
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.render.notebook import Table
+from precision_pin.render.tables import MOST_POSES, data_frame, milli, number, symbol, unit
 from precision_pin.statistics.digits import round_end
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-
-__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "bound_text", "quantile_digits"]
-
 
 LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973, 0.99865)
 ASSUMPTIONS: Final = (

@@ -28,11 +28,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.exact_law.number_law import FARTHEST, ROUNDING, NumberLaw
-from precision_pin.arrays import Array
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["MOST_TERMS", "SeriesLaw", "Summand", "certified_series"]
-
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 
 UNIT: Final = 0.5**53
 """Relative rounding error of a double."""

@@ -19,12 +19,9 @@ import numpy as np
 from scipy import optimize, special
 
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["NormalNorm"]
-
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 
 ERROR: Final = 1e-12
 """Error of the cumulative law, ten times the largest change at the last doubling of the nodes."""

@@ -11,11 +11,8 @@ import numpy as np
 from scipy import optimize, special
 
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws.laws.projection import Projection
-
-__all__ = ["FARTHEST", "ROUNDING", "NormalLaw", "NumberLaw", "SingleLaw"]
-
 
 ROUNDING: Final = 1e-14
 """Bound of the rounding error of a cumulative law in closed form."""

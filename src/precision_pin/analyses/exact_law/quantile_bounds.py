@@ -11,10 +11,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from precision_pin.arrays import Array
-
-__all__ = ["quantile_bounds"]
-
+from precision_pin.base.arrays import Array
 
 _ROUNDING: Final = 1e-15
 

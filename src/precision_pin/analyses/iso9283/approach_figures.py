@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from precision_pin.analyses.iso9283.standard_poses import paths_of_approach
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.approaches import ApproachErrors, sample_approaches
-
-__all__ = ["approach_figures"]
 
 
 def approach_figures(

@@ -15,17 +15,14 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin import se3
 from precision_pin.analyses.iso9283.cycles import MeasuredDistance, MeasuredPose, iso9283_distance, iso9283_of
 from precision_pin.analyses.iso9283.figure_law import FigureLaw
 from precision_pin.analyses.iso9283.pose_forecast import OF_ANGLES, OF_POSITION, PoseForecast
 from precision_pin.analyses.iso9283.simulation import DISTANCE, fit_to
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.inputs.arguments import check_mapping, check_numbers
-
-__all__ = ["ComparedFigure", "Comparison", "compare_with", "pose_names"]
-
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_mapping, check_numbers
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
 
 LEAST: Final = 0.05
 """Probability below which measurement and forecast are said to differ."""

@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from precision_pin.arrays import Array
-
-__all__ = ["LATTICE", "Reach", "largest_cube", "lattice_of"]
+from precision_pin.base.arrays import Array
 
 Reach = Callable[[Array], NDArray[np.bool_]]
 """Which of the points ``(3, P)`` are reached, ``(P,)``."""

@@ -10,15 +10,12 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
 from precision_pin.analyses.iso9283.figures import angles_of, barycentre, distance_figures, pose_figures, scatter
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_name, check_numbers, shown
-
-__all__ = ["MeasuredDistance", "MeasuredPose", "iso9283_distance", "iso9283_of"]
-
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_name, check_numbers, shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding, InputError
 
 _NOT_A_ROTATION: Final = 1e-6
 """Largest entry of R Rᵀ - 1 of a rotation."""

@@ -6,12 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin import se3
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
-
-__all__ = ["HOURS", "drift_from_cold"]
 
 HOURS: Final = 8.0
 """Duration of the test; the standard ends it there, or earlier where the drift has become slow."""

@@ -9,13 +9,10 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.inputs.arguments import check_number
-from precision_pin.inputs.arrays import fix_fields, returns_read_only
+from precision_pin.base.arguments import check_number
+from precision_pin.base.array_checks import fix_fields, returns_read_only
+from precision_pin.base.arrays import Array
 from precision_pin.statistics import quantile_ranks
-
-__all__ = ["LEVELS", "FigureLaw"]
-
 
 LEVELS: Final = (0.0027, 0.05, 0.5, 0.95, 0.9973)
 """Probabilities of the quantiles in the JSON."""

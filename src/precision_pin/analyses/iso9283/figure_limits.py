@@ -10,14 +10,11 @@ import numpy as np
 
 from precision_pin.analyses.iso9283.figure_law import FigureLaw
 from precision_pin.analyses.iso9283.pose_forecast import OF_ANGLES, OF_POSE, SINGLE, PoseForecast
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.inputs.arguments import check_text, shown
+from precision_pin.base.arguments import check_text, shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.statistics import NO_SPREAD, SpecificationResult, clopper_pearson
 from precision_pin.statistics.specification import specification
-
-__all__ = ["FigureLimit", "judge_limits", "listed_limits"]
-
 
 FIGURES: Final = (*OF_POSE, *SINGLE)
 

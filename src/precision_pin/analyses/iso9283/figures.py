@@ -10,20 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-
-__all__ = [
-    "DistanceFigures",
-    "PoseFigures",
-    "angles_of",
-    "barycentre",
-    "distance_figures",
-    "pose_figures",
-    "repeatability",
-    "scatter",
-    "turn_angles",
-]
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
 
 
 class PoseFigures(NamedTuple):

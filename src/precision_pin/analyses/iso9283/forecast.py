@@ -28,20 +28,21 @@ from precision_pin.analyses.iso9283.simulation import (
 )
 from precision_pin.analyses.iso9283.standard_poses import Cube, standard_poses
 from precision_pin.analyses.provenance import PoseLabel, Provenance
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display import progress as progress_bar
-from precision_pin.draws.draw import MOST_VISITS
-from precision_pin.draws.space import Scope, check_seed
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import (
+from precision_pin.base import progress as progress_bar
+from precision_pin.base.arguments import (
     check_flag,
     check_instance,
     check_items,
     check_whole,
 )
-from precision_pin.inputs.memory import check_memory
-from precision_pin.inputs.quantities import check_quantities, check_quantity
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.quantity_arguments import check_quantities, check_quantity
+from precision_pin.base.units import LENGTH, MASS
+from precision_pin.draws.draw import MOST_VISITS, Scope
+from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -49,9 +50,6 @@ from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.statistics import check_confidence
-from precision_pin.units import LENGTH, MASS
-
-__all__ = ["CYCLES", "MOST_POSES", "MOST_ROBOTS", "iso9283"]
 
 CYCLES: Final = 30
 """Cycles of a test in the standard."""

@@ -16,9 +16,7 @@ from typing import Final
 import numpy as np
 from scipy.special import elliprg
 
-from precision_pin.arrays import Array
-
-__all__ = ["mean_distance", "repeatability_limit"]
+from precision_pin.base.arrays import Array
 
 _MEAN_LENGTH: Final = 2 * math.sqrt(2 / math.pi)
 """E|g| of three independent standard normal numbers."""

@@ -17,14 +17,11 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from precision_pin import units
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.inputs import csv_columns
-from precision_pin.inputs.csv_columns import Measured
-from precision_pin.visible import shown
-
-__all__ = ["read_cycles"]
+from precision_pin.base import csv_columns, units
+from precision_pin.base.arrays import Array
+from precision_pin.base.csv_columns import Measured
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.text_escape import shown
 
 _POSITION: Final = ("x", "y", "z")
 _TURNS: Final = (("a", "b", "c"), ("rx", "ry", "rz"))

@@ -7,10 +7,8 @@ from typing import Any, Final, final
 
 from precision_pin.analyses.iso9283.figure_law import FigureLaw
 from precision_pin.analyses.provenance import PoseLabel
-from precision_pin.arrays import Array
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["OF_ANGLES", "OF_POSE", "OF_POSITION", "SINGLE", "PoseForecast"]
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 
 OF_POSITION: Final = ("AP", "RP", "AP_x", "AP_y", "AP_z")
 """Figures of the position."""

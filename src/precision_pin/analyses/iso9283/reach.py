@@ -18,11 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from precision_pin import se3
-from precision_pin.arrays import Array
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
 from precision_pin.robot.chain import Chain
-
-__all__ = ["ToolPoses"]
 
 _KNOWN: Final = 40_000
 """Configurations that steps start from, drawn evenly between the limits."""

@@ -14,21 +14,19 @@ from precision_pin.analyses.iso9283.figure_law import LEVELS, FigureLaw
 from precision_pin.analyses.iso9283.pose_forecast import OF_POSE, SINGLE, PoseForecast
 from precision_pin.analyses.iso9283.standard_poses import Cube
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import warns_at_end
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.stored import JsonResult
-from precision_pin.display.tables import data_frame, dataset, interval_columns, milli, number
-from precision_pin.errors import Finding
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import warns_at_end
+from precision_pin.base.errors import Finding
+from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import JsonResult
+from precision_pin.render.tables import data_frame, dataset, interval_columns, milli, number
 from precision_pin.statistics import SpecificationResult
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
     from matplotlib.figure import Figure
-
-__all__ = ["Iso9283Result"]
 
 
 @final
@@ -187,7 +185,7 @@ class Iso9283Result(JsonResult):
             The figure, which a notebook shows and ``savefig`` writes.
         """
         # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.outputs.iso9283.figure").figure(self)
+        drawn: Figure = import_module("precision_pin.analyses.iso9283.figure").figure(self)
         return drawn
 
     def _head(self) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from typing import Final, final
 
 import numpy as np
 
-from precision_pin import se3
 from precision_pin.analyses.iso9283.figures import (
     angles_of,
     barycentre,
@@ -21,13 +20,11 @@ from precision_pin.analyses.iso9283.figures import (
     turn_angles,
 )
 from precision_pin.analyses.iso9283.limits import repeatability_limit
-from precision_pin.arrays import Array
-from precision_pin.draws.space import Scope
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.draws.draw import Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-
-__all__ = ["DISTANCE", "ROBOTS", "RobotFigures", "Setup", "fit_to", "shape_factor", "simulate_tests", "visit_root"]
-
 
 ROBOTS: Final = 512
 """Robots that are tested together: enough for the compiled loops, few enough for the cache."""

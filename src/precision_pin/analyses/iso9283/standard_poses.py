@@ -9,13 +9,11 @@ import numpy as np
 
 from precision_pin.analyses.iso9283.cube_search import largest_cube
 from precision_pin.analyses.iso9283.reach import ToolPoses
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
-
-__all__ = ["PLANES", "Cube", "paths_of_approach", "standard_poses"]
 
 PLANES: Final = ("y, rising with x", "y, falling with x", "x, rising with y", "x, falling with y")
 """The four diagonal planes of a cube with horizontal edges: the base axis of these, and how the plane slopes."""

@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.analyses.map.first_order import jacobians, shared_covariance
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.inputs.arguments import check_instance
-from precision_pin.inputs.memory import check_memory
+from precision_pin.base.arguments import check_instance
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain_findings import limit_findings
-
-__all__ = ["pose_covariance"]
 
 
 @warns_at_end

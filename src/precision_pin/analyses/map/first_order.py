@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.map.law_bounds import LawShapes, Vectors
-from precision_pin.arrays import Array
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 from precision_pin.draws.correlation import BlockCovariance
-from precision_pin.draws.space import Scope, Space
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.tangents import tangents
-
-__all__ = ["FirstOrder", "first_order", "jacobians", "shared_covariance"]
 
 
 @final

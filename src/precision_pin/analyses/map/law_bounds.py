@@ -41,15 +41,13 @@ from precision_pin.analyses.map.normal_norms import (
     norm_tail_quantiles,
     principal_axes,
 )
-from precision_pin.arrays import Array
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
 from precision_pin.draws.space import Space
-from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.tangents import Tangents
 from precision_pin.terms.table import TermTable
-
-__all__ = ["LawShapes", "Vectors"]
 
 _SCORES: Final = np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, 4001)
 _WEIGHTS: Final = np.exp(-(_SCORES**2) / 2) / np.exp(-(_SCORES**2) / 2).sum()

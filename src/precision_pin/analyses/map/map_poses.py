@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.analyses.map.first_order import FirstOrder, first_order
-from precision_pin.analyses.map.map_result import LEVELS, MapResult, Relative
+from precision_pin.analyses.map.map_result import MapResult, Relative
 from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, Sampled
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Pose, Provenance
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, unheard, warns_at_end
-from precision_pin.display.progress import scaled, steps_to
+from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, unheard, warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.progress import scaled, steps_to
 from precision_pin.draws.space import check_seed
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_whole
-from precision_pin.inputs.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_checks import strained_findings
 from precision_pin.model.pose_model import PoseModel
@@ -31,19 +31,10 @@ from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
+from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import Specification, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
-
-__all__ = [
-    "VERIFIED",
-    "VERIFYING_SAMPLES",
-    "PosesGiven",
-    "approached",
-    "map_poses",
-    "pose_set",
-    "source_lines",
-]
 
 VERIFIED: Final = 5
 """Poses that are verified with fresh samples, the worst ones of the closed form."""

@@ -12,14 +12,14 @@ import numpy as np
 
 from precision_pin.analyses.map.map_verdicts import Judged, MapVerdict, Sampled, map_verdicts
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.display.files import write_files
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.stored import JsonResult
-from precision_pin.display.tables import data_frame, described, milli, optional, percent
-from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_path
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.arguments import check_path
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
+from precision_pin.base.files import write_files
+from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import JsonResult
+from precision_pin.render.tables import data_frame, described, milli, optional, percent
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
     from matplotlib.figure import Figure
-
-__all__ = ["LEVELS", "MapResult", "Relative"]
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _NORMS: Final = ("position", "attitude")
@@ -214,7 +212,7 @@ class MapResult(JsonResult):
             Another level.
         """
         # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.outputs.map.figure").figure(self, quantity, level)
+        drawn: Figure = import_module("precision_pin.analyses.map.figure").figure(self, quantity, level)
         return drawn
 
     def to_dict(self) -> dict[str, Any]:

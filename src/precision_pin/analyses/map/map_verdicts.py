@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.arrays import Array
-from precision_pin.display.progress import scaled
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.progress import scaled
 from precision_pin.sampling import Progress
 from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.statistics import Specification, SpecificationResult, Verdict
-
-__all__ = ["FIRST_ROUND", "MET", "NOT_JUDGED", "ROUNDS", "Judged", "MapVerdict", "Sampled", "map_verdicts"]
 
 ROUNDS: Final = (2_000, 20_000, 200_000)
 """Robots at a pose in each round of sampling; the next one samples the poses that are still undecided, the last one only for

@@ -18,16 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.arrays import Array
-
-__all__ = [
-    "norm_probabilities",
-    "norm_quantile_slopes",
-    "norm_quantiles",
-    "norm_tail_bounds",
-    "norm_tail_quantiles",
-    "principal_axes",
-]
+from precision_pin.base.arrays import Array
 
 _NODES: Final = 32
 _STEP: Final = 0.15

@@ -37,22 +37,19 @@ from precision_pin.analyses.moments.moments_result import Measured, Method, Mome
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.replicates import REPLICATES, jackknife
 from precision_pin.analyses.result import list_warnings
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import warns_at_end
-from precision_pin.display.progress import steps_to
+from precision_pin.base.arguments import check_name, shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_name, shown
 from precision_pin.kernel import sampler
+from precision_pin.model.backlash_sides import fixed_sides, turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.turnover import fixed_sides, turnover_findings
 from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
 from precision_pin.statistics import NORMS, Plan
-
-__all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "check_samples", "count_steps", "moments"]
-
 
 SMALLEST, LARGEST = 5, 19
 """Exponents of the numbers of samples in a replicate, 2⁵ to 2¹⁹."""

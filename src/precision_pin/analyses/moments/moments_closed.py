@@ -21,10 +21,8 @@ from typing import final
 import numpy as np
 
 from precision_pin.analyses.moments.uncorrelated import STEP, ErrorAround, Uncorrelated
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.model.pose_model import PoseModel
-
-__all__ = ["ClosedMoments", "closed_moments"]
 
 
 @final

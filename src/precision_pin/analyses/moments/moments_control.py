@@ -16,12 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.moments.uncorrelated import STEP, ErrorAround, Uncorrelated
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.model.pose_model import PoseModel
-
-__all__ = ["Control", "thin"]
-
 
 MOST_PRODUCTS: Final = 512
 """Largest number of products kept: 54 numbers have 1,485, of which 200 are relevant."""

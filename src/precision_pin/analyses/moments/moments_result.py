@@ -9,22 +9,20 @@ import numpy as np
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table
-from precision_pin.display.tables import (
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.render.notebook import Table
+from precision_pin.render.tables import (
     data_frame,
     interval_columns,
     plus_minus,
     symbol,
     unit,
 )
-from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-
-__all__ = ["Measured", "Method", "MomentsResult", "PoseMoments", "Remainder", "cell", "entries"]
 
 Method = Literal["control", "sobol", "sobol-control", "plain", "closed"]
 

@@ -8,15 +8,12 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.laws.numerics import NORMAL_MOMENTS
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError
 from precision_pin.kernel import sampler
 from precision_pin.model.pose_model import PoseModel
-
-__all__ = ["STEP", "ErrorAround", "Uncorrelated"]
-
 
 STEP: Final = 0.5
 """Step of the differences that approximate derivatives, in standard deviations."""

@@ -21,15 +21,16 @@ from numpy.typing import NDArray
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
 from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display.progress import steps_to
-from precision_pin.draws.draw import MOST_POSES
-from precision_pin.draws.space import Scope, check_seed
-from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_number, check_whole
-from precision_pin.inputs.memory import check_memory
+from precision_pin.base.arguments import check_instance, check_items, check_number, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.progress import steps_to
+from precision_pin.draws.draw import MOST_POSES, Scope
+from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
+from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_checks import strained_findings
@@ -40,8 +41,6 @@ from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.statistics import COMPONENTS, NORMS, check_confidence, quantile_ranks
 from precision_pin.statistics.specification import Specifications, listed_specifications
 from precision_pin.statistics.summary import NO_SPREAD
-
-__all__ = ["count_steps", "path_law"]
 
 MOST_SAMPLES: Final = 10**9
 MOST_THREADS: Final = 1024
@@ -219,7 +218,7 @@ def _varying(error_model: ErrorModel, poses: PoseSet, seen: NDArray[np.bool_], r
     return varies
 
 
-def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[sampler.SamplerArrays]:
+def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[SamplerArrays]:
     """Yield the model's arrays at each pose; some poses are prepared at a time."""
     models = error_model.at_columns(poses.q, poses.approaches)
     while together := list(islice(models, MOST_TOGETHER)):
@@ -265,7 +264,7 @@ class _Run:
     probability: float
     confidence: float
 
-    def observe(self, layout: sampler.SamplerArrays, pose: int) -> _AtPose:
+    def observe(self, layout: SamplerArrays, pose: int) -> _AtPose:
         """Return what a pose yields.
 
         Raises

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.stored import JsonResult
-from precision_pin.display.tables import data_frame, dataset, milli, symbol
-from precision_pin.errors import Finding
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
+from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import JsonResult
+from precision_pin.render.tables import data_frame, dataset, milli, symbol
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.statistics import (
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
     from matplotlib.figure import Figure
-
-__all__ = ["LEVELS", "Band", "MaximumQuantile", "PathResult"]
 
 LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
 """Probabilities of the quantiles of the largest error, besides that of the bands."""
@@ -227,7 +225,7 @@ class PathResult(JsonResult):
     def plot(self) -> Figure:
         """Draw |d| and |δ| along the path: the quantile at each pose and the simultaneous band."""
         # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.outputs.path.figure").figure(self)
+        drawn: Figure = import_module("precision_pin.analyses.path.figure").figure(self)
         return drawn
 
     def to_dict(self) -> dict[str, Any]:

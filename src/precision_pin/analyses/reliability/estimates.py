@@ -11,29 +11,10 @@ import numpy as np
 from scipy import special
 
 from precision_pin.analyses.reliability.form import Form
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.statistics import clopper_pearson
 from precision_pin.statistics.digits import round_end
-from precision_pin.statistics.skewed_means import studentised
-
-__all__ = [
-    "LARGEST_UNKNOWN",
-    "LARGEST_VARIATION",
-    "SAMPLING",
-    "WIDENING",
-    "Estimate",
-    "Verdict",
-    "agree",
-    "in_words",
-    "judged",
-    "log_normal_interval",
-    "plain_estimate",
-    "remarks",
-    "rounded",
-    "skewed_interval",
-    "summed",
-]
-
+from precision_pin.statistics.hall_transform import studentised
 
 LARGEST_VARIATION: Final = 0.3
 """Largest coefficient of variation of a resolved estimate."""

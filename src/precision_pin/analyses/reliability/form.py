@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.reliability.strata import FARTHEST, Jump
-from precision_pin.arrays import Array
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["FARTHEST", "DesignPoint", "Form", "Margin", "form", "towards_surface"]
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 
 Margin = Callable[[Array], Array]
 """Margin to failure ``(N,)`` as a function of standard normal numbers ``(d, N)``; negative at failures."""

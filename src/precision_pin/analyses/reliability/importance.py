@@ -19,11 +19,8 @@ from precision_pin.analyses.reliability.estimates import (
 )
 from precision_pin.analyses.reliability.form import DesignPoint, Margin, towards_surface
 from precision_pin.analyses.reliability.strata import Jump
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.statistics import clopper_pearson
-
-__all__ = ["FEWEST_EFFECTIVE", "importance_sampling"]
-
 
 METHOD: Final = "importance sampling"
 FEWEST_EFFECTIVE: Final = 100

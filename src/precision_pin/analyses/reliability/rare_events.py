@@ -11,17 +11,14 @@ import numpy as np
 from scipy import special
 
 from precision_pin.analyses.reliability.estimates import Estimate, Verdict, judged, remarks, summed
-from precision_pin.analyses.reliability.form import FARTHEST, DesignPoint, Form, form
+from precision_pin.analyses.reliability.form import DesignPoint, Form, form
 from precision_pin.analyses.reliability.importance import METHOD as IMPORTANCE
 from precision_pin.analyses.reliability.importance import importance_sampling
-from precision_pin.analyses.reliability.strata import Strata, Stratum, stratified
+from precision_pin.analyses.reliability.strata import FARTHEST, Strata, Stratum, stratified
 from precision_pin.analyses.reliability.subset import METHOD as SUBSET
 from precision_pin.analyses.reliability.subset import Subset, subset_simulation
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws.space import Space
-
-__all__ = ["RareEvents", "rare_events"]
-
 
 IMPORTANCE_SAMPLES: Final = 20_000
 SUBSET_SAMPLES: Final = 2_000

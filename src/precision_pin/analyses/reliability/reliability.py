@@ -24,18 +24,16 @@ from precision_pin.analyses.reliability.reliability_result import (
 )
 from precision_pin.analyses.reliability.strata import Stratum
 from precision_pin.analyses.result import list_warnings
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import warns_at_end
-from precision_pin.errors import Finding, InputError
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import warns_at_end
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.kernel import sampler
+from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.statistics import Specification, SpecificationResult, quantity_values
 from precision_pin.statistics.specification import Specifications, listed_specifications
-
-__all__ = ["reliability"]
-
 
 LISTED: Final = 3
 """Number of design points that are listed in full."""
@@ -115,7 +113,7 @@ def reliability(
     )
 
 
-def _margin(layout: sampler.SamplerArrays, specification: Specification) -> Callable[[Array], Array]:
+def _margin(layout: SamplerArrays, specification: Specification) -> Callable[[Array], Array]:
     """Return the margin to the limit, relative to the limit, as a function of component values."""
 
     def margin(x: Array) -> Array:
@@ -144,7 +142,7 @@ def _starts(at: PoseModel, specification: Specification) -> list[Array]:
 
 def _of_specification(
     at: PoseModel,
-    layout: sampler.SamplerArrays,
+    layout: SamplerArrays,
     specification: Specification,
     counted: SpecificationResult,
     samples: int,
@@ -173,7 +171,7 @@ def _of_specification(
 
 
 def _describe_failure(
-    at: PoseModel, layout: sampler.SamplerArrays, point: DesignPoint, strata: Sequence[Stratum]
+    at: PoseModel, layout: SamplerArrays, point: DesignPoint, strata: Sequence[Stratum]
 ) -> LikelyFailure:
     """Return parameters, error and importance of each draw at a design point."""
     x = strata[point.stratum].values(point.u[:, None])

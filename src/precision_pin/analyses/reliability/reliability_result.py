@@ -13,9 +13,11 @@ from precision_pin.analyses.reliability.estimates import Estimate, in_words
 from precision_pin.analyses.reliability.form import Form
 from precision_pin.analyses.reliability.strata import Strata
 from precision_pin.analyses.result import Result, name_pose
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table
-from precision_pin.display.tables import (
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import UnknownNameError
+from precision_pin.render.notebook import Table
+from precision_pin.render.tables import (
     absolute,
     data_frame,
     interval_columns,
@@ -23,15 +25,10 @@ from precision_pin.display.tables import (
     resting_on,
     unit,
 )
-from precision_pin.errors import UnknownNameError
-from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict, judge
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-
-__all__ = ["LikelyFailure", "PoseReliability", "ReliabilityResult", "SpecificationReliability"]
-
 
 ASSUMPTIONS: Final = (
     "exact model: the displaced chain multiplied out",

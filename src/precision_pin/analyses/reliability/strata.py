@@ -17,13 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.arrays import Array
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
-from precision_pin.draws.space import Draw, Space
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["FARTHEST", "Jump", "Strata", "Stratum", "from_normals", "stratified"]
-
+from precision_pin.draws.space import Space
 
 FARTHEST: Final = 8.2
 """Largest distance of the search in standard normal numbers: a probability of 1e-16."""

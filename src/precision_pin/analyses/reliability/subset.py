@@ -16,12 +16,9 @@ from precision_pin.analyses.reliability.estimates import (
     plain_estimate,
 )
 from precision_pin.analyses.reliability.form import Margin
-from precision_pin.arrays import Array
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 from precision_pin.statistics import clopper_pearson
-
-__all__ = ["REPLICATES", "Subset", "subset_simulation"]
-
 
 REPLICATES: Final = 12
 METHOD: Final = "subset simulation"

@@ -2,13 +2,11 @@
 
 from precision_pin.analyses.declaration import Declaration, Option
 
-__all__ = ["DECLARATION"]
-
 DECLARATION = Declaration(
     name="worst-case",
     function=f"{__name__}.worst_case:worst_case",
     result=f"{__name__}.worst_case_result:WorstCaseResult",
-    outputs="precision_pin.outputs.worst_case",
+    outputs="precision_pin.analyses.worst_case",
     title="Worst case",
     heading="Worst case",
     summary="Bound the pose error if every tolerance does its worst at once.",

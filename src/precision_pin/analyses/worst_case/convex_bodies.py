@@ -15,16 +15,13 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_number
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.numerics import triangular_root
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_number
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["Body", "Supports"]
-
 
 _STEP: Final = 1e-7
 """Step of the central differences for the support point of a law given by its support function only."""

@@ -20,11 +20,8 @@ from typing import Final, final
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from precision_pin.arrays import Array
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["MOST_CELLS", "TOLERANCE", "Farthest", "farthest", "quadratic_bound"]
-
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 
 TOLERANCE: Final = 1e-9
 """Largest relative difference between lower and upper bound of the result."""

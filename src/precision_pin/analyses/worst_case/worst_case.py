@@ -25,20 +25,18 @@ from precision_pin.analyses.worst_case.worst_case_result import (
     PoseWorstCase,
     WorstCaseResult,
 )
-from precision_pin.arrays import Array
-from precision_pin.call_warnings import warns_at_end
-from precision_pin.display.units import WrittenUnit
+from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import warns_at_end
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.space import Space
-from precision_pin.errors import Finding, InputError
 from precision_pin.kernel import sampler
+from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.model.backlash_sides import side_variants, turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.turnover import side_variants, turnover_findings
+from precision_pin.render.display_units import WrittenUnit
 from precision_pin.sampling import Progress, check_samples, monte_carlo
 from precision_pin.statistics import Distribution
-
-__all__ = ["farthest_error", "worst_case"]
-
 
 MOST_KEPT: Final = 1_000_000
 """Largest number of samples of which the largest error is a starting point of the search of the exact model."""
@@ -171,7 +169,7 @@ def _at_pose(
 
 def _bound(
     at: PoseModel,
-    layout: sampler.SamplerArrays,
+    layout: SamplerArrays,
     supports: Supports,
     rows: slice,
     quantity: str,
@@ -249,9 +247,7 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
     return farthest(heights, touch, bound)
 
 
-def _climb(
-    layout: sampler.SamplerArrays, supports: Supports, rows: slice, starts: Array, mean: Array
-) -> tuple[Array, float]:
+def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array, mean: Array) -> tuple[Array, float]:
     """Return the best point ``(d,)``, and |error| there, of local ascents of the exact model from ``(S, d)``.
 
     Each step moves the draws to their support points along the gradient (Frank-Wolfe with a full step): all of them, or, if
@@ -282,7 +278,7 @@ def _climb(
     return places[best], float(sizes[best])
 
 
-def _toward(layout: sampler.SamplerArrays, supports: Supports, rows: slice, places: Array, mean: Array) -> Array:
+def _toward(layout: SamplerArrays, supports: Supports, rows: slice, places: Array, mean: Array) -> Array:
     """Return the points of the supports ``(S, d)`` farthest along the gradient of |error| at points ``(S, d)``."""
     low, high = (mean + end for end in supports.ends)
     # inside the supports, because a formula or a stiffness may be undefined outside
@@ -308,7 +304,7 @@ def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
         yield np.arange(first, min(first + at_once, count))
 
 
-def _sizes(layout: sampler.SamplerArrays, rows: slice, places: Array) -> Array:
+def _sizes(layout: SamplerArrays, rows: slice, places: Array) -> Array:
     value: Array = np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
     return value
 

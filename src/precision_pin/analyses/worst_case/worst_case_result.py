@@ -11,27 +11,15 @@ import numpy as np
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
 from precision_pin.analyses.worst_case.largest_norm import Farthest
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table
-from precision_pin.display.tables import data_frame, milli, symbol, unit
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.render.notebook import Table
+from precision_pin.render.tables import data_frame, milli, symbol, unit
 from precision_pin.statistics import QUANTITIES, Distribution
 from precision_pin.statistics.digits import round_end
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-
-__all__ = [
-    "SEEN_LEVEL",
-    "ComponentBound",
-    "Contribution",
-    "ExactMaximum",
-    "NormBound",
-    "PoseWorstCase",
-    "WorstCaseResult",
-    "bound_milli",
-]
-
 
 SEEN_LEVEL: Final = 0.9973
 """Probability of the sampled quantile that is shown with the bound."""

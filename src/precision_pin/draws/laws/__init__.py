@@ -15,9 +15,10 @@ from precision_pin.draws.laws.disc import Disc
 from precision_pin.draws.laws.empirical import Empirical
 from precision_pin.draws.laws.fixed import Fixed
 from precision_pin.draws.laws.joint_normal import JointNormal
-from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law
+from precision_pin.draws.laws.law import Law
 from precision_pin.draws.laws.lognormal import Lognormal
 from precision_pin.draws.laws.normal import Normal
+from precision_pin.draws.laws.numerics import FARTHEST_NORMAL
 from precision_pin.draws.laws.rows import Rows
 from precision_pin.draws.laws.triangular import Triangular
 from precision_pin.draws.laws.truncated_normal import TruncatedNormal

@@ -10,16 +10,14 @@ from typing import ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import HalfWidthLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm
 from precision_pin.draws.laws.wording import about
-from precision_pin.units import Quantity
-
-__all__ = ["Arcsine"]
 
 
 @final

@@ -10,11 +10,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws.laws.law import Law, take_number, take_size
 from precision_pin.draws.laws.sheet_form import SheetReader
-
-__all__ = ["BoundedLaw", "HalfWidthLaw", "PlaneLaw", "SymmetricLaw"]
 
 
 class BoundedLaw(Law):

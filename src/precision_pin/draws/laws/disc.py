@@ -10,7 +10,8 @@ from typing import ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
@@ -20,9 +21,6 @@ from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import write_number
 from precision_pin.draws.philox import direction
-from precision_pin.units import Quantity
-
-__all__ = ["Disc"]
 
 LARGEST_SCALED_BESSEL: Final = 0.82504
 """Upper bound of √z |J₁(z)| for z > 0, reached at z = 2.166."""

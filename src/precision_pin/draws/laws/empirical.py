@@ -10,9 +10,14 @@ from typing import Any, ClassVar, Final, cast, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin import units
-from precision_pin.arrays import Array
-from precision_pin.display.units import WrittenUnit
+from precision_pin.base import units
+from precision_pin.base.arguments import check_numbers
+from precision_pin.base.array_checks import returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.csv_columns import Measured
+from precision_pin.base.errors import InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.units import Quantity
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import take_rows
@@ -20,14 +25,7 @@ from precision_pin.draws.laws.numerics import cumulants_of, in_chunks
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import Place, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import spread
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_numbers
-from precision_pin.inputs.arrays import returns_read_only
-from precision_pin.inputs.csv_columns import Measured
-from precision_pin.inputs.memory import check_memory
-from precision_pin.units import Quantity
-
-__all__ = ["Empirical"]
+from precision_pin.render.display_units import WrittenUnit
 
 _BYTES: Final = 300.0
 """Memory for each sample, as tuples and as arrays."""

@@ -8,15 +8,13 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.units import Quantity
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import take_number
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import write_number
-from precision_pin.units import Quantity
-
-__all__ = ["Fixed"]
 
 
 @final

@@ -10,18 +10,16 @@ from typing import ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin import units
-from precision_pin.arrays import Array
+from precision_pin.base import units
+from precision_pin.base.arguments import check_numbers, check_whole, shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.units import Quantity
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law, take_rows
-from precision_pin.draws.laws.numerics import NORMAL_MOMENTS, Moments, triangular_root
+from precision_pin.draws.laws.law import Law, take_rows
+from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, NORMAL_MOMENTS, Moments, triangular_root
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_numbers, check_whole, shown
-from precision_pin.units import Quantity
-
-__all__ = ["JointNormal"]
 
 
 @final

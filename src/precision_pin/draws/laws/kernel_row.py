@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, final
 
-from precision_pin.arrays import Array
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["Branch", "KernelRow"]
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 
 Branch = Literal[
     "fixed",

@@ -10,20 +10,18 @@ from typing import ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.display.units import WrittenUnit
+from precision_pin.base.arguments import check_number, check_numbers, check_whole, shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, Moments, moments_by_quadrature
+from precision_pin.draws.laws.numerics import Moments, moments_by_quadrature
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations, spread
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_number, check_numbers, check_whole, shown
-from precision_pin.inputs.memory import check_memory
-from precision_pin.units import Quantity
-
-__all__ = ["FARTHEST_NORMAL", "Law", "cumulative", "take_number", "take_rows", "take_size"]
+from precision_pin.render.display_units import WrittenUnit
 
 
 class Law(ABC):

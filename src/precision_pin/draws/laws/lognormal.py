@@ -21,18 +21,16 @@ from typing import ClassVar, Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law, take_size
-from precision_pin.draws.laws.numerics import in_chunks
+from precision_pin.draws.laws.law import Law, take_size
+from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, in_chunks
 from precision_pin.draws.laws.projection import Projection, power_bound
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import write_number
-from precision_pin.errors import InputError
-from precision_pin.units import Quantity
-
-__all__ = ["LOGNORMAL_ERROR", "Lognormal", "lognormal_characteristic", "lognormal_envelope"]
 
 WIDEST_LOGNORMAL: Final = 1e3
 """Largest standard deviation of a lognormal law, in means."""

@@ -9,18 +9,17 @@ from typing import ClassVar, Final, Literal, final
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.display.units import WrittenUnit
+from precision_pin.base.arguments import check_number
+from precision_pin.base.arrays import Array
+from precision_pin.base.units import Quantity
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law, take_number, take_size
+from precision_pin.draws.laws.law import Law, take_number, take_size
+from precision_pin.draws.laws.numerics import FARTHEST_NORMAL
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.truncated_normal import TruncatedNormal
 from precision_pin.draws.laws.wording import mean_beside, write_number
-from precision_pin.inputs.arguments import check_number
-from precision_pin.units import Quantity
-
-__all__ = ["Normal"]
+from precision_pin.render.display_units import WrittenUnit
 
 _NOT_NEGATIVE: Final = "zero or more and finite"
 

@@ -10,20 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
 from precision_pin.draws import lazy_special
-
-__all__ = [
-    "NORMAL_MOMENTS",
-    "Array",
-    "Moments",
-    "cumulants_of",
-    "in_chunks",
-    "moments_by_quadrature",
-    "moments_of",
-    "triangular_root",
-]
-
 
 FARTHEST_NORMAL: Final = 8.6
 """Largest normal number that is drawn, in standard deviations: the smallest uniform number is 2⁻⁵³."""

@@ -13,11 +13,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
 from precision_pin.draws.laws.numerics import in_chunks
-from precision_pin.inputs.arrays import fix_fields
-
-__all__ = ["Lines", "Projection", "SymmetricProjection", "power_bound"]
 
 
 class Projection(ABC):

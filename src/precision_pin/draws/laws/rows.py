@@ -10,20 +10,17 @@ from typing import Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
+from precision_pin.base.arguments import check_items, shown
+from precision_pin.base.array_checks import returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.units import Quantity
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Law, take_rows
 from precision_pin.draws.laws.numerics import Moments, cumulants_of, in_chunks, moments_of
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_items, shown
-from precision_pin.inputs.arrays import returns_read_only
-from precision_pin.units import Quantity
-
-__all__ = ["Rows"]
-
 
 _FILE: Final[Mapping[str, Any]] = {
     "type": "object",

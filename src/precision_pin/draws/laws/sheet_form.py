@@ -7,10 +7,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, final
 
-from precision_pin.errors import InputError
-from precision_pin.inputs.csv_columns import Measured
-
-__all__ = ["DEVIATIONS", "MEAN", "NUMBER", "LawOption", "Place", "SheetForm", "SheetReader"]
+from precision_pin.base.csv_columns import Measured
+from precision_pin.base.errors import InputError
 
 Place = tuple[str | int, ...]
 """Path of keys and indices below the mapping of a law."""

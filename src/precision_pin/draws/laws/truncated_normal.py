@@ -10,18 +10,16 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.display.units import WrittenUnit
+from precision_pin.base.arguments import check_number
+from precision_pin.base.arrays import Array
+from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection
 from precision_pin.draws.laws.wording import mean_beside
-from precision_pin.inputs.arguments import check_number
-from precision_pin.units import Quantity
-
-__all__ = ["TruncatedNormal"]
+from precision_pin.render.display_units import WrittenUnit
 
 SMALLEST_K: Final = 1e-3
 """Smallest k of a truncated normal law; its samples are exact to 1e-16/k of its half-width."""

@@ -9,18 +9,16 @@ from typing import ClassVar, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.display.units import WrittenUnit
+from precision_pin.base.arguments import check_number
+from precision_pin.base.arrays import Array
+from precision_pin.base.units import Quantity
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import take_number, take_size
 from precision_pin.draws.laws.numerics import cumulants_of
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import LawOption, SheetForm, SheetReader
-from precision_pin.inputs.arguments import check_number
-from precision_pin.units import Quantity
-
-__all__ = ["TwoPoint"]
+from precision_pin.render.display_units import WrittenUnit
 
 
 @final

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.display.units import WrittenUnit
-from precision_pin.units import Quantity
-
-__all__ = ["about", "deviations", "mean_beside", "spread", "write_number"]
+from precision_pin.base.arrays import Array
+from precision_pin.base.units import Quantity
+from precision_pin.render.display_units import WrittenUnit
 
 
 def write_number(value: float, quantity: Quantity | None) -> str:

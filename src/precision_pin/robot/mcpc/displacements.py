@@ -14,13 +14,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_choice, check_instance, check_numbers
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_choice, check_instance, check_numbers
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.robot.mcpc.parameters import Mcpc, axial_motion, finite_array, tilt, tilt_angles
-
-__all__ = ["frame_displacements", "parameter_errors"]
 
 RIGID = 1e-9
 """Largest deviation of a given displacement from a rigid motion."""

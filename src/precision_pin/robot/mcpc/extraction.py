@@ -8,13 +8,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, shown
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_instance, shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.robot.mcpc.parameters import Z_AXIS, Mcpc, axial_motion, half_open, tilt, tilt_angles
-
-__all__ = ["JointChain", "from_chain", "joint_placements", "to_placements"]
 
 PARALLEL = 1e-9
 """Axes closer than this (rad) count as parallel when a joint offset is chosen."""

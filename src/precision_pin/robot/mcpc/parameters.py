@@ -9,14 +9,11 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.display.html import Table, rendered
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_numbers, check_whole
-
-__all__ = ["Mcpc", "McpcRow"]
-
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_numbers, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.render.notebook import Table, rendered
 
 X_AXIS = (1.0, 0.0, 0.0)
 Y_AXIS = (0.0, 1.0, 0.0)

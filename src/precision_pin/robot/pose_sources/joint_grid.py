@@ -8,16 +8,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_mapping, check_name
-from precision_pin.inputs.quantities import check_quantities
+from precision_pin.base.arguments import check_instance, check_mapping, check_name
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.quantity_arguments import check_quantities
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.configurations import joint_quantity
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.urdf import Joint
-
-__all__ = ["MOST_POSES", "check_grid_size", "joint_grid"]
 
 _DECIMALS: Final = 9
 """Of values in names, mm and degrees."""

@@ -8,15 +8,13 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_numbers, check_text, check_whole
-from precision_pin.inputs.arrays import fix_fields
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_numbers, check_text, check_whole
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.robot.postures import alignment
 from precision_pin.robot.solution_search import Task
-
-__all__ = ["Orientation"]
 
 MOST_ANGLES: Final = 3600
 Z: Final = (0.0, 0.0, 1.0)

@@ -9,19 +9,17 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.arrays import Array
-from precision_pin.display.progress import steps_to
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_numbers
-from precision_pin.inputs.quantities import check_quantities
+from precision_pin.base.arguments import check_choice, check_instance, check_items, check_numbers
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.progress import steps_to
+from precision_pin.base.quantity_arguments import check_quantities
+from precision_pin.base.units import LENGTH
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import Branches, inverse_kinematics
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.pose_sources.joint_grid import check_grid_size
 from precision_pin.robot.pose_sources.orientation import Orientation
-from precision_pin.units import LENGTH
-
-__all__ = ["box_places", "count_wanted", "place_grid", "plane_places"]
 
 
 def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:

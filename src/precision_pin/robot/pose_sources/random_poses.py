@@ -9,22 +9,20 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arrays import Array
-from precision_pin.display.progress import steps_to
+from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.interrupts import raise_if_interrupted
+from precision_pin.base.progress import steps_to
+from precision_pin.base.quantity_arguments import check_quantities
+from precision_pin.base.units import LENGTH
 from precision_pin.draws.philox import Units, stream_of
 from precision_pin.draws.space import check_seed
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_whole
-from precision_pin.inputs.quantities import check_quantities
-from precision_pin.interrupts import raise_if_interrupted
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import inverse_kinematics
 from precision_pin.robot.pose_set import PoseSet, chain_length
 from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
 from precision_pin.robot.pose_sources.orientation import Orientation
-from precision_pin.units import LENGTH
-
-__all__ = ["random_poses"]
 
 _FEWEST: Final = 32
 _MOST: Final = 256

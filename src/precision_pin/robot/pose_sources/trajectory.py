@@ -14,19 +14,17 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import units
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError, UnitError, nearest
-from precision_pin.inputs.arguments import check_instance, check_number, check_path, check_whole
-from precision_pin.inputs.arrays import fix_fields
-from precision_pin.inputs.csv_columns import NUMBER, numbers
-from precision_pin.inputs.files import UnreadableFileError, read_text_file
+from precision_pin.base import units
+from precision_pin.base.arguments import check_instance, check_number, check_path, check_whole
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.csv_columns import NUMBER, numbers
+from precision_pin.base.errors import Finding, InputError, UnitError, nearest
+from precision_pin.base.input_files import UnreadableFileError, read_text_file
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
-from precision_pin.visible import shown
-
-__all__ = ["Column", "Trajectory", "joint_columns", "read_trajectory"]
 
 _TIMES: Final = ("t", "time")
 _LONGEST: Final = 40

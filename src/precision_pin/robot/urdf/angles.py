@@ -6,11 +6,10 @@ import math
 from dataclasses import replace
 from decimal import Decimal
 
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.data import Joint
-from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.robot import Robot
-
-__all__ = ["check_angles", "snapped"]
 
 EIGHTH = math.pi / 4
 # 1.570796 (0.33 µrad off) is good enough for a thousandth of a millimetre at 2 m, 1.5708 (3.7 µrad) is not

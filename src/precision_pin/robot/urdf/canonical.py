@@ -7,8 +7,6 @@ from collections.abc import Iterable
 from precision_pin.robot.urdf.data import Inertial, Joint, Link
 from precision_pin.robot.urdf.robot import Robot
 
-__all__ = ["UNLIMITED", "canonical"]
-
 # written for "no limit": finite, because Pinocchio samples and clamps between limits
 UNLIMITED = 1e9
 NO_MASS = Inertial(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -8,25 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from precision_pin import se3
-from precision_pin.arrays import Array
-
-__all__ = [
-    "Box",
-    "Cylinder",
-    "Geometry",
-    "Inertial",
-    "Joint",
-    "JointKind",
-    "Limit",
-    "Limits",
-    "Link",
-    "Mesh",
-    "Mimic",
-    "Shape",
-    "Sphere",
-    "Vector",
-]
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
 
 Vector = tuple[float, float, float]
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]

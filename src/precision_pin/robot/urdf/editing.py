@@ -12,8 +12,6 @@ from xml.sax.saxutils import quoteattr
 from precision_pin.robot.urdf.data import Vector
 from precision_pin.robot.urdf.xmltree import UTF8_MARK, utf8_text
 
-__all__ = ["AddedFrame", "Placement", "UrdfText"]
-
 START_TAG: Final = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 ATTRIBUTE: Final = re.compile(rb"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 DECLARATION: Final = re.compile(rb"<\?xml\s.*?\?>", re.DOTALL)

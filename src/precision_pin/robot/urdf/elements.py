@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.base.text_escape import shown
+from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.xmltree import Node
-
-__all__ = ["check_attributes", "check_children", "read_name"]
 
 # parent → (children allowed once, children allowed often)
 CHILDREN: dict[str, tuple[frozenset[str], frozenset[str]]] = {

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 from typing import Final
 
-from precision_pin.inputs import files
-from precision_pin.inputs.files import UnreadableFileError
-from precision_pin.robot.urdf.findings import Findings, shown
-
-__all__ = ["read_regular_file"]
+from precision_pin.base import input_files as files
+from precision_pin.base.input_files import UnreadableFileError
+from precision_pin.base.text_escape import shown
+from precision_pin.robot.urdf.findings import Findings
 
 _CODES: Final = {"missing": "E_FILE_MISSING", "kind": "E_FILE_KIND", "size": "E_TOO_BIG"}
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Literal, final
 
-from precision_pin.errors import Finding, nearest
-from precision_pin.visible import one_line, shown, visible
-
-__all__ = ["Findings", "hint", "shown"]
+from precision_pin.base.errors import Finding, nearest
+from precision_pin.base.text_escape import one_line, visible
 
 MOST_FINDINGS = 1000
 MOST_NAMES = 6

@@ -7,12 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from precision_pin.arrays import Array
+from precision_pin.base.arrays import Array
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.data import Inertial, Link
-from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.robot import Robot
-
-__all__ = ["check_inertias"]
 
 Verdict = Literal["physical", "point", "negative", "triangle"]
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from typing import cast
 
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.data import Joint, JointKind, Limit, Mimic, Vector
 from precision_pin.robot.urdf.elements import check_attributes, check_children, read_name
-from precision_pin.robot.urdf.findings import Findings, hint, shown
+from precision_pin.robot.urdf.findings import Findings, hint
 from precision_pin.robot.urdf.numbers import BadNumbers, is_misread, parse_numbers, read_numbers, read_vector
 from precision_pin.robot.urdf.units import check_angle, check_length
 from precision_pin.robot.urdf.xmltree import Node
-
-__all__ = ["check_mimics", "read_joint"]
 
 HALF_TURN = 3.14
 """rad, as it is often written."""

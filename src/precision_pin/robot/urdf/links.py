@@ -6,15 +6,14 @@ import math
 
 import numpy as np
 
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.data import Inertial, Link
 from precision_pin.robot.urdf.elements import check_attributes, check_children, read_name
-from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.numbers import read_numbers, read_vector
 from precision_pin.robot.urdf.units import BEYOND_USE, LONGEST_REACH, check_angle, check_length
 from precision_pin.robot.urdf.visuals import Colour, Looks
 from precision_pin.robot.urdf.xmltree import Node
-
-__all__ = ["read_link"]
 
 TINY_MASS = 1e-6
 LARGE_MASS = 500.0

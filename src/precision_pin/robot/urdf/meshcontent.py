@@ -16,8 +16,9 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.files import read_regular_file
-from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.meshscenes import (
     MOST_TRIANGLES,
     BrokenMeshError,
@@ -26,8 +27,6 @@ from precision_pin.robot.urdf.meshscenes import (
     check_glb,
     check_gltf,
 )
-
-__all__ = ["MESH_KINDS", "BrokenMeshError", "MeshFile", "read_mesh"]
 
 MOST_BYTES: Final = 64 * 1024 * 1024
 MOST_TEXT_BYTES: Final = 32 * 1024 * 1024

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import final
 
-from precision_pin.inputs.files import is_regular, note_input
-from precision_pin.robot.urdf.findings import Findings, shown
-from precision_pin.robot.urdf.meshcontent import MESH_KINDS, BrokenMeshError, read_mesh
-
-__all__ = ["MeshFiles", "locate_mesh"]
+from precision_pin.base.input_files import is_regular, note_input
+from precision_pin.base.text_escape import shown
+from precision_pin.robot.urdf.findings import Findings
+from precision_pin.robot.urdf.meshcontent import MESH_KINDS, read_mesh
+from precision_pin.robot.urdf.meshscenes import BrokenMeshError
 
 SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
 LONGEST_NAME = 4096

@@ -14,9 +14,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.robot.urdf.findings import shown
-
-__all__ = ["MOST_TRIANGLES", "BrokenMeshError", "check_collada", "check_glb", "check_gltf"]
+from precision_pin.base.text_escape import shown
 
 Companion = Callable[[str], bytes]
 """Function that returns the bytes of a file that a mesh names, or raises `BrokenMeshError`."""

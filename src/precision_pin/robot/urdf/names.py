@@ -5,10 +5,9 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.data import Joint, Link
-from precision_pin.robot.urdf.findings import Findings, shown
-
-__all__ = ["check_names"]
+from precision_pin.robot.urdf.findings import Findings
 
 RESERVED = "universe"
 PLAIN_MARKS = frozenset("_-.:")

@@ -6,10 +6,9 @@ import math
 import re
 from dataclasses import dataclass
 
-from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.base.text_escape import shown
+from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.xmltree import Node
-
-__all__ = ["ZERO3", "BadNumbers", "is_misread", "parse_numbers", "read_numbers", "read_vector"]
 
 ZERO3 = (0.0, 0.0, 0.0)
 PLAIN = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")

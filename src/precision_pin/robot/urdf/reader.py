@@ -6,12 +6,13 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from precision_pin.errors import Finding, UrdfError
+from precision_pin.base.errors import Finding, UrdfError
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.angles import check_angles
 from precision_pin.robot.urdf.data import Limits
 from precision_pin.robot.urdf.elements import check_attributes, check_children, read_name
 from precision_pin.robot.urdf.files import read_regular_file
-from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.inertia import check_inertias
 from precision_pin.robot.urdf.joints import check_mimics, read_joint
 from precision_pin.robot.urdf.links import read_link
@@ -21,8 +22,6 @@ from precision_pin.robot.urdf.robot import Robot
 from precision_pin.robot.urdf.structure import check_size, check_tree, without_twins
 from precision_pin.robot.urdf.visuals import Looks
 from precision_pin.robot.urdf.xmltree import Node, parse_xml
-
-__all__ = ["check", "parse", "read"]
 
 Paths = Sequence[str | os.PathLike[str]]
 DEFAULT_LIMITS = Limits()

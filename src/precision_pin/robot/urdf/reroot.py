@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin import se3
+from precision_pin.base import se3
 from precision_pin.robot.urdf.data import Joint, Link, Vector
 from precision_pin.robot.urdf.robot import Robot
-
-__all__ = ["rerooted", "rpy_of"]
 
 
 def rerooted(robot: Robot, base: str) -> Robot:

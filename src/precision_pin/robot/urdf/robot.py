@@ -8,11 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from precision_pin.arrays import Array
-from precision_pin.errors import Finding, InputError, InternalError, UnknownNameError
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding, InputError, InternalError, UnknownNameError
 from precision_pin.robot.urdf.data import Joint, Link
-
-__all__ = ["Robot"]
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.data import Joint, Limits, Link
-from precision_pin.robot.urdf.findings import Findings, hint, shown
+from precision_pin.robot.urdf.findings import Findings, hint
 from precision_pin.robot.urdf.robot import Robot
 from precision_pin.robot.urdf.units import LONGEST_REACH
-
-__all__ = ["check_size", "check_tree", "without_twins"]
 
 MOST_NAMED = 8
 

@@ -7,8 +7,6 @@ import math
 from precision_pin.robot.urdf.data import Vector
 from precision_pin.robot.urdf.findings import Findings
 
-__all__ = ["LONGEST_REACH", "check_angle", "check_length"]
-
 LONGEST_REACH = 20.0
 BEYOND_USE = 1e6
 # a full turn written with four digits is still a full turn

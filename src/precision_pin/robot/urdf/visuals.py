@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from typing import final
 
+from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.data import Box, Cylinder, Geometry, Mesh, Shape, Sphere, Vector
-from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.meshes import MeshFiles
 from precision_pin.robot.urdf.numbers import ZERO3, BadNumbers, parse_numbers
 from precision_pin.robot.urdf.xmltree import Node
-
-__all__ = ["Colour", "Looks"]
 
 Colour = tuple[float, float, float, float]
 

@@ -1,0 +1,98 @@
+"""An allocation as a picture: what causes the error before and after, and the cost against the accuracy."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from precision_pin.analyses.allocation.allocation_result import AllocationResult
+from precision_pin.analyses.allocation.table import pose_count
+from precision_pin.base.text_escape import visible
+from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.draw_distribution import BLACK, BLUE, VERMILION
+from precision_pin.render.figure_style import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    shortened,
+    style,
+    wrapped,
+)
+from precision_pin.render.tables import symbol
+
+_MOST_BARS: Final = 12
+_LEAST_PART: Final = 0.005
+_MOST_LETTERS: Final = 30
+_WORDS: Final = {"rms": "root mean square", "worst_case": "largest deviation"}
+
+
+def figure(result: AllocationResult) -> Figure:
+    """Return the figure, 174 mm wide: sources before and after, beside them the front if there is one."""
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        panels = list(made.subplots(1, 2)) if result.front else [made.subplots()]
+        bars = _draw_parts(panels[0], result)
+        if result.front:
+            _draw_front(panels[1], result)
+        chosen = "cheapest tolerances" if result.feasible else "narrowest tolerances, which do not keep the limits"
+        title = f"{chosen}: {visible(result.provenance.robot, 60)} at {pose_count(result)}"
+        made.suptitle("\n".join(wrapped(title, made)))
+        parts = result.parts
+        caption = f"{_WORDS[parts.kind]} at pose {visible(parts.pose)}, first order"
+        if result.front:
+            caption += "; cost: all limits wider or narrower by one factor, first order"
+        entries, below = labelled(panels), wrapped(caption, made)
+        legend_below(made, entries, 4, below)
+        set_height(made, max(28 + 6.5 * bars, 62) + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT)
+    return made
+
+
+def _draw_parts(axes: Axes, result: AllocationResult) -> int:
+    """Draw the largest parts and return how many."""
+    parts = result.parts
+    sizes = {one.source: max(one.before, one.after) for one in parts.sources}
+    largest = max(sizes.values(), default=0.0)
+    entries = [one for one in parts.sources if sizes[one.source] >= _LEAST_PART * largest][:_MOST_BARS]
+    hidden = len(parts.sources) - len(entries)
+    unit = WrittenUnit.of_axis(parts.quantity, largest)
+    places = np.arange(len(entries))
+    for shift, values, colour, label in (
+        (-0.19, [one.before for one in entries], VERMILION, "before"),
+        (0.19, [one.after for one in entries], BLUE, "after"),
+    ):
+        axes.barh(places + shift, np.array(values) * unit.per_si, 0.36, color=colour, label=label, linewidth=0)
+    names = [shortened(visible(one.source), _MOST_LETTERS) + ("" if one.is_chosen else " *") for one in entries]
+    axes.set_yticks(places, names)
+    axes.invert_yaxis()
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.tick_params(axis="y", length=0)
+    notes = ["* not chosen"] if not all(one.is_chosen for one in entries) else []
+    notes += [f"{hidden} smaller ones are left out"] if hidden else []
+    axes.set_xlabel("\n".join([f"part of {symbol(parts.quantity)} [{unit.name}]", "; ".join(notes)]).rstrip())
+    return len(entries)
+
+
+def _draw_front(axes: Axes, result: AllocationResult) -> None:
+    one = result.tightest
+    factors = np.array([point.factor for point in result.front])
+    unit = WrittenUnit.of_axis(one.quantity, one.limit * float(factors.max()))
+    limits = factors * one.limit * unit.per_si
+    axes.plot(
+        limits, [point.cost for point in result.front], color=BLUE, marker="o", markersize=2.5, label="least cost"
+    )
+    if result.feasible:
+        place = one.limit * unit.per_si
+        axes.plot([place], [result.cost], color=BLUE, marker="D", markersize=5.5, linestyle="", label="chosen")
+    axes.axhline(result.cost_before, color=VERMILION, linestyle="--", label="cost before")
+    axes.axvline(one.limit * unit.per_si, color=BLACK, linestyle=":", linewidth=0.8, label="limit")
+    axes.set_ylim(bottom=0)
+    axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.set_xlabel(f"limit of {symbol(one.quantity)} [{unit.name}]")
+    axes.set_ylabel("cost")

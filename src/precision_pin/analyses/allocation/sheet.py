@@ -1,0 +1,42 @@
+"""The sheet with the chosen tolerances."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+
+from ruamel.yaml import YAML
+
+from precision_pin.analyses.allocation.allocation_result import AllocationResult
+from precision_pin.base.errors import InputError
+from precision_pin.model.error_model import ErrorModel
+
+
+def allocated_sheet(model: ErrorModel, result: AllocationResult, folder: Path) -> str:
+    """Return the sheet of a model with the chosen tolerances, without its comments.
+
+    Parameters
+    ----------
+    model, result
+        The model that was allocated, and the result.
+    folder
+        Where the sheet will lie; the robot's file is named from there.
+
+    Raises
+    ------
+    InputError
+        The model was not read from a sheet.
+    """
+    changed = model.with_(result.changes).sheet
+    if changed is None or changed.contents is None:
+        raise InputError("the model was not read from a sheet or a dictionary")
+    data = dict(changed.contents.text.data)
+    file = changed.contents.folder / data["robot"]
+    if file.is_file():
+        data["robot"] = os.path.relpath(file, folder)
+    writer = YAML()
+    writer.width = 120
+    text = io.StringIO()
+    writer.dump(data, text)
+    return text.getvalue()

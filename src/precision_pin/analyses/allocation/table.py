@@ -1,0 +1,191 @@
+"""An allocation as text for a terminal."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult
+from precision_pin.analyses.allocation.error_parts import MEAN, SourcePart
+from precision_pin.base.text_escape import shortened, visible
+from precision_pin.base.units import LENGTH
+from precision_pin.render.tables import resting_on
+from precision_pin.render.text_table import aligned
+
+_MOST_LETTERS: Final = 36
+_MOST_NAMED: Final = 3
+_MOST_LINES: Final = 12
+_LEAST_GAP: Final = 1e-4
+"""Per cent; less is rounding."""
+_NO_GAP: Final = 1e-9
+_WORDS: Final = {"quantile": "", "rms": "root mean square ", "worst_case": "worst case "}
+
+
+def allocation_table(result: AllocationResult) -> str:
+    """Return the verdict and the cost, the limits, a row for each tolerance, and the error's sources before and after."""
+    of, parts, front = result.provenance, result.parts, front_rows(result)
+    largest = part_rows(result)
+    hidden = parts.shares()[len(largest) - 1 :]
+    more = [f"and {len(hidden)} more, {100 * sum(hidden):.1f} %"] if hidden else []
+    return "\n".join(
+        [
+            *verdict_lines(result),
+            f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {pose_count(result)}",
+            "",
+            *limit_lines(result),
+            "",
+            *aligned(tolerance_rows(result)),
+            "",
+            parts_in_words(result),
+            *aligned(largest),
+            *more,
+            *(["", front_in_words(result), *aligned(front)] if len(front) > 1 else []),
+            *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
+        ]
+    )
+
+
+def tolerance_rows(result: AllocationResult) -> list[list[str]]:
+    """Return a heading, then a row for each tolerance."""
+    rows = [["tolerance", "before", "after", "cost", "held by"]]
+    columns = (result.after.tolist(), result.costs.tolist(), result.shadow_prices.tolist())
+    for one, after, cost, price in zip(result.tolerances, *columns, strict=True):
+        before = one.written(one.before).removeprefix("±")
+        held = "max" if after >= one.high * (1 - 1e-7) else "min" if after <= one.low * (1 + 1e-7) else "-"
+        if held != "-" and price:
+            held += f", {abs(price) / 1e3:.3g} per {'mm' if one.unit in LENGTH.units else 'mrad'}"
+        if one.grades is not None:
+            held = f"grade {one.grade(after)}".rstrip()
+        number, unit = one.written(after).removeprefix("±").split(" ", 1)
+        path = shortened(visible(one.path), _MOST_LETTERS)
+        rows.append([path, before, f"{float(number):.4g} {unit}", f"{cost:.4g}", held])
+    return rows
+
+
+def verdict_lines(result: AllocationResult) -> list[str]:
+    """Return the cost and how far above the least it is, or what no allocation can meet and what is in the way."""
+    if not result.feasible:
+        one = result.tightest
+        return [
+            f"no allocation can meet {_in_words(one)}: with every tolerance at its least {_reached(one)};",
+            f"  in the way: {_obstacles(result)}",
+        ]
+    cost, grounds = f"cost {result.cost:.6g}, before {result.cost_before:.6g}", result.grounds
+    if grounds.not_judged:
+        return [f"{cost}; {grounds.said('not judged')}"]
+    if not result.met:
+        failed = any(one.verdict == "NOT MET" for one in result.limits)
+        return [f"{cost}; {'NOT MET' if failed else 'NOT RESOLVED'} by the samples"]
+    met = f"; {grounds.said('met')}" if grounds.exact else ""
+    return [f"{cost}; {_above_least(result)}{met}"]
+
+
+def _above_least(result: AllocationResult) -> str:
+    """Return in words how far above the least cost the result is, and what that rests on."""
+    gap = result.gap
+    if gap is None:
+        return "how far above the least is not known"
+    if result.bound_basis == "samples":
+        every = "every cheaper choice of grades fails by the samples"
+        return every if gap < _NO_GAP else f"at most {100 * gap:.2g} % above the least by the samples"
+    rests = "the least of the first order" if result.bound_basis == "proof" else "the least (bound not proven)"
+    return f"at most {max(100 * gap, _LEAST_GAP):.2g} % above {rests}"
+
+
+def pose_count(result: AllocationResult) -> str:
+    """Return the number of poses in words."""
+    return f"{len(result.poses):,} pose{'s' if len(result.poses) > 1 else ''}"
+
+
+def _in_words(one: AllocatedLimit) -> str:
+    """Return a limit such as ``position.norm 0.5 mm @ 95 %``."""
+    required = "" if one.required is None else f" @ {100 * one.required:.6g} %"
+    return f"{_WORDS[one.kind]}{one.quantity} {1e3 * one.limit:.4g} {_unit(one)}{required}"
+
+
+def _reached(one: AllocatedLimit) -> str:
+    if one.probability is None or one.interval is None:
+        return f"it is {1e3 * one.first_order:.4g} {_unit(one)} at {visible(one.worst_pose)}"
+    low, high = (100 * end for end in one.interval)
+    return f"{100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) keep it at {visible(one.worst_pose)}"
+
+
+def _obstacles(result: AllocationResult) -> str:
+    """Return the largest parts that are left with every tolerance at its least: the constant one, then those that scatter."""
+    parts = result.parts
+    unit = "mm" if parts.quantity.startswith("position") else "mrad"
+    scattered = [one for one in parts.sources if one.source != MEAN]
+    most = max((one.after for one in scattered), default=0.0)
+    mean = [one for one in parts.sources if one.source == MEAN and one.after > most / 2]
+    named = [*mean, *(one for one in scattered[:_MOST_NAMED] if one.after > most / 2)]
+    words = [
+        f"{shortened(visible(one.source), _MOST_LETTERS)} {1e3 * one.after:.3g} {unit} ({_state(one)}"
+        + ("; compensate or calibrate removes it)" if one.source == MEAN else ")")
+        for one in named
+    ]
+    return ", ".join(words) or "nothing of the first order"
+
+
+def _state(one: SourcePart) -> str:
+    return "no tolerance" if one.source == MEAN else "at its least" if one.is_chosen else "not chosen"
+
+
+def parts_in_words(result: AllocationResult) -> str:
+    """Return what the parts of the sources are, and where."""
+    what = "largest deviation" if result.parts.kind == "worst_case" else "root mean square"
+    return f"{what} of {result.parts.quantity} at {visible(result.parts.pose)}, first order"
+
+
+def part_rows(result: AllocationResult) -> list[list[str]]:
+    """Return a heading, then a row for each of the largest parts before and after."""
+    parts = result.parts
+    unit = "mm" if parts.quantity.startswith("position") else "mrad"
+    rows = [["source", f"before [{unit}]", f"after [{unit}]", "share after", "note"]]
+    rows += [
+        [
+            shortened(visible(one.source), _MOST_LETTERS),
+            f"{1e3 * one.before:.4g}",
+            f"{1e3 * one.after:.4g}",
+            f"{100 * share:.1f} %",
+            "" if one.is_chosen else _state(one),
+        ]
+        for one, share in list(zip(parts.sources, parts.shares(), strict=True))[:_MOST_LINES]
+    ]
+    return rows
+
+
+def front_in_words(result: AllocationResult) -> str:
+    """Return what the front is of."""
+    others = ", the others with it" if len(result.limits) > 1 else ""
+    return f"cost against accuracy, first order{others}"
+
+
+def front_rows(result: AllocationResult) -> list[list[str]]:
+    """Return a heading, then a row for each point of the front; the limit is the tightest one."""
+    one = result.tightest
+    rows = [[f"{one.quantity} limit [{_unit(one)}]", "least cost"]]
+    return rows + [[f"{1e3 * one.limit * point.factor:.4g}", f"{point.cost:.4g}"] for point in result.front]
+
+
+def _unit(one: AllocatedLimit) -> str:
+    return "mm" if one.quantity.startswith("position") else "mrad"
+
+
+def limit_lines(result: AllocationResult) -> list[str]:
+    """Return a line or two for each limit."""
+    return [_limit(one, is_judged=not result.grounds.not_judged) for one in result.limits]
+
+
+def _limit(one: AllocatedLimit, *, is_judged: bool) -> str:
+    unit = _unit(one)
+    price = f", {one.shadow_price / 1e3:.4g} saved for each {unit} more" if one.shadow_price else ""
+    if one.interval is None or one.required is None or one.probability is None:
+        return (
+            f"{one.quantity} {_WORDS[one.kind]}{1e3 * one.first_order:.4g} of {1e3 * one.limit:.4g} {unit} at "
+            f"{visible(one.worst_pose)}, first order{price}"
+        )
+    low, high = (100 * end for end in one.interval)
+    said = one.verdict if is_judged else "not judged"
+    return (
+        f"{one.quantity} within {1e3 * one.limit:.4g} {unit}: {100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) of "
+        f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {said}{price}"
+    )

@@ -1,0 +1,232 @@
+"""A budget as text."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+from precision_pin.analyses.budget.budget import check_quantities
+from precision_pin.analyses.budget.budget_result import (
+    VECTORS,
+    BudgetResult,
+    DrawShare,
+    Estimate,
+    Group,
+    PoseBudget,
+    SourceShare,
+)
+from precision_pin.analyses.monte_carlo.table import subject
+from precision_pin.base.text_escape import shortened
+from precision_pin.render.tables import percent, plus_minus, symbol, unit
+from precision_pin.render.text_table import aligned
+
+MOST_LINES: Final = 10
+MOST_OF_NAME: Final = 40
+MOST_DECIMALS: Final = 3
+
+
+def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: bool = False) -> str:
+    """Return the budget of every pose: per cent, mm and mrad, half-widths of intervals behind ±.
+
+    Parameters
+    ----------
+    result
+        What was found.
+    quantities
+        One block each: ``position`` and ``attitude`` if left out, ``position.norm``, ``position.x``, …
+    is_whole
+        Whether to list all draws, sources and joints; else the ten largest.
+
+    Raises
+    ------
+    UnknownNameError
+        No such quantity.
+    """
+    quantities = check_quantities(quantities or VECTORS)
+    lines = []
+    most = sys.maxsize if is_whole else MOST_LINES
+    for pose in result.poses:
+        lines += _heads(result, pose)
+        for quantity in quantities:
+            lines += ["", _headline(result, pose, quantity), *aligned(_draw_rows(pose, quantity, most))]
+        shown = list(dict.fromkeys(quantity for quantity in quantities if not quantity.endswith(".norm"))) or [*VECTORS]
+        lines += ["", *aligned(_share_rows("source", shown, ((source_name(s), s.share) for s in pose.sources), most))]
+        lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places), most))]
+        lines += ["", *_notes(result, pose, quantities), ""]
+    return "\n".join(lines).rstrip()
+
+
+def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:
+    of = result.provenance
+    return [
+        subject(of, pose.pose),
+        f"exact model at {result.samples:,} points a set, seed {of.seed}, statics {of.statics}; base axes; "
+        f"± half of an interval at {100 * result.confidence:g} % confidence",
+        "share: of the variance, closed form, first order; ST: total Sobol index of the exact model; halved: change of the "
+        f"{100 * result.marked:g} % quantile of the norm if this tolerance alone is halved",
+    ]
+
+
+def _headline(result: BudgetResult, pose: PoseBudget, quantity: str) -> str:
+    sums = pose.sums[quantity]
+    parts = []
+    if sums.std is not None:
+        parts.append(f"std {1e3 * sums.std:.5g} {unit(quantity)} in closed form")
+    if sums.variance is None:
+        parts.append("std not resolved by sampling")
+    elif sums.variance.value > 0:
+        low, sampled, high = (math.sqrt(max(end, 0.0)) for end in _three(sums.variance))
+        half = max(high - sampled, sampled - low)
+        parts.append(f"std {plus_minus(1e3 * sampled, 1e3 * half, decimals=6)} {unit(quantity)} sampled")
+    norm = f"{quantity.partition('.')[0]}.norm"
+    if quantity in (*VECTORS, norm):
+        marked = pose.quantile[norm]
+        within = "not resolved" if marked is None else f"within {_milli(marked, decimals=6)} {unit(norm)}"
+        parts.append(f"{100 * result.marked:g} % of {symbol(norm)} {within}")
+    return f"{quantity}: {'; '.join(parts)}"
+
+
+def _draw_rows(pose: PoseBudget, quantity: str, most: int) -> list[list[str]]:
+    norm = f"{quantity.partition('.')[0]}.norm"
+    component = quantity not in (*VECTORS, norm)
+    header = ["draw", "tolerance", "share %", "ST %"]
+    header += ["worst case %", f"halved: std {unit(quantity)}"] if component else [f"halved: {unit(quantity)}"]
+    tolerances = {draw.name: draw.tolerance for draw in pose.draws}
+
+    def further(draw: DrawShare) -> list[str]:
+        if not component:
+            return [_milli(draw.halved.change[norm], decimals=MOST_DECIMALS, signed=True)]
+        return [percent(draw.worst_case.get(quantity)), f"{1e3 * draw.halved.std[quantity]:.5g}"]
+
+    rows = draw_rows(pose, quantity, most, further, len(header) - 4, nonlinear="*")
+    return [
+        header,
+        *(
+            [
+                shortened(name, MOST_OF_NAME) if name in tolerances else name,
+                tolerances.get(name, ""),
+                share,
+                total,
+                *others,
+            ]
+            for name, _, share, _, total, *others in rows
+        ),
+    ]
+
+
+def draw_rows(
+    pose: PoseBudget,
+    quantity: str,
+    most: int,
+    further: Callable[[DrawShare], list[str]],
+    columns: int,
+    *,
+    nonlinear: str = "",
+) -> list[list[str]]:
+    """Return the shares of draws, the largest first, of those beyond ``most`` together, of correlated groups, the sum.
+
+    Parameters
+    ----------
+    pose
+        The budget.
+    quantity
+        Shares of what.
+    most
+        How many draws have a row of their own.
+    further
+        Returns the cells after a draw's name, scope, share, S1 and ST, all in per cent.
+    columns
+        How many cells that is.
+    nonlinear
+        Mark after ST where the exact model is not linear.
+    """
+
+    def indices(group: Group) -> list[str]:
+        mark = nonlinear if quantity in group.nonlinear else ""
+        return [_percent(group.first[quantity]), _percent(group.total[quantity]) + mark]
+
+    empty = [""] * columns
+    draws = ranked(pose, quantity)
+    rows = []
+    for draw in draws[:most]:
+        group = pose.group(draw.name)
+        alone = indices(group) if len(group.draws) == 1 else ["-", "-"]
+        rows.append([draw.name, draw.scope, percent(draw.share.get(quantity)), *alone, *further(draw)])
+    if len(draws) > most:
+        rest = [draw.share.get(quantity) for draw in draws[most:]]
+        together = None if None in rest else math.fsum(share for share in rest if share is not None)
+        rows.append([f"and {len(rest)} more: --all", "", percent(together), "", "", *empty])
+    for group in pose.groups:
+        if len(group.draws) > 1:
+            name = f"correlated: {' + '.join(group.draws)}"
+            rows.append([name, "", percent(group.share.get(quantity)), *indices(group), *empty])
+    sums = pose.sums[quantity]
+    return [*rows, ["sum", "", percent(sums.closed), _percent(sums.first), "", *empty]]
+
+
+def ranked(pose: PoseBudget, quantity: str) -> list[DrawShare]:
+    """Return the draws, the largest share of a quantity first; by total index where there are no shares."""
+
+    def rank(draw: DrawShare) -> float:
+        share = draw.share.get(quantity)
+        total = pose.group(draw.name).total[quantity]
+        return share if share is not None else -1.0 if total is None else total.value
+
+    return sorted(pose.draws, key=rank, reverse=True)
+
+
+def _share_rows(
+    heading: str, quantities: Sequence[str], lines: Iterable[tuple[str, Mapping[str, float | None]]], most: int
+) -> list[list[str]]:
+    sorted_lines = sorted(lines, key=lambda line: line[1][quantities[0]] or 0.0, reverse=True)
+    rows = [[heading, "", *(f"{quantity} %" for quantity in quantities)]]
+    rows += [[name, "", *(percent(share[quantity]) for quantity in quantities)] for name, share in sorted_lines[:most]]
+    if len(sorted_lines) > most:
+        rows.append([f"and {len(sorted_lines) - most} more: --all", "", *("" for _ in quantities)])
+    return rows
+
+
+def source_name(line: SourceShare) -> str:
+    """Return the name of a source's line; a draw that several sources name gives its own name."""
+    if len(line.sources) == 1:
+        return line.sources[0]
+    return f"{line.draws[0]}: {', '.join(line.sources) if line.sources else 'no source'}"
+
+
+def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) -> list[str]:
+    notes = [
+        f"first-order Sobol indices: {', '.join(_first_order(pose, quantity) for quantity in quantities)}",
+        "a draw that several sources name has its own line; a joint's or link's share is its covariance with the whole",
+    ]
+    if any(quantity in group.nonlinear for group in pose.groups for quantity in quantities):
+        notes.append("*: share and index are more than one percentage point apart; the exact model is not linear here")
+    if any(pose.sums[quantity].variance is None for quantity in quantities):
+        notes.append("- among the indices: not resolved; too few points for the tails or the rare values of the laws")
+    if any(draw.unbounded for draw in pose.draws) and set(quantities) - {*VECTORS, "position.norm", "attitude.norm"}:
+        notes.append(f"worst case: unbounded laws are cut off at {result.k:g} standard deviations")
+    return notes
+
+
+def _first_order(pose: PoseBudget, quantity: str) -> str:
+    found = _percent(pose.sums[quantity].first)
+    return f"{quantity} sum to {found} %" if found != "-" else f"{quantity} not resolved"
+
+
+def _three(estimate: Estimate) -> tuple[float, float, float]:
+    low, high = estimate.interval
+    return low, estimate.value, high
+
+
+def _milli(estimate: Estimate | None, *, decimals: int, signed: bool = False) -> str:
+    """Return an estimate in mm or mrad."""
+    if estimate is None:
+        return "-"
+    return plus_minus(1e3 * estimate.value, 1e3 * estimate.half_width, decimals=decimals, signed=signed)
+
+
+def _percent(estimate: Estimate | None) -> str:
+    return (
+        "-" if estimate is None else plus_minus(100 * estimate.value, 100 * estimate.half_width, decimals=MOST_DECIMALS)
+    )

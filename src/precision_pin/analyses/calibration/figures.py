@@ -1,0 +1,182 @@
+"""A calibration as pictures: accuracy against effort, and residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
+from precision_pin.analyses.calibration.plan import CalibrationPlan
+from precision_pin.analyses.calibration.population import Population
+from precision_pin.analyses.calibration.table import VERDICTS, describe_measurement
+from precision_pin.base.text_escape import visible
+from precision_pin.render.draw_distribution import BLACK, BLUE, SKY, VERMILION
+from precision_pin.render.figure_style import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    style,
+    wrapped,
+)
+
+_HEIGHT: Final = 70.0
+_ROW: Final = 4.5
+"""Height of a tolerance, mm."""
+_TOLERANCES: Final = 40
+_LEAST: Final = 0.05
+"""Scale at which an interval that begins at zero is drawn to begin, of the smallest that is above."""
+
+
+def forecast_figure(result: CalibrationForecast) -> Figure:
+    """Return the accuracy against the number of readings (left) and the instrument's deviation (right), 174 mm wide."""
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        left, right = made.subplots(1, 2, sharey=True)
+        _draw_curve(left, result, result.by_count, 1.0, "readings", float(result.readings))
+        _draw_curve(
+            right,
+            result,
+            result.by_instrument,
+            1e6,
+            "standard deviation of the instrument [µm]",
+            result.measurement.std,
+        )
+        left.set_ylabel("rms position error [mm]")
+        lines = wrapped(f"{result.readings:,} readings of {describe_measurement(result.measurement)}", made)
+        entries = labelled([left])
+        of = result.provenance
+        made.suptitle(f"forecast of a calibration of {visible(of.robot, 60)}: {visible(of.base)} to {visible(of.tip)}")
+        legend_below(made, entries, len(entries), lines)
+        set_height(made, _HEIGHT + (len(lines) + 2) * LINE_HEIGHT)
+    return made
+
+
+def _draw_curve(
+    axes: Axes, result: CalibrationForecast, points: Sequence[CurvePoint], per_si: float, label: str, here: float
+) -> None:
+    values = [point.value * per_si for point in points]
+    axes.plot(values, [1e3 * point.rms_position for point in points], "o-", color=BLUE, markersize=2.5, label="after")
+    axes.axhline(1e3 * result.rms("before"), color=BLACK, linewidth=0.8, label="before")
+    if result.rms("floor") > 0:
+        axes.axhline(1e3 * result.rms("floor"), color=VERMILION, linestyle="--", label="floor: repeatability")
+    axes.axvline(here * per_si, color=SKY, linestyle=":", label="as asked")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    _number(axes.xaxis)
+    _number(axes.yaxis)
+    axes.set_xlabel(label)
+
+
+def _number(axis: Axis) -> None:
+    """Write plain numbers at a logarithmic axis: 1, 2 and 5 where it spans less than two decades, else decades."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def plan_figure(result: CalibrationPlan) -> Figure:
+    """Return the efficiency of the choice and of random ones (left), and the error left at each pose, 174 mm wide."""
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        left, right = made.subplots(1, 2, width_ratios=(1, 2))
+        left.bar(["random", "chosen"], [100 * result.random_efficiency, 100 * result.efficiency], color=[SKY, BLUE])
+        left.axhline(100, color=BLACK, linewidth=0.8)
+        left.set_ylabel("of the bound, at least [%]")
+        places = np.arange(len(result.poses)) + 1
+        for which, colour, marker in (("before", BLACK, "_"), ("after", BLUE, "o"), ("floor", VERMILION, "_")):
+            sizes = [1e3 * entry.rms(which) for entry in result.poses]
+            if max(sizes) > 0:
+                right.plot(places, sizes, marker, color=colour, label=which)
+        right.set_yscale("log")
+        _number(right.yaxis)
+        right.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
+        right.set_xlabel("pose")
+        right.set_ylabel("rms position error [mm]")
+        of = result.provenance
+        made.suptitle(f"{len(result.chosen):,} of {result.candidates:,} poses of {visible(of.robot, 60)} to measure")
+        lines = wrapped(describe_measurement(result.measurement), made)
+        entries = labelled([right])
+        legend_below(made, entries, len(entries), lines)
+        set_height(made, _HEIGHT + (len(lines) + 2) * LINE_HEIGHT)
+    return made
+
+
+def calibration_figure(result: CalibrationResult) -> Figure:
+    """Return the residuals of the readings before and after the calibration, and of each left out, 174 mm wide."""
+    rows = np.array(result.data.lines)
+    sizes = {
+        "before": np.linalg.norm(result.residuals_before[:, :3], axis=1),
+        "after": np.linalg.norm(result.residuals[:, :3], axis=1),
+        "left out of the fit": np.linalg.norm(result.left_out[:, :3], axis=1),
+    }
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        axes = made.subplots()
+        for (label, values), colour, marker in zip(sizes.items(), (BLACK, BLUE, SKY), ("_", "o", "x"), strict=True):
+            axes.plot(rows, 1e3 * np.maximum(values, 1e-12), marker, color=colour, markersize=3, label=label)
+        gross = [k for k, line in enumerate(result.data.lines) if line in {error.line for error in result.gross_errors}]
+        if gross:
+            axes.plot(
+                rows[gross],
+                1e3 * sizes["after"][gross],
+                "o",
+                markersize=7,
+                markerfacecolor="none",
+                color=VERMILION,
+                label="no weight",
+            )
+        axes.set_yscale("log")
+        _number(axes.yaxis)
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
+        axes.set_xlabel("row of the data")
+        axes.set_ylabel("residual [mm]")
+        of = result.provenance
+        made.suptitle(f"calibration of {visible(of.robot, 60)}; {VERDICTS[result.verdict]}")
+        lines = wrapped(
+            f"{len(result.data):,} readings of {describe_measurement(result.measurement)}; chi-square "
+            f"{result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom",
+            made,
+        )
+        entries = labelled([axes])
+        legend_below(made, entries, len(entries), lines)
+        set_height(made, _HEIGHT + (len(lines) + 2) * LINE_HEIGHT)
+    return made
+
+
+def population_figure(result: Population) -> Figure:
+    """Return each measured tolerance over that of the sheet with its interval, the largest at the top, 174 mm wide."""
+    shown = sorted(result.tolerances, key=lambda one: one.scale)[-_TOLERANCES:]
+    least = _LEAST * min([1.0, *(one.scale for one in shown if one.scale > 0)])
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        axes = made.subplots()
+        for row, one in enumerate(shown):
+            colour = BLUE if one.agrees else VERMILION
+            most = one.high if np.isfinite(one.high) else 10 * max(one.scale, 1.0)
+            axes.plot([max(one.low, least), most], [row, row], "-", color=colour, linewidth=1)
+            axes.plot([max(one.scale, least)], [row], "o", color=colour, markersize=3)
+        axes.axvline(1.0, color=BLACK, linewidth=0.8)
+        axes.set_xscale("log")
+        _number(axes.xaxis)
+        axes.set_ylim(-0.6, len(shown) - 0.4)
+        axes.set_yticks(range(len(shown)), [visible(" and ".join(one.names), 40) for one in shown])
+        axes.set_xlabel("measured standard deviation over that of the sheet")
+        of = result.provenance
+        made.suptitle(f"tolerances of {result.robots:,} robots {visible(of.robot, 60)}")
+        lines = wrapped(
+            f"{100 * result.confidence:g} % intervals of the profile likelihood; orange: other than the sheet's", made
+        )
+        legend_below(made, {}, 1, lines)
+        set_height(made, 30 + _ROW * len(shown) + len(lines) * LINE_HEIGHT)
+    return made

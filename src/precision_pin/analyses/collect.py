@@ -1,0 +1,246 @@
+"""Everything a report is made of, computed for one pose."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, Final, Literal, TypeVar, final
+
+from precision_pin.analyses.causes import Cause, find_causes
+from precision_pin.analyses.provenance import Pose
+from precision_pin.analyses.registry import declarations
+from precision_pin.analyses.result import Result
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.text_escape import visible
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot import mcpc
+from precision_pin.robot.mcpc import Mcpc
+from precision_pin.sampling import Progress, monte_carlo
+from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.sheet import Sheet
+from precision_pin.statistics import Specification
+
+Found = TypeVar("Found")
+Step = Callable[[str, int], AbstractContextManager[Progress]]
+"""Takes the next step's name and its number of samples (0: none), returns the function that takes its progress."""
+
+CLOUD: Final = 5_000
+"""Samples that the 3-D view shows at most."""
+
+
+@final
+@dataclass(frozen=True)
+class Missing:
+    """Marker of a result that does not exist for this model.
+
+    Attributes
+    ----------
+    reason
+        Why, one line.
+    """
+
+    reason: str
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Results:
+    """The results that a report shows.
+
+    Attributes
+    ----------
+    sheet, model, at
+        What was analysed, and the model at the pose.
+    analysis
+        The sampled distribution.
+    found
+        What each of the other analyses found, by its name, or why there is nothing.
+    mcpc
+        The chain's parameters, or why there are none.
+    cloud
+        The first of the sampled errors ``(6, n)``, m and rad, base axes.
+    command
+        The words of the command line that makes the report again.
+    package_dirs
+        Folders of packages of meshes.
+    digests
+        SHA-256 of the files read, by name.
+    prefix
+        Of the identifiers of its parts in a page of several poses.
+    """
+
+    sheet: Sheet
+    model: ErrorModel
+    at: PoseModel
+    analysis: MonteCarloResult
+    found: Mapping[str, Result | Missing]
+    mcpc: Mcpc | Missing
+    cloud: Array
+    command: tuple[str, ...]
+    package_dirs: tuple[str, ...]
+    digests: tuple[tuple[str, str], ...]
+    prefix: str = ""
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """Causes of the error in words, with their tolerances."""
+        return find_causes(self.model)
+
+    @property
+    def folders(self) -> tuple[str, ...]:
+        """Folders of this machine, which a report does not name."""
+        files = (self.sheet.file, self.model.chain.robot.file)
+        near = [folder for file in files for folder in (os.path.dirname(file), os.path.dirname(os.path.realpath(file)))]
+        known = [*near, *self.package_dirs, os.getcwd(), os.path.expanduser("~")]
+        absolute = {os.path.abspath(folder) for folder in known} | {folder for folder in known if folder}
+        return tuple(sorted(absolute - {os.curdir, os.sep}, key=lambda folder: (-len(folder), folder)))
+
+
+def collect(
+    sheet: Sheet,
+    pose: Pose,
+    *,
+    samples: int,
+    seed: int,
+    model: Literal["exact", "linear"],
+    specifications: Sequence[Specification],
+    command: Sequence[str],
+    package_dirs: Sequence[str],
+    step: Step,
+    error_model: ErrorModel | None = None,
+) -> Results:
+    """Run every analysis of a report at one pose.
+
+    Parameters
+    ----------
+    sheet
+        As read.
+    pose
+        A pose's name, joint values, or None for the sheet's first.
+    samples, seed, model, specifications
+        As for :func:`~precision_pin.sampling.monte_carlo`. The other analyses take those that they declare; the model is
+        theirs.
+    command
+        The words of the command line, for the report.
+    package_dirs
+        Folders of packages of meshes.
+    step
+        Called at each step.
+    error_model
+        The sheet's, if it is there already.
+
+    Raises
+    ------
+    InputError
+        A wrong pose, number of samples or seed; errors too large to compute with. An analysis besides the sampling that
+        refuses the model is left out instead, with its reason.
+    """
+    error_model = error_model or ErrorModel.from_sheet(sheet)
+    with step("sampling", samples) as progress:
+        analysis = monte_carlo(
+            error_model, pose, samples=samples, seed=seed, model=model, specifications=specifications,
+            findings=sheet.findings, progress=progress,
+        )  # fmt: skip
+    at = error_model.at(pose)
+    found: dict[str, Result | Missing] = {}
+    settings: dict[str, Any] = {"samples": samples, "specifications": tuple(specifications)}
+    for name in _asked(specifications):
+        declaration = declarations()[name]
+        arguments = {key: settings[key] for key in declaration.report_settings}
+        with step(declaration.heading.lower(), declaration.count_steps(error_model.space, 1, arguments)) as progress:
+            found[name] = _tried(
+                partial(
+                    declaration.run,
+                    error_model,
+                    [pose],
+                    seed=seed,
+                    findings=sheet.findings,
+                    progress=progress,
+                    **arguments,
+                )
+            )
+    with step("MCPC parameters", 0):
+        geometry = _tried(lambda: mcpc.from_chain(error_model.chain))
+    x = at.space.sample(seed, 0, min(samples, CLOUD))
+    return Results(
+        sheet=sheet,
+        model=error_model,
+        at=at,
+        analysis=analysis,
+        found=found,
+        mcpc=geometry,
+        cloud=at.linear(x) if model == "linear" else at.exact(x),
+        command=tuple(command),
+        package_dirs=tuple(package_dirs),
+        digests=tuple(_digest(file) for file in (error_model.chain.robot.file, sheet.file)),
+    )
+
+
+def collect_poses(sheet: Sheet, poses: Sequence[Pose], *, step: Step, **settings: Any) -> list[Results]:
+    """Run every analysis of a report at several poses, and return the worst first.
+
+    The worst misses most specifications, or by most; without specifications it has the largest error, by its 95 % quantile.
+
+    Parameters
+    ----------
+    sheet, step
+        As for :func:`collect`.
+    poses
+        Each as for :func:`collect`.
+    settings
+        The other arguments of :func:`collect`.
+    """
+    error_model = ErrorModel.from_sheet(sheet)
+
+    def named(pose: Pose) -> Step:
+        label = error_model.pose_name(pose)
+        return (
+            step if len(poses) == 1 or not label else lambda what, count: step(f"{what}, pose {visible(label)}", count)
+        )
+
+    found = [collect(sheet, pose, step=named(pose), error_model=error_model, **settings) for pose in poses]
+    ordered = sorted(found, key=_goodness)
+    return [ordered[0], *(replace(one, prefix=f"pose{k}-") for k, one in enumerate(ordered[1:], start=2))]
+
+
+def _goodness(results: Results) -> tuple[int, float, float]:
+    """Return the sort key of poses: specifications met, smallest margin, then the error, largest first."""
+    given = results.analysis.summary.specifications
+    norm = results.analysis.position.norm
+    size = norm.quantile(0.95)
+    spare = min((result.probability - result.required for result in given), default=0.0)
+    return (-sum(not result.met for result in given), spare, -(norm.max if size is None else size))
+
+
+def count_steps(specifications: Sequence[Specification], poses: int = 1) -> int:
+    """Return how many steps a report takes: sampling, the other analyses, the chain's parameters, drawing the page."""
+    return (len(_asked(specifications)) + 2) * poses + 1
+
+
+def _asked(specifications: Sequence[Specification]) -> list[str]:
+    """Return the names of the analyses that a report shows: without specifications none that judges them."""
+    return [
+        name for name, one in declarations().items() if specifications or "specifications" not in one.report_settings
+    ]
+
+
+def _tried(analysis: Callable[[], Found]) -> Found | Missing:
+    try:
+        return analysis()
+    except InputError as error:
+        return Missing("; ".join(finding.message for finding in error.findings))
+
+
+def _digest(file: str) -> tuple[str, str]:
+    try:
+        content = Path(file).read_bytes()
+    except OSError as error:
+        raise InputError(f"{file} cannot be read any more: {error.strerror or error}") from None
+    return os.path.basename(file), hashlib.sha256(content).hexdigest()

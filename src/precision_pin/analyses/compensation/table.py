@@ -1,0 +1,157 @@
+"""A compensation as text for a terminal."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.base.arrays import Array
+from precision_pin.base.text_escape import shortened, shown, visible
+from precision_pin.render.tables import resting_on
+from precision_pin.render.text_table import aligned
+
+_MOST_ROWS: Final = 20
+_MOST_LETTERS: Final = 16
+EXPLANATION: Final = (
+    "first: what one step with the nominal Jacobian leaves; 95 %: quantile of |d| in mm of a normal law, first order"
+)
+_ZERO: Final = 1e-9
+"""Errors (m and rad) below which nothing is left to correct."""
+_CORRECTED: Final = {"position": "position", "pose": "position and attitude"}
+_REASONS: Final = {
+    "limit": "no correction was found within the joint limits",
+    "singular": "near a singularity, where not every direction can be corrected",
+    "unreachable": "no joint values found",
+}
+
+
+def compensation_table(result: CompensationResult) -> str:
+    """Return what the correction leaves: the worst pose first in words, then a row for each pose, mm and mrad."""
+    rows = pose_rows(result)
+    joints = joint_rows(result)
+    lines = [*headline(result), "", *setting_lines(result), ""]
+    lines += ["corrected joint values", *aligned(joints), ""] if len(joints) > 1 else []
+    lines += aligned(rows)
+    hidden = len(result.poses) - len(rows) + 1
+    lines += [f"{hidden:,} more poses are in the JSON"] if hidden else []
+    refused = [reason for reason in _REASONS if reason in result.correction.status]
+    lines += [f"{reason}: {_REASONS[reason]}" for reason in refused]
+    of = result.provenance
+    lines += ["", EXPLANATION, *resting_on(of.assumed, of.sources, of.origins, of.origins_at)]
+    return "\n".join(lines)
+
+
+def setting_lines(result: CompensationResult) -> list[str]:
+    """Return the robot, how many poses, and what was corrected."""
+    of = result.provenance
+    goal = _CORRECTED[result.mode] if result.weights is None else "weighted position and attitude"
+    count = len(result.poses)
+    poses = f"{count:,} pose{'s' if count > 1 else ''}"
+    return [
+        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {poses}, {goal} corrected",
+        f"error with every component at its mean, exact model, statics {of.statics}; base axes",
+    ]
+
+
+def headline(result: CompensationResult) -> list[str]:
+    """Return the largest errors before and after, and how many poses have no correction."""
+    made = result.correction
+    corrected = np.array([status == "corrected" for status in made.status])
+    if not corrected.any():
+        return [f"no pose has a correction: {', '.join(dict.fromkeys(made.status))}"]
+    names = result.poses.labels
+    lines = []
+    for what, part, unit in (("|d|", slice(0, 3), "mm"), ("|δ|", slice(3, 6), "mrad")):
+        before, after = (
+            np.where(corrected, np.linalg.norm(error[part], axis=0), -1.0) for error in (made.before, made.after)
+        )
+        worst = int(before.argmax())
+        lines.append(
+            f"{what} at the means: from {1e3 * before[worst]:.4g} {unit} at worst ({shown(names[worst])}) "
+            f"to {_text(after.max())} {unit} at worst"
+        )
+    before, after = (np.where(corrected, within[0], -1.0) for within in (result.within_before, result.within_after))
+    lines.append(
+        f"95 % quantile of |d| of a normal law, first order: {1e3 * before.max():.4g} mm at the worst pose before, "
+        f"{1e3 * after.max():.4g} mm after; not sampled"
+    )
+    refused = int((~corrected).sum())
+    lines += [f"{refused:,} of {len(names):,} poses have no correction"] if refused else []
+    return lines
+
+
+def _listed(result: CompensationResult) -> list[int]:
+    """Return the poses of the rows: those without a correction first where there are many."""
+    poses = list(range(len(result.poses)))
+    if len(poses) <= _MOST_ROWS:
+        return poses
+    size = np.linalg.norm(result.correction.before[:3], axis=0)
+    status = result.correction.status
+    return sorted(poses, key=lambda pose: (status[pose] == "corrected", -np.nan_to_num(size[pose])))[:_MOST_ROWS]
+
+
+def pose_rows(result: CompensationResult) -> list[list[str]]:
+    """Return a header and a row for each pose, mm and mrad: where there are many, those without a correction, then the worst."""
+    header = [
+        "pose", "|d| mm", "first", "after", "|δ| mrad", "after", "95 %", "after", "what remains", "status",
+    ]  # fmt: skip
+    return [header, *(_row(result, pose) for pose in _listed(result))]
+
+
+def joint_rows(result: CompensationResult) -> list[list[str]]:
+    """Return a header and rows of corrected joint values, ° and mm: of one pose a row for each joint, else for each pose."""
+    units = [("mm", 1e3) if slides else ("°", 180 / np.pi) for slides in result.prismatic]
+    names = [shortened(visible(name), _MOST_LETTERS) for name in result.joints]
+
+    def written(value: float, unit: tuple[str, float]) -> str:
+        return f"{value * unit[1]:.4f}" if np.isfinite(value) else "-"
+
+    if len(result.poses) == 1:
+        if not np.isfinite(result.corrected).all():
+            return [[]]
+        columns = zip(names, units, result.poses.q[:, 0].tolist(), result.corrected[:, 0].tolist(), strict=True)
+        return [
+            ["joint", "", "asked", "corrected", "change"],
+            *([name, unit[0], *(written(value, unit) for value in (q, to, to - q))] for name, unit, q, to in columns),
+        ]
+    header = ["pose", *(f"{name} {unit}" for name, (unit, _) in zip(names, units, strict=True))]
+    return [
+        header,
+        *(
+            [
+                shortened(visible(result.poses.labels[pose]), _MOST_LETTERS),
+                *(written(value, unit) for value, unit in zip(result.corrected[:, pose].tolist(), units, strict=True)),
+            ]
+            for pose in _listed(result)
+        ),
+    ]
+
+
+def _row(result: CompensationResult, pose: int) -> list[str]:
+    made = result.correction
+
+    def norm(error: Array, part: slice) -> str:
+        return _text(float(np.linalg.norm(error[part, pose])))
+
+    position, attitude = slice(0, 3), slice(3, 6)
+    return [
+        shortened(visible(result.poses.labels[pose]), _MOST_LETTERS),
+        norm(made.before, position),
+        norm(made.first_order, position),
+        norm(made.after, position),
+        norm(made.before, attitude),
+        norm(made.after, attitude),
+        _text(float(result.within_before[0, pose])),
+        _text(float(result.within_after[0, pose])),
+        shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-",
+        made.status[pose],
+    ]
+
+
+def _text(value: float) -> str:
+    """Return a length or an angle in mm or mrad, four digits; what is below a nanometre is 0."""
+    if not np.isfinite(value):
+        return "-"
+    return "0" if value < _ZERO else f"{1e3 * value:.4g}"

@@ -1,0 +1,87 @@
+"""Exact laws as text for a terminal."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from precision_pin.analyses.exact_law.exact_law_result import ExactLawResult, PoseLaws, bound_text
+from precision_pin.analyses.monte_carlo.table import subject
+from precision_pin.base.text_escape import one_line
+from precision_pin.render.tables import ROUNDING, symbol, unit
+from precision_pin.render.text_table import aligned
+
+_METHOD_HEADER: Final = ["", "method", "draws", "error of F", "distance", "band", "samples"]
+_SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
+
+
+def table(result: ExactLawResult) -> str:
+    """Return mean, spread and quantiles of every component, in mm and mrad, how exact they are and how they compare."""
+    provenance = result.provenance
+    blocks = []
+    for entry in result.poses:
+        methods = method_rows(entry)
+        blocks.append(
+            "\n".join(
+                [
+                    subject(provenance, entry.pose),
+                    f"exact law of the first-order model, statics {provenance.statics}; errors in base axes",
+                    "",
+                    *aligned(_quantile_rows(entry)),
+                    "",
+                    *aligned([_METHOD_HEADER, *methods] if methods else []),
+                    *_missing(entry),
+                    *map(one_line, entry.warnings),
+                ]
+            )
+        )
+    blocks.append(
+        f"compared with {result.samples:,} samples of the same model, seed {provenance.seed}: the Kolmogorov distance stays "
+        f"below the band at {100 * result.confidence:g} % confidence"
+    )
+    return "\n\n".join(blocks)
+
+
+def _quantile_rows(entry: PoseLaws) -> list[list[str]]:
+    rows = [["", "", "mean", "std", *(f"{100 * level:g} %" for level in _SHOWN)]]
+    for law in entry.laws.values():
+        if law.mean is None or law.std is None:
+            continue
+        quantiles = law.shown_quantiles(12)
+        cells = [_milli(quantiles[level][0], law.std, quantiles[level][1]) if quantiles else "-" for level in _SHOWN]
+        name = law.quantity
+        rows.append([symbol(name), unit(name), _milli(law.mean, law.std), _milli(law.std, law.std), *cells])
+    return rows
+
+
+def method_rows(entry: PoseLaws) -> list[list[str]]:
+    """Return for each known law: symbol, method, draws, error of F, distance to the samples, band, whether they agree."""
+    rows = []
+    for law in entry.laws.values():
+        if law.law is None or law.agreement is None:
+            continue
+        agreement = law.agreement
+        rows.append(
+            [
+                symbol(law.quantity),
+                law.law.method,
+                str(law.contributors),
+                bound_text(law.error),
+                f"{agreement.distance:.5f}",
+                f"{agreement.band:.5f}",
+                "within the band" if agreement.agrees else "BEYOND THE BAND",
+            ]
+        )
+    return rows
+
+
+def _missing(entry: PoseLaws) -> list[str]:
+    return [one_line(f"{symbol(law.quantity)}: {law.reason}") for law in entry.laws.values() if law.law is None]
+
+
+def _milli(value: float, std: float, most: int = 12) -> str:
+    """Return the value in thousandths, to a millionth of the spread, to seven digits at least and ``most`` at most."""
+    if abs(value) <= ROUNDING:
+        return "0"
+    digits = 7 if std <= ROUNDING else min(12, max(7, math.ceil(math.log10(abs(value) / std) + 6)))
+    return f"{1e3 * value:.{min(digits, most)}g}"

@@ -1,0 +1,98 @@
+"""The forecast by ISO 9283 as a picture: the laws of AP and RP at every pose, and measured figures in them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from precision_pin.analyses.iso9283.result import Iso9283Result
+from precision_pin.base.text_escape import visible
+from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
+from precision_pin.render.figure_style import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    shortened,
+    style,
+    wrapped,
+)
+
+_BINS: Final = 30
+_HALF_WIDTH: Final = 0.4
+"""Half the width of a law on the axis of poses."""
+_MOST_LETTERS: Final = 14
+
+
+def figure(result: Iso9283Result) -> Figure:
+    """Return the figure, 174 mm wide: a panel for AP and one for RP."""
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        panels = made.subplots(1, 2)
+        for axes, name in zip(panels, ("AP", "RP"), strict=True):
+            _draw(axes, result, name)
+        of = result.provenance
+        caption = (
+            f"{result.robots:,} robots, each tested once with {result.cycles} cycles, seed {of.seed}; width: density over "
+            "robots and tests"
+        )
+        entries, below = labelled(panels), wrapped(caption, made)
+        title = f"ISO 9283 of {visible(of.robot, 60)}: {visible(of.base, 30)} to {visible(of.tip, 30)}"
+        made.suptitle("\n".join(wrapped(title, made)))
+        legend_below(made, entries, 4, below)
+        set_height(made, 80.0 + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT)
+    return made
+
+
+def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
+    laws = [getattr(at, name) for at in result.poses.values()]
+    measured = None if result.measured is None else result.measured
+    values = [] if measured is None else [one.value for one in measured.figures if one.name == name]
+    unit = WrittenUnit.of_axis("position.norm", max([float(law.sorted[-1]) for law in laws] + values))
+    for place, (pose, law) in enumerate(zip(result.poses, laws, strict=True), start=1):
+        _draw_law(axes, place, law.values * unit.per_si)
+        for level, colour, dashes, label in ((0.5, BLUE, "-", "median"), (0.95, PURPLE, "--", "95 % of robots")):
+            quantile = law.quantile(level)
+            if quantile is not None:
+                ends = [place - _HALF_WIDTH, place + _HALF_WIDTH]
+                axes.plot(ends, [quantile * unit.per_si] * 2, color=colour, linestyle=dashes, label=label)
+        if name == "RP":
+            limit = result.poses[pose].RP_limit.mean * unit.per_si
+            axes.plot(place, limit, color=BLACK, marker="_", markersize=9, linestyle="", label="RP of endless cycles")
+        found = None if measured is None else measured.figure(pose, name)
+        if found is not None:
+            axes.plot(
+                place,
+                found.value * unit.per_si,
+                color=VERMILION,
+                marker="D",
+                markersize=4,
+                linestyle="",
+                label="measured",
+            )
+    if name == "RP" and all(float(law.sorted[-1]) == 0 for law in laws):
+        axes.text(0.5, 0.5, "0: every cycle is as the first", ha="center", transform=axes.transAxes)
+    # poses of the cube have no name but P1 to P5
+    names = [("" if at.label.name == pose else at.label.name) for pose, at in result.poses.items()]
+    labels = [
+        f"{pose}\n{shortened(visible(name), _MOST_LETTERS)}" for pose, name in zip(result.poses, names, strict=True)
+    ]
+    axes.set_xticks(np.arange(1, len(laws) + 1), [label.rstrip() for label in labels])
+    axes.set_xlim(0.4, len(laws) + 0.6)
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel(f"{name} [{unit.name}]")
+
+
+def _draw_law(axes: Axes, place: int, values: np.ndarray) -> None:
+    """Draw the density of values across a vertical line; a value that all share has none."""
+    if values.max() - values.min() <= 1e-9 * abs(values.max()):
+        return
+    density, edges = np.histogram(values, bins=_BINS, density=True)
+    half = np.repeat(_HALF_WIDTH * density / density.max(), 2)
+    axes.fill_betweenx(np.repeat(edges, 2)[1:-1], place - half, place + half, color=SKY, alpha=0.55, linewidth=0)

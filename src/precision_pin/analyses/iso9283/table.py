@@ -1,0 +1,220 @@
+"""The forecast by ISO 9283 as text for a terminal."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from precision_pin.analyses.iso9283.comparison import LEAST, Comparison
+from precision_pin.analyses.iso9283.figure_law import FigureLaw
+from precision_pin.analyses.iso9283.pose_forecast import SINGLE
+from precision_pin.analyses.iso9283.result import Iso9283Result
+from precision_pin.analyses.iso9283.standard_poses import PLANES
+from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES
+from precision_pin.base.text_escape import shown, visible
+from precision_pin.render.tables import ROUNDING, milli, plain, resting_on
+from precision_pin.render.text_table import aligned
+from precision_pin.statistics import SpecificationResult, format_inside, format_share
+from precision_pin.statistics.digits import format_interval
+
+_MOST_DIFFERING: Final = 6
+
+
+def iso9283_table(result: Iso9283Result) -> str:
+    """Return what a buyer wants to read first, then the figures of each pose."""
+    of = result.provenance
+    distances = distance_rows(result)
+    lines = [
+        *answers(result),
+        "",
+        *setting_lines(result),
+        "",
+        *aligned(position_rows(result)),
+        "",
+        *aligned(angle_rows(result)),
+        "",
+        *(aligned(distances) if len(distances) > 1 else []),
+        *([] if result.measured is None else ["", *_measured(result.measured)]),
+        "",
+        *(f"{name}: none, {why}" for name, why in result.absent.items()),
+        *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
+    ]
+    return "\n".join(lines)
+
+
+def answers(result: Iso9283Result) -> list[str]:
+    """Return what is asked first: RP and AP that robots will show, the verdicts, and whether a measured robot agrees."""
+    return [
+        headline(result, "RP"),
+        headline(result, "AP"),
+        *(_judged(one, len(result.poses)) for one in result.specifications),
+        *([] if result.measured is None else [verdict(result.measured)]),
+    ]
+
+
+def setting_lines(result: Iso9283Result) -> list[str]:
+    """Return what is tested, and how."""
+    of = result.provenance
+    point = (
+        ""
+        if not result.target.any()
+        else f"; target {', '.join(plain(1e3 * x) for x in result.target)} mm in tool axes"
+    )
+    load = f"; load {plain(result.mass)} kg" if result.mass else ""
+    fit = "; base aligned by the best fit over the poses" if result.fit_base else "; base not aligned"
+    return [
+        f"ISO 9283 of {visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {_counted(result)}{point}{load}{fit}",
+        f"{result.robots:,} robots, each tested once with {result.cycles} cycles, seed {of.seed}, exact model, statics "
+        f"{of.statics}",
+        *_cube(result),
+        f"quantiles over robots and tests; [intervals] at {result.confidence:.0%} confidence",
+    ]
+
+
+def _counted(result: Iso9283Result) -> str:
+    return "1 pose" if len(result.poses) == 1 else f"{len(result.poses)} poses"
+
+
+def _cube(result: Iso9283Result) -> list[str]:
+    """Return the cube of the test, where it was found."""
+    if result.cube is None:
+        return []
+    centre = ", ".join(plain(1e3 * x) for x in np.round(result.cube.centre, 4))
+    side = f"side {1e3 * result.cube.side:.0f} mm, centre ({centre}) mm"
+    return [f"largest cube within reach: {side}; P2 to P5 in the plane along {PLANES[result.cube.plane]}"]
+
+
+def headline(result: Iso9283Result, figure: str) -> str:
+    """Return in a sentence which RP or AP 95 % of robots will show."""
+    if figure == "RP" and not result.worst[figure].values.any():
+        return "RP is 0: nothing in the sheet changes from visit to visit, so it does not say how a robot repeats"
+    value, interval = _quantile(result.worst[figure], 0.95)
+    if value == "-":
+        return f"{result.robots:,} robots are too few for the 95 % quantile of {figure}"
+    where = "" if len(result.poses) == 1 else ", at every pose"
+    return f"95 % of robots built will show {figure} of {value} mm or less in a test{where} {interval}"
+
+
+def verdict(measured: Comparison) -> str:
+    """Return in a sentence whether the measured robot agrees with the forecast."""
+    count = f"{len(measured.figures)} figures"
+    if measured.agrees is None:
+        return f"measured: {measured.robots} simulated robots are too few to judge {count}"
+    if measured.agrees:
+        return (
+            f"measured: AGREES - none of {count} lies outside what the sheet forecasts (p = {measured.probability:.2g}, "
+            f"corrected for their number); a robot that agrees does not prove the sheet"
+        )
+    parts = [
+        f"{one.name}{f' at {one.pose}' if one.pose else ''} {milli(one.value, 3)} {_unit(one.name)} "
+        f"({'above' if one.below > 0.5 else 'below'} {_share(max(one.below, 1 - one.below))})"
+        for one in measured.differing[:_MOST_DIFFERING]
+    ]
+    more = len(measured.differing) - len(parts)
+    return (
+        f"measured: DIFFERS - {len(measured.differing)} of {count} outside what the sheet forecasts (p = "
+        f"{measured.probability:.2g}, corrected for their number; limit {LEAST:g}), above or below so many of the "
+        f"simulated robots: {'; '.join(parts)}"
+        f"{f'; and {more} more' if more > 0 else ''}"
+    )
+
+
+def _judged(one: SpecificationResult, poses: int) -> str:
+    every = " at every pose" if one.quantity not in SINGLE and poses > 1 else ""
+    demand = (
+        f"spec {one.quantity} within {1e3 * one.limit:.6g} {_unit(one.quantity)} for {100 * one.required:.10g} %{every}: "
+        f"{one.said}"
+    )
+    if one.verdict == "not judged":
+        return demand
+    if one.verdict == "nothing to judge":
+        return f"{demand} - {NOTHING_VARIES}"
+    share, low, high = format_share(one.probability, one.interval, one.required)
+    more = ": more robots decide it" if one.verdict == "undecided" else ""
+    of = "groups of five robots" if one.quantity == "E" else "robots"
+    return f"{demand} - {share} % of {of} keep it in a test, interval {low} to {high} %{more}"
+
+
+def position_rows(result: Iso9283Result) -> list[list[str]]:
+    """Return AP and RP at each pose, mm, the headings first."""
+    rows = [["mm", "", "AP median", "95 %", "interval", "RP median", "95 %", "interval", "many cycles"]]
+    for pose, at in result.poses.items():
+        figures = [cell for law in (at.AP, at.RP) for cell in (_quantile(law, 0.5)[0], *_quantile(law, 0.95))]
+        rows.append(
+            [
+                pose,
+                shown(at.label.name) if at.label.name not in ("", None, pose) else "",
+                *figures,
+                milli(at.RP_limit.mean, 4),
+            ]
+        )
+    return rows
+
+
+def angle_rows(result: Iso9283Result) -> list[list[str]]:
+    """Return AP and RP of the angles at each pose, mrad, the headings first."""
+    rows = [["mrad", "5 % to 95 %", *(f"AP_{axis}" for axis in "abc"), "95 %", *(f"RP_{axis}" for axis in "abc")]]
+    for pose, at in result.poses.items():
+        spans = [
+            f"{_end(getattr(at, f'AP_{axis}'), 0.05)} to {_end(getattr(at, f'AP_{axis}'), 0.95)}" for axis in "abc"
+        ]
+        rows.append([pose, "", *spans, "", *(_end(getattr(at, f"RP_{axis}"), 0.95) for axis in "abc")])
+    return rows
+
+
+def distance_rows(result: Iso9283Result) -> list[list[str]]:
+    """Return the figures that a test has once, mm, the headings first."""
+    rows = [["mm", "", "5 %", "median", "95 %", "interval"]]
+    words = {
+        "AD": "distance accuracy P2 to P4",
+        "RD": "distance repeatability P2 to P4",
+        "E": "five robots at P1",
+        "vAP": "three paths of approach at P1",
+        "RP_bidirectional": "the cycles of these paths together",
+        "drift": "eight hours from cold at P1",
+    }
+    for name, meaning in words.items():
+        law = getattr(result, name)
+        if law is not None:
+            rows.append([name, meaning, _end(law, 0.05), _end(law, 0.5), *_quantile(law, 0.95)])
+    return rows
+
+
+def _measured(measured: Comparison) -> list[str]:
+    rows = [["measured", "unit", "AP", "robots below", "RP", "robots below"]]
+    for pose in measured.poses:
+        for suffix, unit in (("", "mm"), ("_a", "mrad"), ("_b", "mrad"), ("_c", "mrad")):
+            found = [measured.figure(pose, f"{name}{suffix}") for name in ("AP", "RP")]
+            cells = [cell for one in found if one is not None for cell in (milli(one.value, 4), _share(one.below))]
+            if cells:
+                rows.append([f"{pose}{suffix.replace('_', ' ')}", unit, *cells])
+    distance = [measured.figure("", name) for name in ("AD", "RD")]
+    cells = [cell for one in distance if one is not None for cell in (milli(one.value, 4), _share(one.below))]
+    if cells:
+        rows.append(["AD, RD", "mm", *cells])
+    return aligned(rows)
+
+
+def _quantile(law: FigureLaw, level: float) -> tuple[str, str]:
+    """Return a quantile in mm or mrad with the digits of its interval, and the interval."""
+    value, ends = law.quantile(level), law.quantile_interval(level)
+    if value is None or ends is None:
+        return "-", "-"
+    if max(map(abs, ends)) < ROUNDING:
+        return "0", "[0, 0]"
+    below, above = format_interval(*ends, 1e3)
+    return format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=5), f"[{below}, {above}]"
+
+
+def _end(law: FigureLaw, level: float) -> str:
+    return _quantile(law, level)[0]
+
+
+def _share(share: float) -> str:
+    """Return a share of the simulated robots."""
+    return "all" if share == 1 else f"{100 * share:.4g} %"
+
+
+def _unit(figure: str) -> str:
+    return "mrad" if figure[-2:] in ("_a", "_b", "_c") else "mm"

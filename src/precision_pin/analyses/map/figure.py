@@ -1,0 +1,291 @@
+"""A map as a picture: a heat map over a plane, points in space, a curve along a path, a list of poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from precision_pin.analyses.map.map_result import MapResult
+from precision_pin.analyses.map.map_verdicts import MET, NOT_JUDGED
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.text_escape import shown, visible
+from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
+from precision_pin.render.figure_style import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    shortened,
+    style,
+    wrapped,
+)
+from precision_pin.render.tables import symbol
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sampling.poses_result import LEVELS
+from precision_pin.statistics.digits import format_interval
+
+_MOST_NAMED: Final = 24
+"""Most poses that are drawn as a list, with their names below the axis."""
+_MOST_TICKS: Final = 6
+_MOST_LETTERS: Final = 18
+_MOST_LEVEL: Final = 60
+_STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
+"""Colour and dashes of each quantile."""
+_FLAT: Final = 1e-6
+"""Extent of the places across a plane or a line, by that along it, below which they lie in it."""
+_MOST_EMPTY: Final = 2.0
+"""Cells of a regular grid by places, above which the places are drawn as points."""
+_COLOURS: Final = "cividis"
+_MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """How the poses of a map are drawn.
+
+    Attributes
+    ----------
+    kind
+        ``"path"``, ``"list"``, ``"plane"`` or ``"space"``.
+    places
+        Coordinates of each node: time or number, ``(1, N)``; in the plane, m, ``(2, N)``; in space, m, ``(3, N)``.
+    names
+        Names of the axes.
+    """
+
+    kind: str
+    places: Array
+    names: tuple[str, ...]
+
+
+def layout_of(poses: PoseSet, nodes: NDArray[np.intp]) -> _Layout:
+    """Return how poses are drawn; ``nodes`` are the numbers of the poses to draw."""
+    count = len(nodes)
+    if poses.times is not None:
+        return _Layout("path", poses.times[None, nodes], ("time [s]",))
+    position = poses.position[:, nodes]
+    seen = np.isfinite(position).all(axis=0)
+    if (poses.node is None and count <= _MOST_NAMED) or seen.sum() < 3:
+        return _Layout("list", np.arange(1.0, count + 1)[None], ("pose, in the order given",))
+    centred = position - position[:, seen].mean(axis=1, keepdims=True)
+    axes, sizes, _ = np.linalg.svd(centred[:, seen], full_matrices=False)
+    rank = int((sizes > _FLAT * max(float(sizes[0]), 1e-12)).sum())
+    if rank == 1:
+        along = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
+        return _Layout("path", (along @ position)[None], (_axis_name(along),))
+    if rank == 2:
+        normal = axes[:, 2]
+        k = int(np.abs(normal).argmax())
+        if np.abs(normal[k]) > 1 - 1e-9:
+            shown = [axis for axis in range(3) if axis != k]
+            return _Layout("plane", position[shown], tuple(f"{'xyz'[axis]} [mm]" for axis in shown))
+        first, second = axes[:, 0], axes[:, 1]
+        return _Layout(
+            "plane", np.stack([first @ position, second @ position]), (_axis_name(first), _axis_name(second))
+        )
+    return _Layout("space", position, ("x [mm]", "y [mm]", "z [mm]"))
+
+
+def _axis_name(along: Array) -> str:
+    k = int(np.abs(along).argmax())
+    if abs(along[k]) > 1 - 1e-9:
+        return f"{'xyz'[k]} [mm]"
+    return f"along ({', '.join(f'{value:.2g}' for value in along)}) [mm]"
+
+
+def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -> Figure:
+    """Return the figure of a quantile of ``"position"`` or ``"attitude"``, 174 mm wide; see :meth:`MapResult.plot`.
+
+    Raises
+    ------
+    UnknownNameError
+        Another quantity.
+    InputError
+        A level that the map has not.
+    """
+    names = ("position", "attitude")
+    if quantity not in names:
+        raise UnknownNameError("quantity", quantity, names)
+    if level not in LEVELS:
+        raise InputError(f"level {level!r}: a map has the quantiles {', '.join(map(str, LEVELS))}")
+    norm, rank = names.index(quantity), LEVELS.index(level)
+    of_nodes = result.poses.best_and_worst(result.quantile[rank, norm])[1]
+    firsts = _first_of_nodes(result.poses)
+    nodes = np.where(of_nodes >= 0, of_nodes, firsts)
+    layout = layout_of(result.poses, nodes)
+    panels = [("", result.quantile[:, norm][:, nodes])]
+    if result.relative is not None:
+        panels.append(("relative to the reference", result.relative.quantile[:, norm][:, nodes]))
+    unit = WrittenUnit.of_axis(f"{quantity}.norm", max(float(np.nanmax(values)) for _, values in panels))
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        is_curve = layout.kind in ("path", "list")
+        if not is_curve:
+            # panels of equal axes leave room beside them: closed up, with their bars
+            made.set_layout_engine("compressed")
+        subplots: dict[str, Any] = {"projection": "3d"} if layout.kind == "space" else {}
+        axes = np.atleast_1d(made.subplots(1, 1 if is_curve else len(panels), subplot_kw=subplots, squeeze=True))
+        marked = [poses[nodes] for poses in _marked(result)]
+        for place, (title, values) in enumerate(panels):
+            on = axes[0 if is_curve else place]
+            if is_curve:
+                _draw_curves(on, result, layout, values * unit.per_si, title, nodes)
+            else:
+                _draw_field(
+                    made,
+                    on,
+                    layout,
+                    values[rank] * unit.per_si,
+                    [poses & (not title) for poses in marked],
+                    f"{symbol(f'{quantity}.norm')} [{unit.name}]",
+                )
+                on.set_title(title)
+        if is_curve:
+            axes[0].set_ylabel(f"{symbol(f'{quantity}.norm')} [{unit.name}]")
+            axes[0].set_ylim(bottom=0)
+        several = result.poses.node is not None and len(nodes) < len(result.poses)
+        alone = "; one branch of each place, neighbours may have others" if result.poses.node is not None else ""
+        places_shown = "; the worst branch and tool angle of each place" if several else alone
+        caption = f"first order, closed form{places_shown}; {worst_said(result, norm, rank)}"
+        entries, below = labelled(axes.tolist()), wrapped(caption, made)
+        what = (
+            symbol(f"{quantity}.norm")
+            if is_curve
+            else f"{100 * level:g} % of robots within {symbol(f'{quantity}.norm')}"
+        )
+        title = f"{what}: {visible(result.provenance.robot, 60)} at {len(nodes):,} poses"
+        made.suptitle("\n".join(wrapped(title, made)))
+        legend_below(made, entries, 4, below)
+        set_height(
+            made,
+            (80.0 if is_curve else 95.0 if len(panels) == 1 else 80.0)
+            + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT,
+        )
+    return made
+
+
+def worst_said(result: MapResult, norm: int, rank: int) -> str:
+    """Return a quantile at the worst pose in words: in closed form, its limits, and the interval of what was sampled."""
+    worst = result.worst_first[0]
+    unit = ("mm", "mrad")[norm]
+    low, high = 1e3 * result.quantile_bounds[rank, norm, :, worst]
+    said = (
+        f"at {shown(result.poses.labels[worst])}, the worst{'' if result.sampled is None else ' of those sampled'}, "
+        f"{1e3 * result.quantile[rank, norm, worst]:.4g} {unit}, limits whatever the laws {low:.3g} to {high:.3g} {unit}"
+    )
+    if result.sampled is None or worst not in result.sampled.poses:
+        return said
+    place = int(np.flatnonzero(result.sampled.poses == worst)[0])
+    ends = result.sampled.result.quantile_interval[rank, norm, :, place].tolist()
+    return (
+        said
+        if np.isnan(ends).any()
+        else f"{said}, sampled {' to '.join(format_interval(ends[0], ends[1], 1e3))} {unit}"
+    )
+
+
+def _first_of_nodes(poses: PoseSet) -> NDArray[np.intp]:
+    if poses.node is None:
+        return np.arange(len(poses))
+    return np.unique(poses.node, return_index=True)[1]
+
+
+def _marked(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the poses at which the sampled robots miss a specification, and those at which they do not decide, ``(P,)`` each."""
+    order = result.judged.order.min(axis=0, initial=NOT_JUDGED)
+    return order == 0, (order > 0) & (order < MET)
+
+
+def _draw_curves(
+    axes: Axes, result: MapResult, layout: _Layout, values: Array, title: str, nodes: NDArray[np.intp]
+) -> None:
+    """Draw the quantiles over the poses; those relative to the reference as thin lines."""
+    places = layout.places[0] * (1e3 if layout.names[0].endswith("[mm]") else 1.0)
+    order = np.argsort(places, kind="stable")
+    few = len(places) <= _MOST_NAMED
+    for rank, (level, (colour, dashes)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
+        if title and level != 0.95:
+            continue
+        label = "median" if level == LEVELS[0] else f"{100 * level:g} % of robots"
+        axes.plot(
+            places[order], values[rank][order], color=BLACK if title else colour, linestyle=(0, (1, 1)) if title else dashes,
+            marker="o" if few else "", markersize=2.5, label=f"{label}, {title}" if title else label,
+        )  # fmt: skip
+    if title:
+        return
+    axes.fill_between(places[order], 0, values[LEVELS.index(0.95)][order], color=SKY, alpha=0.12, linewidth=0)
+    unknown = ~np.isfinite(values[0])
+    if unknown.any():
+        axes.plot(
+            places[unknown], np.zeros(unknown.sum()), "x", color=BLACK, markersize=4, label="not reached", clip_on=False
+        )
+    top = values[LEVELS.index(0.95)]
+    for poses, (colour, label) in zip(_marked(result), _MARKS, strict=True):
+        at = poses[nodes]
+        if at.any():
+            axes.plot(places[at], top[at], "o", color=colour, markersize=3.5, label=label)
+    axes.set_xlabel(layout.names[0])
+    if layout.kind == "list":
+        labels = [shortened(visible(result.poses.labels[pose]), _MOST_LETTERS) for pose in nodes]
+        turned = sum(map(len, labels)) > _MOST_LEVEL
+        axes.set_xlabel("")
+        axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
+        axes.set_xlim(0.5, len(places) + 0.5)
+
+
+def _draw_field(
+    made: Figure, axes: Any, layout: _Layout, values: Array, marked: Sequence[NDArray[np.bool_]], label: str
+) -> None:
+    """Draw the values over a plane or in space, with what is not reached and where a specification is missed."""
+    places = 1e3 * layout.places
+    known = np.isfinite(values)
+    drawn = _cells(places, values) if layout.kind == "plane" else None
+    if drawn is not None:
+        mesh = axes.pcolormesh(*drawn, cmap=_COLOURS, shading="nearest", rasterized=True)
+    else:
+        mesh = axes.scatter(
+            *places[:, known],
+            c=values[known],
+            cmap=_COLOURS,
+            s=_size(len(values)),
+            marker="s" if layout.kind == "plane" else "o",
+        )
+    if not known.all():
+        axes.scatter(*places[:, ~known], c="#999999", s=6, marker="x", linewidths=0.6, label="not reached")
+    for poses, (colour, name) in zip(marked, _MARKS, strict=True):
+        if poses.any():
+            axes.scatter(*places[:, poses], c=colour, s=3, marker="o", linewidths=0, label=name)
+    axes.set_xlabel(layout.names[0])
+    axes.set_ylabel(layout.names[1])
+    axes.set_aspect("equal")
+    if layout.kind == "plane":
+        axes.locator_params(nbins=_MOST_TICKS, steps=[1, 2, 5, 10])
+    if layout.kind == "space":
+        axes.set_zlabel(layout.names[2])
+    made.colorbar(mesh, ax=axes, label=label, shrink=0.85, pad=0.1 if layout.kind == "space" else 0.02)
+
+
+def _cells(places: Array, values: Array) -> tuple[Array, Array, Array] | None:
+    """Return coordinates and values of a regular grid, NaN in empty cells; ``None`` if the places are none."""
+    rounded = np.round(places, 6)
+    (u, i), (v, j) = (np.unique(row, return_inverse=True) for row in rounded)
+    if len(u) < 2 or len(v) < 2 or len(u) * len(v) > _MOST_EMPTY * len(values):
+        return None
+    field = np.full((len(v), len(u)), np.nan)
+    field[j, i] = values
+    return u, v, np.ma.masked_invalid(field)
+
+
+def _size(count: int) -> float:
+    return float(np.clip(6000.0 / max(count, 1), 4.0, 40.0))

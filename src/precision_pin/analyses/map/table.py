@@ -1,0 +1,189 @@
+"""A map as text for a terminal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Final
+
+import numpy as np
+
+from precision_pin.analyses.map.map_result import MapResult
+from precision_pin.analyses.map.map_verdicts import MapVerdict
+from precision_pin.analyses.monte_carlo.table import demanded
+from precision_pin.base.text_escape import shortened, shown, visible
+from precision_pin.render.tables import milli, resting_on
+from precision_pin.render.text_table import aligned
+from precision_pin.sampling.poses_result import LEVELS
+from precision_pin.statistics import format_share
+from precision_pin.statistics.digits import format_interval
+
+_MOST_ROWS: Final = 12
+"""Poses of which all are listed."""
+_WORST_ROWS: Final = 10
+"""Poses listed of more than that, the worst first."""
+_MOST_LETTERS: Final = 17
+_MOST_SHARES: Final = 4
+_SMALLEST: Final = 1e-7
+"""Share below which the closed form has no digits: its integral is good to this."""
+_LEVEL: Final = LEVELS.index(0.95)
+_UPPER: Final = tuple(enumerate(LEVELS))[1:]
+
+
+def map_table(result: MapResult) -> str:
+    """Return what a designer wants to read of a map: the worst pose and the verdicts, then a row for each of the worst poses."""
+    of = result.provenance
+    count = len(result.poses)
+    rows = worst_rows(result)
+    counts = ", ".join(f"{number:,} {status}" for status, number in Counter(result.poses.status).items())
+    poses = f"{count:,} pose{'' if count == 1 else 's'}"
+    lines = [
+        *answers(result),
+        "",
+        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, map of {poses}: {counts}",
+        f"closed form, first order, normal error, statics {of.statics}; {_sampling(result)}",
+        "",
+        *aligned([list(rows[0]), *(list(row.values()) for row in rows)]),
+    ]
+    more = len(result.worst_first) - len(_listed(result))
+    marks = "spec: share inside, * not met, ? undecided; " if result.specifications else ""
+    lines += [f"and {more:,} more poses: --json FILE writes all"] if more else []
+    lines += [
+        "",
+        "quantiles of |d| in mm, |δ| in mrad, closed form; limits: of the exact 95 %, whatever the laws;",
+        f"sampled: its interval; {marks}cause: of most variance",
+    ]
+    lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
+    return "\n".join(lines)
+
+
+def answers(result: MapResult) -> list[str]:
+    """Return what is asked first: the worst pose, the range over the poses, the verdicts."""
+    return [*_worst(result), *verdict_lines(result)]
+
+
+def verdict_lines(result: MapResult) -> list[str]:
+    """Return a line for each specification."""
+    return [_verdict(result, verdict) for verdict in result.verdicts]
+
+
+def worst_rows(result: MapResult) -> list[dict[str, str]]:
+    """Return the cells of the worst poses by their headings, or of all where they are few."""
+    return [_cells(result, pose) for pose in _listed(result)]
+
+
+def _sampling(result: MapResult) -> str:
+    if result.sampled is None:
+        return "nothing was sampled"
+    sampled, judged = result.sampled.result, result.judged.samples
+    known = len(result.worst_first)
+    every = len(result.sampled.poses) == known
+    which = "every pose" if every else f"the {len(result.sampled.poses):,} worst"
+    said = f"{which} sampled: {sampled.samples:,} robots, seed {sampled.seed}, {result.confidence:.0%} intervals"
+    if every or not result.specifications:
+        return said
+    least, most = int(judged[judged > 0].min()), int(judged.max())
+    return f"every pose judged by {least:,}{f' to {most:,}' if most > least else ''} robots, {said}"
+
+
+def _worst(result: MapResult) -> list[str]:
+    worst = result.worst_first[0]
+    of_all = result.quantile[_LEVEL, 0, result.poses.known]
+    norms = [f"{milli(float(result.quantile[rank, 0, worst]), 4)} mm for {100 * level:.4g} %" for rank, level in _UPPER]
+    lines = [f"worst pose {shown(result.poses.labels[worst])}: |d| within {', '.join(norms)} of robots in closed form"]
+    sampled = _sampled(result, worst, _LEVEL), _sampled(result, worst, len(LEVELS) - 1)
+    if "-" not in sampled:
+        lines[0] += f", {sampled[0]} and {sampled[1]} mm sampled"
+    if len(of_all) > 1:
+        least, middle, most = (f"{1e3 * value:.4g}" for value in np.quantile(of_all, (0, 0.5, 1)))
+        lines.append(
+            f"95 % of robots within |d| over the poses: {least} to {most} mm, median {middle} mm, in closed form"
+        )
+    if result.relative is not None:
+        relative = np.where(result.poses.known, result.relative.quantile[_LEVEL, 0], -1.0)
+        pose = int(relative.argmax())
+        lines.append(
+            f"relative to the reference: 95 % of robots within |d| {1e3 * relative[pose]:.4g} mm at worst "
+            f"({shown(result.poses.labels[pose])})"
+        )
+    if result.unknown:
+        lines.append(f"{result.unknown:,} of {len(result.poses):,} poses cannot be reached and are not judged")
+    return lines
+
+
+def _verdict(result: MapResult, verdict: MapVerdict) -> str:
+    demand = f"spec {demanded(verdict.specification)} at every pose: "
+    if result.grounds.not_judged:
+        return f"{demand}{result.grounds.said('not judged')}"
+    demand += f"{verdict.verdict.upper()}{result.grounds.taken if verdict.met else ''}"
+    where = shown(result.poses.labels[verdict.worst])
+    if verdict.sampled is None:
+        return f"{demand} - nothing was sampled; worst {where}, {_share(verdict.share)} inside in closed form"
+    of = verdict.sampled
+    share, low, high = format_share(of.probability, of.interval, of.required)
+    said = (
+        f"{demand} - worst {where}, {share} % inside, interval {low} to {high} %, {_share(verdict.share)} in closed form; "
+        f"met at {verdict.met_at:,} of {verdict.judged:,} poses"
+    )
+    if not verdict.undecided_at:
+        return said
+    more = (
+        f"about --samples {verdict.needed} would decide"
+        if verdict.needed
+        else "too close to what is required to decide"
+    )
+    return f"{said}, undecided at {verdict.undecided_at:,} by up to {verdict.most_samples:,} robots: {more}"
+
+
+def _listed(result: MapResult) -> list[int]:
+    worst = result.worst_first
+    return sorted(worst) if len(worst) <= _MOST_ROWS else worst[:_WORST_ROWS]
+
+
+def _cells(result: MapResult, pose: int) -> dict[str, str]:
+    """Return the cells of a row by their headings; what matters least is left out where a row would not fit a terminal."""
+    several = len(result.specifications) > 1
+    cells = {"pose": shortened(visible(result.poses.labels[pose]), _MOST_LETTERS)}
+    if result.relative is None and not result.specifications:
+        cells["median"] = _number(result.quantile[0, 0, pose])
+    low, high = 1e3 * result.quantile_bounds[_LEVEL, 0, :, pose]
+    cells |= {"95 %": _number(result.quantile[_LEVEL, 0, pose]), "limits": f"{low:.3g}-{high:.3g}"}
+    cells |= {"sampled": _sampled(result, pose, _LEVEL), "99.73 %": _number(result.quantile[-1, 0, pose])}
+    cells |= {"|δ| 95 %": _number(result.quantile[_LEVEL, 1, pose])}
+    if result.relative is not None:
+        cells["relative"] = _number(result.relative.quantile[_LEVEL, 0, pose])
+    cells |= {
+        f"spec {rank + 1}": _inside(result, rank, pose) for rank in range(len(result.specifications[:_MOST_SHARES]))
+    }
+    if not several and (result.relative is None or not result.specifications):
+        cells["cause"] = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
+    return cells
+
+
+def _inside(result: MapResult, rank: int, pose: int) -> str:
+    """Return the sampled share inside a specification, with a mark where it is not met, or the share in closed form."""
+    if not result.judged.samples[pose]:
+        return _share(float(result.probability[rank, pose]))
+    of, verdict = result.judged, result.judged.verdicts(pose)[rank]
+    interval = of.interval[rank, :, pose].tolist()
+    share = format_share(
+        float(of.probability[rank, pose]), (interval[0], interval[1]), result.specifications[rank].required
+    )
+    return f"{share[0]} %{ {'not met': '*', 'undecided': '?'}.get(verdict, '') }"
+
+
+def _sampled(result: MapResult, pose: int, rank: int) -> str:
+    """Return the interval of a sampled quantile of |d|, mm."""
+    if result.sampled is None or pose not in result.sampled.poses:
+        return "-"
+    place = int(np.flatnonzero(result.sampled.poses == pose)[0])
+    of = result.sampled.result
+    low, high = of.quantile_interval[rank, 0, :, place].tolist()
+    return "-" if np.isnan(of.quantile[rank, 0, place]) else "[{}, {}]".format(*format_interval(low, high, 1e3))
+
+
+def _number(value: float) -> str:
+    return f"{1e3 * float(value):.4g}"
+
+
+def _share(share: float) -> str:
+    return f"<{100 * _SMALLEST:.5f} %" if share < _SMALLEST else f"{100 * share:.4g} %"

@@ -1,0 +1,79 @@
+"""Moments as a picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from precision_pin.analyses.moments.moments_result import MomentsResult, PoseMoments
+from precision_pin.render.draw_distribution import BLACK, BLUE, SKY
+from precision_pin.render.figure_style import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    caption,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    style,
+)
+from precision_pin.render.tables import symbol
+from precision_pin.statistics import COMPONENTS, QUANTITIES
+
+
+def figure(result: MomentsResult, which: int = 0) -> Figure:
+    """Return mean and standard deviation of the components, exact beside first order, 174 mm wide.
+
+    Parameters
+    ----------
+    result
+        What is drawn.
+    which
+        Which of its poses, 0-based.
+    """
+    pose = result.poses[which]
+    lines = [*caption("moments of the error", result.provenance, pose.pose), _computed(result)]
+    with style():
+        drawn = new_figure(DOUBLE_COLUMN)
+        panels = drawn.subplots(2, 2)
+        for column, (rows, unit) in enumerate(((range(3), "mm"), (range(3, 6), "mrad"))):
+            _draw(panels[0, column], pose, rows, "mean", f"mean [{unit}]")
+            _draw(panels[1, column], pose, rows, "std", f"standard deviation [{unit}]")
+        legend_below(drawn, labelled(panels.flat), 2, lines)
+        set_height(drawn, 92 + LINE_HEIGHT * (len(lines) + 1))
+    return drawn
+
+
+def draw(axes: Axes, result: MomentsResult, which: int, quantity: str) -> None:
+    """Draw the standard deviations of the components of one vector on given axes."""
+    rows, unit = (range(3), "mm") if quantity == "position" else (range(3, 6), "mrad")
+    with style():
+        _draw(axes, result.poses[which], rows, "std", f"standard deviation [{unit}]")
+
+
+def _computed(result: MomentsResult) -> str:
+    of = result.provenance
+    return f"{result.how}; N = {result.samples:,}, seed {of.seed}, statics {of.statics}"
+
+
+def _draw(axes: Axes, pose: PoseMoments, rows: range, which: str, label: str) -> None:
+    exact = getattr(pose, which)
+    half = np.zeros(6) if exact.half_width is None else np.nan_to_num(exact.half_width)
+    places, names = np.arange(len(rows)), [symbol(QUANTITIES[COMPONENTS[row]]) for row in rows]
+    chosen = list(rows)
+    axes.bar(
+        places - 0.2, 1e3 * getattr(pose, f"first_order_{which}")[chosen], width=0.36, color=SKY, label="first order"
+    )
+    axes.bar(
+        places + 0.2,
+        1e3 * exact.value[chosen],
+        yerr=1e3 * half[chosen],
+        width=0.36,
+        color=BLUE,
+        label="exact model",
+        error_kw={"elinewidth": 0.6, "capsize": 1.2, "capthick": 0.6},
+    )
+    axes.axhline(0, color=BLACK, linewidth=0.6)
+    axes.set_xticks(places, names)
+    axes.set_ylabel(label)

@@ -1,0 +1,56 @@
+"""Moments as text for a terminal."""
+
+from __future__ import annotations
+
+from precision_pin.analyses.moments.moments_result import MomentsResult, PoseMoments, cell, entries
+from precision_pin.analyses.monte_carlo.table import subject
+from precision_pin.render.tables import milli, plus_minus, symbol, unit
+from precision_pin.render.text_table import aligned
+from precision_pin.statistics import COMPONENTS, QUANTITIES
+
+
+def table(result: MomentsResult) -> str:
+    """Return mean, bias and standard deviation of every quantity at every pose, mm and mrad, beside the first order."""
+    blocks = [
+        "\n".join(
+            [
+                subject(result.provenance, pose.pose),
+                f"{result.how}; statics {result.provenance.statics}; errors in base axes",
+                "",
+                *aligned(
+                    [
+                        ["", "", "mean", "bias", "std", "/ first order"],
+                        *(_without_first(row) for row in moment_rows(pose)),
+                    ]
+                ),
+            ]
+        )
+        for pose in result.poses
+    ]
+    blocks.append("bias: mean of the exact model less that of the first order; / first order: ratio of the stds")
+    return "\n\n".join(blocks)
+
+
+def _without_first(row: list[str]) -> list[str]:
+    """Return a row without the standard deviation of the first order, which the ratio says."""
+    *cells, _, ratio = row
+    return [*cells, ratio]
+
+
+def moment_rows(pose: PoseMoments) -> list[list[str]]:
+    """Return for each quantity: symbol, unit, mean, bias, std, std of the first order and the ratio of both."""
+    rows = []
+    for row, quantity in enumerate(QUANTITIES):
+        mean, std = entries(pose, row)
+        bias, first, ratio = "-", "-", "-"
+        if row in COMPONENTS:
+            index = COMPONENTS.index(row)
+            half = pose.bias.half_width
+            bias = plus_minus(
+                1e3 * float(pose.bias.value[index]), 0.0 if half is None else 1e3 * float(half[index]), decimals=9
+            )
+            spread = float(pose.first_order_std[index])
+            first = milli(spread)
+            ratio = "-" if std is None or not spread else f"{std[0] / spread:.6g}"
+        rows.append([symbol(quantity), unit(quantity), cell(mean), bias, cell(std), first, ratio])
+    return rows

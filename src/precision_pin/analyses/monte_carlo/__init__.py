@@ -1,0 +1,1 @@
+"""Tables, verdict and report section of the sampled law."""

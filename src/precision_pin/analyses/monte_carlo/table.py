@@ -1,0 +1,257 @@
+"""Results as text for a terminal."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from typing import TYPE_CHECKING, Final
+
+from precision_pin.base.text_escape import shown, visible
+from precision_pin.render.tables import ROUNDING, absolute, joint_text, plain, resting_on, symbol, unit
+from precision_pin.render.text_table import aligned
+from precision_pin.robot.mcpc import Mcpc
+from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.sampling.result_parts import Correlated
+from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside, format_share
+from precision_pin.statistics.distribution import CONTENTS
+
+if TYPE_CHECKING:
+    from precision_pin.analyses.provenance import PoseLabel, Provenance
+
+NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
+"""Why there is nothing to judge."""
+
+_LARGE_ANGLE: Final = 0.1
+
+_BRIEF: Final = ("mean", "std", 0.5, 0.95, 0.99, 0.9973)
+_COLUMNS: Final = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
+
+
+def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str:
+    """Return the table of an analysis: error statistics in mm and mrad, the answer first and last.
+
+    Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
+
+    Parameters
+    ----------
+    analysis
+        The result.
+    is_whole
+        Everything, not what fits a terminal of 80 columns and 24 rows.
+    """
+    return "\n".join([*(_whole(analysis) if is_whole else _brief(analysis)), *_answer(analysis)])
+
+
+def _brief(analysis: MonteCarloResult) -> list[str]:
+    cells = [_header(_BRIEF), *_rows(analysis, _BRIEF)]
+    others = "--all: extremes, mode, tolerance bounds, error at the means" + ", correlations" * bool(
+        analysis.correlations
+    )
+    unresolved = "; - not resolved" * any("-" in row for row in cells)
+    return [
+        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose "
+        + pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach, is_named=False),
+        *_relative(analysis, is_named=False),
+        f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}, "
+        f"base axes, {analysis.summary.confidence:.0%} confidence",
+        f"{_share(0.95)} of robots within {_within(analysis, 0.95)}; {_share(0.9973)} within {_within(analysis, 0.9973)}",
+        *map(_verdict, analysis.summary.specifications),
+        "",
+        *aligned(cells),
+        "",
+        f"{others}{unresolved}",
+        *resting_on(analysis.assumed, analysis.sources, analysis.origins, is_brief=True),
+    ]
+
+
+def _answer(analysis: MonteCarloResult) -> list[str]:
+    """Return the lines that end the table: each verdict, or the sizes that most robots keep."""
+    given = analysis.summary.specifications
+    if not given:
+        return [f"{_share(0.95)} of robots within {_within(analysis, 0.95)}"]
+    return [_verdict(one, is_brief=True) for one in given]
+
+
+def _whole(analysis: MonteCarloResult) -> list[str]:
+    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach)
+    lines = [
+        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose {pose}",
+        *_relative(analysis),
+        f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}; "
+        "errors in base axes, intervals and digits at "
+        f"{analysis.summary.confidence:.0%} confidence",
+        "",
+        f"{_share(0.95)} of robots within {_within(analysis, 0.95)}; {_share(0.9973)} within {_within(analysis, 0.9973)}",
+        *map(_verdict, analysis.summary.specifications),
+        "",
+        *aligned([_header(_COLUMNS), *_rows(analysis, _COLUMNS)]),
+        "",
+        "tolerance bounds: so many of all robots lie between them, of |d| and |δ| below, "
+        f"{analysis.summary.confidence:.0%} sure",
+        *aligned([_bounds_header(), *_bounds(analysis)]),
+        "",
+        "min and max are the smallest and largest seen, not bounds; - is not resolved by this many samples",
+        f"mode: peak of the histogram smoothed by {_bandwidths(analysis)}",
+        "error with every parameter at its mean: "
+        f"d = ({', '.join(map(_thousandfold, analysis.nominal[:3]))}) mm, "
+        f"δ = ({', '.join(map(_thousandfold, analysis.nominal[3:]))}) mrad",
+    ]
+    lines += [line for group in analysis.correlations for line in _pairs(group)]
+    return [*lines, *resting_on(analysis.assumed, analysis.sources, analysis.origins)]
+
+
+def _relative(analysis: MonteCarloResult, *, is_named: bool = True) -> list[str]:
+    """Return the line that names the other pose, if there is one."""
+    other = analysis.relative_to
+    if other is None:
+        return []
+    where = pose_text(other.name, other.q, analysis.sliding_joints, other.approach, is_named=is_named)
+    return [f"relative to the same robots at pose {where}"]
+
+
+def _within(analysis: MonteCarloResult, level: float) -> str:
+    """Return |d| and |δ| within which a share of the robots stays, with units."""
+    norms = (analysis.position.norm, analysis.attitude.norm)
+    found = [f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms]
+    return ", ".join(found)
+
+
+def _share(level: float) -> str:
+    return f"{100 * level:.4g} %"
+
+
+def pose_text(
+    name: str,
+    q: Mapping[str, float],
+    sliding_joints: Collection[str],
+    approach: Mapping[str, str],
+    *,
+    is_named: bool = True,
+) -> str:
+    """Return a pose's name and joint values, in degrees and mm, with the direction of each joint's last motion if known.
+
+    Without the joints' names if ``is_named`` is False.
+    """
+    values = joint_text(
+        {visible(joint): value for joint, value in q.items()},
+        [*map(visible, sliding_joints)],
+        {visible(joint): sign for joint, sign in approach.items()},
+        is_named=is_named,
+    )
+    return f"{shown(name)} ({values})" if name else f"({values})"
+
+
+def subject(provenance: Provenance, pose: PoseLabel) -> str:
+    """Return the arm, the ends of its chain and the pose of a result."""
+    where = pose_text(pose.name, pose.q, pose.sliding_joints, pose.approach)
+    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {where}"
+
+
+def _header(columns: Sequence[str | float]) -> list[str]:
+    return ["", "", *(column if isinstance(column, str) else f"{100 * column:.4g} %" for column in columns)]
+
+
+def _rows(analysis: MonteCarloResult, columns: Sequence[str | float]) -> list[list[str]]:
+    rows = []
+    for vector in (analysis.position, analysis.attitude):
+        for part in (vector.norm, vector.x, vector.y, vector.z):
+            rows.append([symbol(part.quantity), unit(part.quantity), *(statistic(part, column) for column in columns)])
+    return rows
+
+
+def _bounds_header() -> list[str]:
+    return ["", "", *(f"{100 * content:.4g} % of robots" for content in CONTENTS)]
+
+
+def _bounds(analysis: MonteCarloResult) -> list[list[str]]:
+    return [
+        [symbol(part.quantity), unit(part.quantity), *(tolerance_bounds(part, content) for content in CONTENTS)]
+        for vector in (analysis.position, analysis.attitude)
+        for part in (vector.norm, vector.x, vector.y, vector.z)
+    ]
+
+
+def statistic(distribution: Distribution, which: str | float) -> str:
+    """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad; ``-`` where not resolved."""
+    value = distribution.quantile(which) if isinstance(which, float) else getattr(distribution, which)
+    interval = distribution.interval(which)
+    if value is None or interval is None:
+        return "-"
+    # where few robots have an error, the others have one of rounding
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING or max(map(abs, (value, *interval))) < ROUNDING:
+        return "0"
+    return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
+
+
+def tolerance_bounds(distribution: Distribution, content: float) -> str:
+    """Return the bounds of a share of all units in mm or mrad, rounded outwards; ``-`` where not resolved."""
+    bounds = distribution.tolerance_bounds(content)
+    if bounds is None:
+        return "-"
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
+        return "0"
+    # to a hundredth of the spread, or five digits where there is none
+    size = distribution.std or abs(bounds[1]) / 1000 or 1.0
+    place = Decimal(1).scaleb(Decimal(1e3 * size).adjusted() - 2)
+    low, high = (
+        (Decimal(1000) * Decimal(end)).quantize(place, way)
+        for end, way in zip(bounds, (ROUND_FLOOR, ROUND_CEILING), strict=True)
+    )
+    return f"{high + 0:f}" if distribution.is_norm else f"{low + 0:f} to {high + 0:f}"
+
+
+def _pairs(group: Correlated) -> list[str]:
+    """Return a line for each pair of correlated parameters."""
+    names = [visible(name) for name in group.parameters]
+    return [
+        f"correlation of {names[i]} and {names[j]}: {group.scores[i][j]:.4g} of the normal scores, "
+        f"{group.pearson[i][j]:.4g} of the numbers (Pearson)"
+        for i, j in itertools.combinations(range(len(names)), 2)
+    ]
+
+
+def _bandwidths(analysis: MonteCarloResult) -> str:
+    parts = []
+    for norm in (analysis.position.norm, analysis.attitude.norm):
+        width = norm.mode_bandwidth
+        parts.append(f"{symbol(norm.quantity)} {'-' if width is None else f'{1e3 * width:.2g} {unit(norm.quantity)}'}")
+    return ", ".join(parts)
+
+
+def demanded(specification: Specification | SpecificationResult) -> str:
+    """Return a specification in words, such as ``|d| within 0.5 mm for 95 %``; of a large angle in degrees too."""
+    of, limit = specification.quantity, specification.limit
+    degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= _LARGE_ANGLE else ""
+    return f"{absolute(of)} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
+
+
+def _verdict(result: SpecificationResult, *, is_brief: bool = False) -> str:
+    demand = f"{'' if is_brief else 'spec '}{demanded(result)}: {result.said}"
+    if result.verdict == "not judged":
+        return demand
+    if result.verdict == "nothing to judge":
+        return f"{demand} - {NOTHING_VARIES}"
+    share, low, high = format_share(result.probability, result.interval, result.required)
+    if is_brief:
+        return f"{demand} - {share} % inside"
+    index = f", Cpk {result.cpk:.2f}" if math.isfinite(result.cpk) else ""
+    more = ": more samples decide it" if result.verdict == "undecided" else ""
+    return f"{demand} - {share} % inside, interval {low} to {high} %{index}{more}"
+
+
+def mcpc_table(mcpc: Mcpc) -> str:
+    """Return the MCPC parameters as the paper's Table 1 lays them out, in degrees and mm."""
+    rows = [["i", "joint", "offset °", "α °", "β °", "γ °", "x mm", "y mm", "z mm"]]
+    for row in mcpc.table:
+        gamma = "" if row.gamma is None else plain(math.degrees(row.gamma))
+        z = "" if row.z is None else plain(1e3 * row.z)
+        turns = [plain(math.degrees(value)) for value in (row.turn, row.alpha, row.beta)]
+        joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
+        rows.append([str(row.link), joint, *turns, gamma, plain(1e3 * row.x), plain(1e3 * row.y), z])
+    return "\n".join(aligned(rows))
+
+
+def _thousandfold(value: float) -> str:
+    return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"

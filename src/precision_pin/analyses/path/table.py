@@ -1,0 +1,178 @@
+"""The law of the largest error along a path as text for a terminal."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES, demanded
+from precision_pin.analyses.path.path_result import PathResult
+from precision_pin.base.text_escape import shortened, shown, visible
+from precision_pin.render.tables import resting_on, symbol
+from precision_pin.render.text_table import aligned
+from precision_pin.statistics import SpecificationResult, format_inside, format_share
+from precision_pin.statistics.digits import format_interval, round_end
+
+_QUANTITIES: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
+_MOST_ROWS: Final = 12
+"""Poses of which all are listed."""
+_WORST_ROWS: Final = 10
+"""Poses listed of more than that: those with most of the largest |d|."""
+_MOST_LETTERS: Final = 24
+
+
+def path_table(result: PathResult) -> str:
+    """Return the answer in words, the quantiles of the largest errors, the bands, and a row for each pose."""
+    of = result.provenance
+    share = f"{100 * result.probability:.6g} %"
+    lines = [
+        headline(result),
+        where_line(result),
+        *verdict_lines(result),
+        "",
+        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, a path of {len(result.poses):,} poses{_duration(result)}",
+        f"{result.samples:,} robots, seed {of.seed}, {result.model} model, statics {of.statics}; intervals and digits at "
+        f"{result.confidence:.0%} confidence",
+        "",
+        *aligned(maximum_rows(result)),
+        "",
+        *band_lines(result),
+        "",
+        *aligned(pose_rows(result)),
+    ]
+    hidden = len(result.poses) - len(_listed(result))
+    lines += [f"and {hidden:,} more poses: --json FILE writes all"] if hidden else []
+    lines += [
+        "",
+        f"|d|, |δ|: {share} quantile at the pose; largest here: robots with their largest error of the path there",
+    ]
+    lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
+    return "\n".join(lines)
+
+
+def headline(result: PathResult) -> str:
+    """Return in a sentence how far off robots are at most along the path."""
+    share = f"{100 * result.probability:.6g} %"
+    return f"largest error along the path: {share} of robots within {_within(result, result.probability)}"
+
+
+def where_line(result: PathResult) -> str:
+    """Return in a sentence where most robots have their largest position error."""
+    label = result.poses.labels[result.worst_pose(0)]
+    where = shown(label) if len(label) <= _MOST_LETTERS else shortened(visible(label), _MOST_LETTERS)
+    return f"most often at {where}: {100 * float(result.share_of_maximum[0].max()):.3g} % of robots have their largest |d| there"
+
+
+def verdict_lines(result: PathResult) -> list[str]:
+    """Return a line for each specification."""
+    return [_verdict(one) for one in result.specification_results]
+
+
+def maximum_rows(result: PathResult) -> list[list[str]]:
+    """Return the quantiles of the largest errors, the headings first."""
+    return [_header(result), *(_row(result, norm) for norm in (0, 1))]
+
+
+def band_lines(result: PathResult) -> list[str]:
+    """Return a line for the band of the position and of the attitude."""
+    return [_band_line(result, norm) for norm in (0, 1)]
+
+
+def pose_rows(result: PathResult) -> list[list[str]]:
+    """Return the cells of the poses that are listed, the headings first."""
+    return [["pose", "|d| mm", "band", "largest here", "|δ| mrad", "band", "largest here"], *_poses(result)]
+
+
+def _duration(result: PathResult) -> str:
+    times = result.poses.times
+    return "" if times is None else f", {float(times[-1] - times[0]):.6g} s"
+
+
+def _within(result: PathResult, probability: float) -> str:
+    texts = []
+    for norm, (quantity, unit) in enumerate(_QUANTITIES):
+        texts.append(f"{symbol(quantity)} {_quantile(result, norm, probability)[0]} {unit}")
+    return ", ".join(texts)
+
+
+def _quantile(result: PathResult, norm: int, probability: float) -> tuple[str, str]:
+    """Return a quantile of the largest error and its interval, mm or mrad."""
+    one = result.maximum_quantile(norm, probability)
+    if one.value is None or one.interval is None:
+        return "-", "-"
+    ends = (1e3 * one.interval[0], 1e3 * one.interval[1])
+    return format_inside(1e3 * one.value, ends, most=5), " to ".join(format_interval(*one.interval, 1e3))
+
+
+def _verdict(result: SpecificationResult) -> str:
+    demand = f"spec {demanded(result)} along the whole path: {result.said}"
+    if result.verdict == "not judged":
+        return demand
+    if result.verdict == "nothing to judge":
+        return f"{demand} - {NOTHING_VARIES}"
+    share, low, high = format_share(result.probability, result.interval, result.required)
+    more = ": more samples decide it" if result.verdict == "undecided" else ""
+    return f"{demand} - {share} % of robots inside at every pose, interval {low} to {high} %{more}"
+
+
+def _header(result: PathResult) -> list[str]:
+    cells = ["largest", ""]
+    for level in result.levels:
+        cells += [f"{100 * level:.6g} %", "interval"]
+    # the median's interval is left out: the row must fit a terminal
+    return [*cells[:3], *cells[4:]]
+
+
+def _row(result: PathResult, norm: int) -> list[str]:
+    quantity, unit = _QUANTITIES[norm]
+    cells = [cell for level in result.levels for cell in _quantile(result, norm, level)]
+    return [symbol(quantity), unit, cells[0], *cells[2:]]
+
+
+def _band_line(result: PathResult, norm: int) -> str:
+    quantity = symbol(_QUANTITIES[norm][0])
+    share = f"{100 * result.probability:.6g} %"
+    band, pointwise = result.simultaneous(norm), result.pointwise(norm)
+    held, low, high = format_share(band.coverage, band.coverage_interval, result.probability)
+    below, *ends = format_share(pointwise.coverage, pointwise.coverage_interval, result.probability)
+    if band.factor is None:
+        size = f"{_upwards(1e3 * float(result.band[norm].max()))} {_QUANTITIES[norm][1]}"
+        limit, themselves = f"{size} at every pose", f"0, the {share} quantile at every pose"
+    else:
+        limit = f"{_upwards(band.factor, 5)} times the {share} quantiles at every pose"
+        themselves = "the quantiles themselves"
+    return (
+        f"{quantity}: at least {share} of robots stay below {limit} ({held} % of fresh ones, {low} to {high} %), "
+        f"{below} % ({ends[0]} to {ends[1]} %) below {themselves}"
+    )
+
+
+def _upwards(value: float, digits: int = 4) -> str:
+    """Return the height of a band; rounded up, so that what is printed holds as many robots."""
+    return f"{round_end(value, digits, up=True):.{digits}g}"
+
+
+def _listed(result: PathResult) -> list[int]:
+    """Return the poses of the rows: all, or of many those where most robots have their largest |d|, in order."""
+    poses = range(len(result.poses))
+    if len(poses) <= _MOST_ROWS:
+        return list(poses)
+    shares, curve = result.share_of_maximum[0], result.curve[0]
+    return sorted(sorted(poses, key=lambda pose: (-shares[pose], -curve[pose]))[:_WORST_ROWS])
+
+
+def _poses(result: PathResult) -> list[list[str]]:
+    labels = result.poses.labels
+    rows = []
+    for pose in _listed(result):
+        cells = [
+            shown(labels[pose])
+            if len(labels[pose]) <= _MOST_LETTERS
+            else shortened(visible(labels[pose]), _MOST_LETTERS)
+        ]
+        for norm in (0, 1):
+            low, high = (1e3 * result.curve_interval[:, norm, pose]).tolist()
+            cells.append(format_inside(1e3 * float(result.curve[norm, pose]), (low, high), most=5))
+            cells.append(_upwards(1e3 * float(result.band[norm, pose])))
+            cells.append(f"{100 * float(result.share_of_maximum[norm, pose]):.1f} %")
+        rows.append(cells)
+    return rows

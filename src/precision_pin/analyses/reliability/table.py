@@ -1,0 +1,120 @@
+"""Reliability as text for a terminal."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES, demanded, subject
+from precision_pin.analyses.reliability.estimates import SAMPLING, in_words, rounded
+from precision_pin.analyses.reliability.reliability_result import ReliabilityResult, SpecificationReliability
+from precision_pin.analyses.reliability.strata import Stratum
+from precision_pin.render.tables import resting_on
+from precision_pin.render.text_table import aligned
+
+LISTED: Final = 6
+
+
+def table(result: ReliabilityResult) -> str:
+    """Return for every specification the verdict, each method's estimate, the design point, and differences between methods."""
+    provenance = result.provenance
+    blocks = []
+    for entry in result.poses:
+        lines = [
+            subject(provenance, entry.pose),
+            f"exact model, statics {provenance.statics}, seed {provenance.seed}; intervals at {100 * result.confidence:g} % "
+            "confidence, base axes",
+        ]
+        for specification in entry.specifications:
+            lines += ["", *_specification_lines(specification)]
+        blocks.append("\n".join(lines))
+    resting = resting_on(provenance.assumed, provenance.sources, provenance.origins, provenance.origins_at)
+    return "\n\n".join([*blocks, *(["\n".join(resting)] if resting else [])])
+
+
+def _specification_lines(entry: SpecificationReliability) -> list[str]:
+    rows = [["", "P(failure)", "interval", "c.o.v.", "evaluations", ""]]
+    for estimate in entry.estimates:
+        varies = f"{100 * estimate.variation:.2g} %" if math.isfinite(estimate.variation) else "-"
+        rows.append(
+            [
+                f"  {estimate.method}",
+                f"{estimate.probability:.3g}",
+                in_words(estimate.interval),
+                varies,
+                f"{estimate.evaluations:,}",
+                estimate.note,
+            ]
+        )
+    return [
+        _verdict(entry),
+        *aligned(rows),
+        *_form_lines(entry),
+        *_strata_lines(entry),
+        *_unresolved(entry),
+        *(f"  note: {line}" for line in entry.comments),
+    ]
+
+
+def _verdict(entry: SpecificationReliability) -> str:
+    interval = entry.best.interval
+    if entry.verdict == "nothing to judge":
+        said = NOTHING_VARIES
+    elif entry.resolved:
+        said = f"P(failure) {entry.best.probability:.3g} ({in_words(entry.best.interval)}, {entry.best.method})"
+    else:
+        span = in_words(interval) if interval[0] else f"below {rounded(interval[1], interval)}"
+        said = f"P(failure) {span} by sampling" if entry.met else f"P(failure) NOT RESOLVED, {span}"
+    verdict = f"{demanded(entry.specification)}: {entry.said}"
+    return verdict if entry.verdict == "not judged" else f"{verdict} - {said}"
+
+
+def _form_lines(entry: SpecificationReliability) -> list[str]:
+    found = entry.form
+    if not entry.failures or found.range is None:
+        return [f"  FORM  {found.starts} starts led to no design point within 8.2 standard deviations"]
+    first = entry.failures[0]
+    shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in list(first.importance.items())[:LISTED])
+    count = len(found.points)
+    together = "" if count == 1 else f"; all together {found.range[1]:.3g} at most if all were flat"
+    return [
+        f"  FORM  β {first.beta:.6g}, Φ(-β) {first.probability:.3g}; {count} distinct design "
+        f"point{'' if count == 1 else 's'} from {found.starts} starts{together}",
+        f"  importance  {shares}",
+        f"  error at the design point  d = ({_three(first.error[:3])}) mm, δ = ({_three(first.error[3:])}) mrad",
+    ]
+
+
+def _strata_lines(entry: SpecificationReliability) -> list[str]:
+    parts = [part for part in entry.strata.parts if part.rare]
+    if not parts and not entry.strata.remainder:
+        return []
+    named = ", ".join(f"{_rare(part)} {part.probability:.3g}" for part in parts[:LISTED])
+    more = f", … ({len(parts)} in all)" if len(parts) > LISTED else ""
+    left = f"; not looked at, added to the upper ends: {entry.strata.remainder:.3g}" if entry.strata.remainder else ""
+    return [f"  rare values, each searched separately, and their probabilities  {named or 'none'}{more}{left}"]
+
+
+def _rare(part: Stratum) -> str:
+    if len(part.combinations) == 1:
+        return " and ".join(part.rare)
+    return f"{len(part.combinations)} combinations of {', '.join(part.rare)}"
+
+
+def _unresolved(entry: SpecificationReliability) -> list[str]:
+    """Return the basis of the verdict where the probability is not resolved, and the reason."""
+    if entry.verdict == "nothing to judge" or entry.resolved:
+        return []
+    counted = next(estimate for estimate in entry.estimates if estimate.method == SAMPLING)
+    failures = round(counted.probability * counted.evaluations)
+    return [
+        f"  the verdict rests on {failures:,} failures among {counted.evaluations:,} samples alone, whose interval always holds; "
+        f"not resolved{' below that' if entry.met else ''}: {entry.reason}"
+    ]
+
+
+def _three(vector: NDArray[np.float64]) -> str:
+    return ", ".join(f"{1e3 * value:.4g}" for value in vector.tolist())

@@ -1,0 +1,120 @@
+"""The worst case as text for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from precision_pin.analyses.exact_law.exact_law_result import bound_text
+from precision_pin.analyses.monte_carlo.table import statistic, subject
+from precision_pin.analyses.worst_case.worst_case_result import (
+    SEEN_LEVEL,
+    NormBound,
+    PoseWorstCase,
+    WorstCaseResult,
+    bound_milli,
+)
+from precision_pin.render.tables import ROUNDING, milli, symbol, unit
+from precision_pin.render.text_table import aligned
+
+LISTED: Final = 8
+"""Number of draws named, the largest contributions first; the rest is one line."""
+
+
+def table(result: WorstCaseResult) -> str:
+    """Return the bounds, the largest exact errors found and sampled, and the contributions; mm and mrad."""
+    cut = f"cut at {result.k:g} standard deviations: {_listed(result.cut)}" if result.cut else "every law is bounded"
+    provenance = result.provenance
+    parts = []
+    for pose in result.poses:
+        lines = [
+            subject(provenance, pose.pose),
+            f"worst case of {result.draws} draws, {cut}",
+            f"compared with {result.samples:,} samples, seed {provenance.seed}, exact model, statics {provenance.statics}; "
+            "errors in base axes",
+            "",
+            *aligned(_norm_rows(pose)),
+            "",
+            *aligned(_component_rows(pose)),
+        ]
+        for bound in (pose.position, pose.attitude):
+            lines += ["", *_contributions(bound)]
+        lines += _exceeded(pose)
+        parts.append("\n".join(lines))
+    parts.append(
+        "first order: largest error of the tangent model, a bound; there: the exact model at the same parameters;\n"
+        "found: the largest error of the exact model found, not a bound; seen: among the samples, not a bound"
+    )
+    return "\n\n".join(parts)
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return f"{', '.join(names[:LISTED])}{more}"
+
+
+def _norm_rows(pose: PoseWorstCase) -> list[list[str]]:
+    rows = [["", "", "first order", "there", "found", "largest seen", f"{100 * SEEN_LEVEL:g} % seen"]]
+    for bound in (pose.position, pose.attitude):
+        sizes = (bound.exact_norm, bound.found.norm, bound.seen.max)
+        cells = [bound_milli(bound.first_order.upper, up=True), *map(milli, sizes), statistic(bound.seen, SEEN_LEVEL)]
+        rows.append([symbol(bound.quantity), unit(bound.quantity), *cells])
+    return rows
+
+
+def _component_rows(pose: PoseWorstCase) -> list[list[str]]:
+    rows = [["", "", "lowest, first order", "highest", "smallest seen", "largest seen"]]
+    for entry in pose.components:
+        ends = bound_milli(entry.low, up=False), bound_milli(entry.high, up=True)
+        rows.append([symbol(entry.quantity), unit(entry.quantity), *ends, *map(milli, entry.seen)])
+    return rows
+
+
+def _contributions(bound: NormBound) -> list[str]:
+    """Return the contributions of the draws and their values; the heading says whether the bound is certified."""
+    found = bound.first_order
+    if found.certified:
+        width = 0.0 if found.upper == 0 else found.upper / found.lower - 1
+        proof = ", in closed form" if found.cells == 0 else ""
+        how = f"global within {bound_text(max(width, 1e-12))}{proof}"
+    else:
+        how = (
+            "NOT resolved to 1e-9: the largest first-order error lies between "
+            f"{1e3 * found.lower:.9g} and {1e3 * found.upper:.9g} {unit(bound.quantity)}"
+        )
+    rows = [
+        [f"  {name}", unit(bound.quantity), milli(value), _values(bound, name)]
+        for name, value in listed_contributions(bound, "error at the means")
+    ]
+    return [f"contributions to {symbol(bound.quantity)} ({how}):", *aligned(rows)]
+
+
+def _exceeded(pose: PoseWorstCase) -> list[str]:
+    lines = []
+    for bound in (pose.position, pose.attitude):
+        if bound.exceeded:
+            lines.append(
+                f"the exact model goes beyond the first-order bound of {symbol(bound.quantity)} by "
+                f"{1e3 * (bound.found.norm - bound.first_order.upper):.3g} {unit(bound.quantity)}: "
+                "it is not linear over tolerances this large"
+            )
+    return ["", *lines] if lines else []
+
+
+def listed_contributions(bound: NormBound, nominal: str) -> list[tuple[str, float]]:
+    """Return the error at the means, the largest contributions and the sum of the others."""
+    entries = [entry for entry in bound.contributions if abs(entry.value) > ROUNDING]
+    few = len(entries) <= LISTED + 1
+    named, rest = (entries, []) if few else (entries[:LISTED], entries[LISTED:])
+    listed = [(nominal, bound.nominal), *((entry.draw, entry.value) for entry in named)]
+    if rest:
+        listed.append((f"{len(rest)} others", sum(entry.value for entry in rest)))
+    return listed
+
+
+def _values(bound: NormBound, name: str) -> str:
+    """Return the values of a draw's components in the worst case."""
+    for entry in bound.contributions:
+        if entry.draw == name:
+            return f"at {entry.at}"
+    return ""

@@ -1,0 +1,298 @@
+"""Checks of the arguments of public functions.
+
+A wrong argument of any kind (type, shape, number, name) raises an :class:`~precision_pin.base.errors.InputError` of one line
+that names the argument, the allowed values and the given value. Every check returns the accepted value in the type that
+the package works with; arrays are read-only copies. A check costs a microsecond or two.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, Final, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.base.array_checks import fix_copy
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.text_escape import visible
+
+Kind = TypeVar("Kind")
+
+_LONGEST: Final = 60
+"""Characters of a value that a message shows."""
+
+_NUMBERS: Final = "iuf"
+"""Kinds of numpy types that are real numbers."""
+_MANY: Final = 2**20
+"""Free memory is checked before more numbers than this are copied; for fewer the check takes longer than the copy."""
+
+
+def shown(value: object) -> str:
+    """Return a value as messages show it: on one line, shortened."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # noqa: BLE001 - if repr fails, the type must do
+        text = f"a {type(value).__name__}"
+    return visible(text, _LONGEST)
+
+
+def check_whole(what: str, value: object, least: int, most: int, limits: str = "") -> int:
+    """Return a whole number; booleans and floats are refused.
+
+    Parameters
+    ----------
+    what
+        The argument, in words.
+    value
+        The given value.
+    least, most
+        The allowed range.
+    limits
+        Text for the allowed range in the message; "from least to most" if left out.
+
+    Raises
+    ------
+    InputError
+        The value is no whole number, or out of range.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
+        allowed = limits or f"from {least} to {most}"
+        raise InputError(f"{what} must be a whole number {allowed}, got {shown(value)}")
+    return int(value)
+
+
+def check_number(
+    what: str, value: object, allowed: str = "a finite number", within: Callable[[float], bool] | None = None
+) -> float:
+    """Return a finite number; booleans and text are refused.
+
+    Parameters
+    ----------
+    what, value
+        The argument, in words, and the given value.
+    allowed
+        Text for the allowed values, which follows "must be" in the message.
+    within
+        Test of a finite number; all are allowed if left out.
+
+    Raises
+    ------
+    InputError
+        The value is no number, or not allowed.
+    """
+    number = _number(value)
+    if number is None or not math.isfinite(number) or not (within is None or within(number)):
+        raise InputError(f"{what} must be {allowed}, got {shown(value)}")
+    return number
+
+
+def _number(value: object) -> float | None:
+    if type(value) is float:
+        return value
+    if isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in _NUMBERS:
+        return float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def check_numbers(what: str, values: object, shape: tuple[int | None, ...] | None = None, needs: str = "") -> Array:
+    """Return finite numbers as a read-only copy.
+
+    Parameters
+    ----------
+    what, values
+        The argument, in words, and the given value: a number, sequences of numbers, or an array.
+    shape
+        The allowed shape, with ``None`` for any length; any shape if left out.
+    needs
+        Text for the allowed values in the message.
+
+    Raises
+    ------
+    InputError
+        Something other than numbers, a number that is not finite, another shape, or more numbers than fit into memory.
+    """
+    if isinstance(values, np.ndarray) and (shape is None or _fits(values, shape)):
+        if values.size > _MANY:
+            # 8 bytes a number for the copy, and 1 for the mask of finite numbers
+            check_memory(9.0 * values.size, f"reading {what}, {values.size:,} numbers,", "give fewer at a time")
+    elif isinstance(values, np.ndarray) and values.dtype.kind in _NUMBERS and shape is not None:
+        raise InputError(f"{what} must be {needs or _numbers_of(shape)}, got an array of shape {values.shape}")
+    array = _array(values)
+    fits = array is not None and (shape is None or _fits(array, shape))
+    finite = array is not None and bool(np.isfinite(array).all())
+    if array is not None and fits and finite:
+        return array
+    if shape is not None:
+        expected = needs or _numbers_of(shape)
+        got = shown(values) if array is None or fits else f"an array of shape {array.shape}"
+        raise InputError(f"{what} must be {expected}, got {got}")
+    expected = f"; expected {needs}" if needs else ""
+    raise InputError(f"{what} must be {'numbers' if array is None else 'finite'}, got {shown(values)}{expected}")
+
+
+def _fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
+    if array.shape == shape:
+        return True
+    return array.ndim == len(shape) and all(want in (None, has) for want, has in zip(shape, array.shape, strict=True))
+
+
+def _array(values: object) -> Array | None:
+    """Return a copy of numbers; ``None`` for anything else, including text that could be read as a number."""
+    try:
+        given = np.asarray(values)
+    except (TypeError, ValueError, OverflowError, MemoryError):
+        return None
+    if given.dtype.kind not in _NUMBERS and (
+        given.dtype.kind != "O" or any(_number(one) is None for one in given.ravel())
+    ):
+        return None
+    try:
+        return fix_copy(cast("Any", given))
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def _numbers_of(shape: tuple[int | None, ...]) -> str:
+    entries = ", ".join("N" if one is None else str(one) for one in shape)
+    return f"finite numbers of shape ({entries},)" if len(shape) == 1 else f"finite numbers of shape ({entries})"
+
+
+def check_flag(what: str, value: object) -> bool:
+    """Return true or false.
+
+    Raises
+    ------
+    InputError
+        The value is neither.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{what} must be True or False, got {shown(value)}")
+    return bool(value)
+
+
+def check_text(what: str, value: object, example: str = "") -> str:
+    """Return text.
+
+    Raises
+    ------
+    InputError
+        The value is no text.
+    """
+    if not isinstance(value, str):
+        raise InputError(f"{what} must be text{f', such as {example!r}' if example else ''}, got {shown(value)}")
+    return str(value)
+
+
+def check_name(kind: str, value: object, known: Collection[str]) -> str:
+    """Return the name of something that exists.
+
+    Raises
+    ------
+    UnknownNameError
+        Nothing has the name.
+    InputError
+        The value is no text.
+    """
+    name = check_text(f"the name of a {kind}", value)
+    if name not in known:
+        raise UnknownNameError(kind, name, tuple(known))
+    return name
+
+
+def check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
+    """Check that a value is one of several words.
+
+    Raises
+    ------
+    InputError
+        The value is none of them.
+    """
+    if not isinstance(value, str) or value not in choices:
+        raise InputError(f"{what} must be {' or '.join(choices)}, got {shown(value)}")
+
+
+def check_instance(what: str, value: object, kind: type[Kind], made: str = "") -> Kind:
+    """Return a value after a check of its type.
+
+    Parameters
+    ----------
+    what, value
+        The argument, in words, and the given value.
+    kind
+        The type.
+    made
+        Text for the message: how to make one.
+
+    Raises
+    ------
+    InputError
+        The value has another type.
+    """
+    if not isinstance(value, kind):
+        hint = f" ({made})" if made else ""
+        raise InputError(f"{what} must be of type {kind.__name__}{hint}, got {shown(value)}")
+    return value
+
+
+def check_items(what: str, values: object, kind: type[Kind], made: str = "") -> tuple[Kind, ...]:
+    """Return the items of a list or another collection, all of one type.
+
+    Raises
+    ------
+    InputError
+        The value is no collection, or an item has another type.
+    """
+    if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+        raise InputError(f"{what} must be a list of {kind.__name__}, got {shown(values)}")
+    return tuple([check_instance(f"each of {what}", value, kind, made) for value in values])
+
+
+def check_mapping(what: str, value: object) -> Mapping[str, Any]:
+    """Return a mapping whose keys are text.
+
+    Raises
+    ------
+    InputError
+        The value is no mapping, or a key is no text.
+    """
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise InputError(f"{what} must be a dictionary with names as keys, got {shown(value)}")
+    return value
+
+
+def check_callable(what: str, value: object) -> None:
+    """Check that a value can be called.
+
+    Raises
+    ------
+    InputError
+        The value cannot be called.
+    """
+    if not callable(value):
+        raise InputError(f"{what} must be a function, got {shown(value)}")
+
+
+def check_path(what: str, value: object) -> str:
+    """Return the name of a file.
+
+    Raises
+    ------
+    InputError
+        The value is no path.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise InputError(f"{what} must be the path of a file, got {shown(value)}")
+    path = os.fspath(value)
+    if not isinstance(path, str):
+        raise InputError(f"{what} must be the path of a file, got {shown(value)}")
+    return path

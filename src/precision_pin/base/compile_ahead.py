@@ -1,0 +1,309 @@
+"""Compiling into numba's cache by other processes: several parts at once, with progress, and ended in an instant.
+
+A process compiles one function at a time, and meanwhile reacts to nothing: neither Ctrl-C nor a timer. So the work is given
+to processes of our own. They end with this one, however it ends: that closes their pipes. Where none can be started, or
+one fails, nothing is lost: what is not in the cache afterwards is compiled by whoever needs it.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import math
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Final, final
+
+Report = Callable[[float], None]
+"""Takes the share of the work that is done, 0 to 1."""
+
+MOST_WORKERS: Final = 3
+"""The longest part takes a third of all."""
+
+PATIENCE: Final = 300.0
+"""Seconds to wait for an answer."""
+
+_TICK: Final = 0.1
+_PROGRAM: Final = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from precision_pin.base.compile_ahead import serve; serve()"
+)  # fmt: skip
+
+
+COMPILING: Final = "compiling the sampler, once on this machine"
+COMPILING_NOTE: Final = f"{COMPILING}: some 8 s"
+
+
+def _ignore(share: float) -> None:
+    """Show nothing."""
+
+
+@contextmanager
+def silent() -> Iterator[Report]:
+    """Print nothing about compiling."""
+    yield _ignore
+
+
+@contextmanager
+def announced() -> Iterator[Report]:
+    """Say on stderr that something is compiled: eight seconds of silence look like a crash."""
+    with suppress(AttributeError, OSError, ValueError):  # stderr is closed, or there is none
+        sys.stderr.write(f"precision-pin: {COMPILING_NOTE}\n")
+        sys.stderr.flush()
+    yield _ignore
+
+
+@final
+@dataclass(frozen=True)
+class Job:
+    """Something to compile: a function of a module, called with plain arguments, does so.
+
+    Attributes
+    ----------
+    module, function, arguments
+        What is called.
+    weight
+        About how long it takes, in units of any size.
+    last
+        Whether it needs all others to be done.
+    """
+
+    module: str
+    function: str
+    arguments: tuple[bool | float | str | None, ...]
+    weight: float
+    last: bool = False
+
+
+@contextmanager
+def shown_by(report: Callable[[], Any]) -> Iterator[None]:
+    """Show compilation progress: ``report`` makes a context manager that yields a function of the share done."""
+    _shown.append(report)
+    try:
+        yield
+    finally:
+        _shown.remove(report)
+
+
+_shown: Final[list[Callable[[], Any]]] = []
+_begun: Final[list[_Begun]] = []
+"""Compilation that was started and not yet waited for."""
+_served: Final[list[bool]] = []
+"""Not empty in a process that others have asked: it starts none itself."""
+
+
+def begin_jobs(jobs: Sequence[Job]) -> None:
+    """Have other processes begin with jobs that `compile_jobs` may ask for later; return at once."""
+    if not _begun and _can_start():
+        _begun.append(_Begun(jobs))
+
+
+def compile_jobs(jobs: Sequence[Job]) -> None:
+    """Have jobs done by other processes, the longest first; return when they are, or cannot be.
+
+    A line on stderr says so, unless `shown_by` says how it is shown.
+    """
+    if not _can_start():
+        return
+    with _shown[-1]() if _shown else announced() as report:
+        _compile(jobs, report)
+
+
+def _can_start() -> bool:
+    return not _served and bool(sys.executable) and not getattr(sys, "frozen", False)
+
+
+def _compile(jobs: Sequence[Job], report: Report) -> None:
+    begun = _begun.pop() if _begun else _Begun(())
+    crew = begun.crew
+    crew.show(sum(job.weight for job in jobs), report)
+    crew.waiting += [job for job in jobs if not job.last and job not in begun.jobs]
+    try:
+        begun.wait()
+        crew.work()  # what came too late for the thread
+        crew.waiting += [job for job in jobs if job.last]
+        crew.work()
+    except OSError:  # no process can be started, or another program was started
+        return
+    finally:
+        crew.end()
+
+
+@final
+class _Begun:
+    """Jobs that were begun before anybody waits for them, and the processes that do them."""
+
+    def __init__(self, jobs: Sequence[Job]) -> None:
+        self.jobs, self.crew = tuple(jobs), _Crew(min(MOST_WORKERS, _cores()))
+        self.crew.waiting += self.jobs
+        self._thread = threading.Thread(target=self._do, daemon=True)
+        self._error: OSError | None = None
+        if jobs:
+            atexit.register(self.crew.end)
+            self._thread.start()
+
+    def wait(self) -> None:
+        """Wait until the jobs are done; an interrupt is heeded meanwhile.
+
+        Raises
+        ------
+        OSError
+            No process can be started, or none answers.
+        """
+        while self.jobs and self._thread.is_alive():
+            self._thread.join(_TICK)
+        if self._error is not None:
+            raise self._error
+
+    def _do(self) -> None:
+        try:
+            self.crew.work()
+        except OSError as error:
+            self._error = error
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@final
+class _Crew:
+    """The processes, started as work arrives; a thread waits for each.
+
+    Attributes
+    ----------
+    waiting
+        Jobs that none has begun; more may be put there at any time.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self.waiting: list[Job] = []
+        self._weight = math.inf
+        self._report: Report = _ignore
+        self._workers: list[subprocess.Popen[str]] = []
+        self._idle: list[subprocess.Popen[str]] = []
+        self._answers: queue.SimpleQueue[tuple[subprocess.Popen[str], Job, bool]] = queue.SimpleQueue()
+        self._done = self._told = 0.0
+        self._began = time.monotonic()
+        self._ended = False
+
+    def show(self, weight: float, report: Report) -> None:
+        """Report the share done of all jobs, of this weight together."""
+        self._weight, self._report = weight, report
+
+    def work(self) -> None:
+        """Do the waiting jobs, the longest first; those that fail are left undone.
+
+        Raises
+        ------
+        OSError
+            No process can be started.
+        TimeoutError
+            None has answered for `PATIENCE`.
+        """
+        self._heard = time.monotonic()
+        running = dict[subprocess.Popen[str], tuple[Job, float]]()
+        while (self.waiting or running) and not self._ended:
+            while self.waiting and (self._idle or len(self._workers) < self._size):
+                worker = self._idle.pop() if self._idle else self._start()
+                job = max(self.waiting, key=lambda job: job.weight)
+                self.waiting.remove(job)
+                running[worker] = job, time.monotonic()
+                threading.Thread(target=self._ask, args=(worker, job), daemon=True).start()
+            try:
+                worker, job, alive = self._answers.get(timeout=_TICK)
+            except queue.Empty:
+                if time.monotonic() - self._heard > PATIENCE:
+                    raise TimeoutError from None
+                self._tell(running)
+                continue
+            self._heard = time.monotonic()
+            del running[worker]
+            self._done += job.weight
+            if alive:
+                self._idle.append(worker)
+            elif not running and not self._idle:
+                return  # all have died
+
+    def end(self) -> None:
+        """End the processes."""
+        self._ended = True
+        for worker in self._workers:
+            worker.kill()
+        for worker in self._workers:
+            worker.wait()
+            for pipe in (worker.stdin, worker.stdout):
+                if pipe is not None:
+                    with suppress(OSError):
+                        pipe.close()
+
+    def _start(self) -> subprocess.Popen[str]:
+        environment = dict(os.environ)
+        numba: Any = sys.modules.get("numba")  # where it is not loaded yet, nobody has configured it
+        if numba is not None and numba.config.CACHE_DIR:
+            environment["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR
+        worker = subprocess.Popen(
+            [sys.executable, "-c", _PROGRAM, json.dumps(sys.path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            env=environment,
+        )
+        self._workers.append(worker)
+        return worker
+
+    def _ask(self, worker: subprocess.Popen[str], job: Job) -> None:
+        assert worker.stdin is not None
+        assert worker.stdout is not None
+        alive = False
+        with suppress(OSError, ValueError):
+            worker.stdin.write(json.dumps([job.module, job.function, *job.arguments]) + "\n")
+            worker.stdin.flush()
+            alive = bool(worker.stdout.readline())
+        self._answers.put((worker, job, alive))
+
+    def _tell(self, running: dict[subprocess.Popen[str], tuple[Job, float]]) -> None:
+        """Report the share done, with an estimate from the elapsed time for each running job."""
+        now = time.monotonic()
+        # seconds for a unit of weight on one of the processes; at first that of a common machine
+        pace = (now - self._began) * self._size / self._done if self._done else 1.0
+        likely = sum(job.weight * min((now - begun) / (pace * job.weight), 0.95) for job, begun in running.values())
+        self._told = min(max(self._told, (self._done + likely) / self._weight), 1.0)
+        self._report(self._told)
+
+
+# in the other processes ----------------------------------------------------------------------------------------------
+
+
+def serve() -> None:
+    """Do the jobs that come on standard input, a line for each, and answer each with a line; end when it closes."""
+    with suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C is the first process's, which ends this one
+    _served.append(True)
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(lines,), daemon=True).start()
+    while True:
+        module, function, *arguments = json.loads(lines.get())
+        with suppress(Exception):  # what fails here fails again, and is reported, where it is needed
+            getattr(import_module(module), function)(*arguments)
+        sys.stdout.write("done\n")
+        sys.stdout.flush()
+
+
+def _read(lines: queue.SimpleQueue[str]) -> None:
+    for line in sys.stdin:
+        lines.put(line)
+    os._exit(0)  # whoever asked has gone: the compiler would not notice

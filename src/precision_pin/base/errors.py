@@ -1,0 +1,204 @@
+"""Every exception and warning of the package.
+
+The tree::
+
+    PrecisionPinError            base of all; never raised itself
+    ├── InputError               the user's input is wrong; carries findings
+    │   ├── UrdfError            a URDF cannot be used
+    │   ├── SheetError           a sheet cannot be used
+    │   ├── UnitError            a number with a wrong or missing unit
+    │   ├── UnknownNameError     a joint, link, frame, pose … that does not exist
+    │   └── OutputError          a result cannot be written where asked
+    └── InternalError            a check of our own failed: a bug here, not in the input
+
+    PrecisionPinWarning(UserWarning)   an assumption is being stretched
+
+A *finding* is one line about the input: ``file:line: error|warning|note CODE: what, and what is allowed``.
+"""
+
+from __future__ import annotations
+
+import bisect
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final, Literal
+
+from precision_pin.base.text_escape import one_line, shown, visible
+
+MOST_COMPARED: Final = 500
+LONGEST_COMPARED: Final = 100
+"""Names, and letters of a name, among which one that is meant is looked for."""
+
+_LONGEST_FILE: Final = 260
+_SEVERITY: Final = re.compile(r": (error|warning|note) [A-Z]_\w+: ")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One remark about an input.
+
+    Attributes
+    ----------
+    severity
+        ``"error"`` refuses the input, ``"warning"`` lets it pass; ``"note"``: nothing is wrong, or the sheet accepts it.
+    code
+        Stable identifier such as ``E_AXIS_ZERO`` or ``W_UNITS``.
+    message
+        What is wrong and what is allowed, one line.
+    file, line
+        Where, if known; lines count from 1.
+    subjects
+        The links and joints that a warning which lists several is about, as ``link 'name'``; all of them, where the
+        message may leave some out.
+    """
+
+    severity: Literal["error", "warning", "note"]
+    code: str
+    message: str
+    file: str | None = None
+    line: int | None = None
+    subjects: tuple[str, ...] = field(default=(), compare=False, repr=False)
+
+    def __str__(self) -> str:
+        """Return the finding as one line, with names shortened and escaped."""
+        where = "precision-pin" if not self.file else visible(self.file, _LONGEST_FILE)
+        if self.line is not None:
+            where += f":{self.line}"
+        return f"{where}: {self.severity} {self.code}: {one_line(self.message)}"
+
+    def to_dict(self) -> dict[str, str | int | None]:
+        """Return the finding as the JSON of every result has it."""
+        return {name: getattr(self, name) for name in ("severity", "code", "message", "file", "line")}
+
+    def at(self, file: str | None, line: int | None) -> Finding:
+        """Return the finding with a file and line, if it has none."""
+        return replace(self, file=self.file or file, line=self.line if self.line is not None else line)
+
+    def accepted(self, reasons: Mapping[str, str]) -> Finding:
+        """Return a warning as a note with the reason for which a sheet accepts its code; any other finding as it is."""
+        if self.severity != "warning" or self.code not in reasons:
+            return self
+        return replace(self, severity="note", message=f"{self.message}; accepted: {reasons[self.code]}")
+
+
+def is_note(line: str) -> bool:
+    """Return whether a line is that of a note, which no command repeats and no call warns of."""
+    found = _SEVERITY.search(line)
+    return found is not None and found[1] == "note"
+
+
+class PrecisionPinError(Exception):
+    """Base of every exception the package raises on purpose."""
+
+
+class InputError(PrecisionPinError):
+    """The user's input is wrong.
+
+    Parameters
+    ----------
+    findings
+        A message, or every finding of severity error (warnings may be among them).
+    """
+
+    code = "E_INPUT"
+
+    def __init__(self, findings: str | Sequence[Finding]) -> None:
+        if isinstance(findings, str):
+            findings = (Finding("error", self.code, findings),)
+        self.findings: tuple[Finding, ...] = tuple(findings)
+        super().__init__("\n".join(str(finding) for finding in self.findings))
+
+    def __reduce__(self) -> tuple[Callable[..., InputError], tuple[type[InputError], dict[str, object]]]:
+        # exceptions are rebuilt from their text by default, which loses the findings on the way to another process
+        return _restored, (type(self), vars(self))
+
+
+def _restored(kind: type[InputError], state: dict[str, object]) -> InputError:
+    error = kind.__new__(kind)
+    vars(error).update(state)
+    Exception.__init__(error, "\n".join(str(finding) for finding in error.findings))
+    return error
+
+
+class UrdfError(InputError):
+    """A URDF cannot be used."""
+
+    code = "E_URDF"
+
+
+class SheetError(InputError):
+    """A sheet cannot be used."""
+
+    code = "E_SHEET"
+
+
+class UnitError(InputError):
+    """A number with a wrong or missing unit."""
+
+    code = "E_UNIT"
+
+
+class UnknownNameError(InputError):
+    """A name that does not exist; the message gives the nearest valid ones.
+
+    Parameters
+    ----------
+    kind
+        What was looked for: ``"joint"``, ``"link"``, ….
+    name
+        The name that was given.
+    valid
+        The names that exist.
+    """
+
+    code = "E_NAME"
+
+    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        self.name = name
+        super().__init__(f"no {kind} named {shown(name)}; {nearest(name, valid)}")
+
+
+class OutputError(InputError):
+    """A result cannot be written where asked."""
+
+    code = "E_OUTPUT"
+
+
+class InternalError(PrecisionPinError):
+    """An internal check failed: a bug in the package, not in the input."""
+
+
+class PrecisionPinWarning(UserWarning):
+    """An assumption is being stretched; the result says which."""
+
+
+def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
+    """Return ``"did you mean …?"`` or the list of valid names, for the end of a message.
+
+    Parameters
+    ----------
+    name
+        The name that was given.
+    valid
+        The names that exist.
+    most
+        The longest list to print in full.
+    """
+    names = sorted(set(valid))
+    if not names:
+        return "there are none"
+    beside = bisect.bisect(names, name)
+    # comparing takes long with very many names, or long ones: those that begin alike are adjacent
+    near = names[max(beside - MOST_COMPARED // 2, 0) : beside + MOST_COMPARED // 2]
+    short = [candidate for candidate in near if len(candidate) <= LONGEST_COMPARED]
+    import difflib  # late: every start reads this module, and hardly any needs it
+
+    close = difflib.get_close_matches(name, short, n=3, cutoff=0.6) if len(name) <= LONGEST_COMPARED else []
+    if not close:
+        folded = {candidate.casefold(): candidate for candidate in names}
+        close = [folded[name.casefold()]] if name.casefold() in folded else []
+    if close:
+        return "did you mean " + " or ".join(repr(candidate) for candidate in close) + "?"
+    listed = ", ".join(map(visible, names[:most]))
+    return f"valid: {listed}" + (f", … ({len(names)} in all)" if len(names) > most else "")

@@ -1,0 +1,133 @@
+"""A progress bar for scripts and notebooks."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from precision_pin.base.arguments import check_number, check_text, check_whole, shown
+from precision_pin.base.compile_ahead import COMPILING, announced, shown_by
+from precision_pin.base.errors import InputError
+
+
+@contextmanager
+def progress(
+    total: int, what: str = "sampling", *, delay: float = 0.7, unit: str = "samples"
+) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar while the body of a ``with`` runs; yields the function to report each step to.
+
+    In a notebook it is a bar below the cell (text where ipywidgets is not installed), on a terminal a line on stderr,
+    elsewhere nothing. It goes when the body ends, also by an error or an interrupted kernel. That the sampler is compiled,
+    once on a machine, is shown likewise.
+
+    Parameters
+    ----------
+    total
+        How many steps there will be.
+    what
+        Label before the bar.
+    delay
+        Seconds before it is shown.
+    unit
+        What a step is.
+
+    Raises
+    ------
+    InputError
+        The total is not a whole number of zero or more.
+
+    Examples
+    --------
+    ``with pp.progress(10**7) as advance: pp.monte_carlo(model, samples=10**7, progress=advance)``
+    """
+    check_whole("the total of a progress bar", total, 0, 2**63, "of zero or more")
+    check_text("what, before a progress bar,", what)
+    check_number("the delay of a progress bar", delay, "zero or more and finite", lambda seconds: seconds >= 0)
+    check_text("the unit of a progress bar", unit)
+    with (
+        shown_by(compilation),
+        _bar(total=total, desc=what, unit=f" {unit}", unit_scale=True, delay=delay) as bar,
+    ):
+
+        def advance(count: int) -> None:
+            bar.update(count)
+
+        yield advance
+
+
+@contextmanager
+def steps_to(
+    show: Callable[[int], None] | bool | None, total: int, unit: str = "samples"
+) -> Iterator[Callable[[int], None]]:
+    """Yield the function that takes each step of an analysis, for its argument ``progress``: a function, a bar or nothing.
+
+    Raises
+    ------
+    InputError
+        It is none of them.
+    """
+    if show is not None and not isinstance(show, bool) and not callable(show):
+        raise InputError(f"progress must be a function, or True for a bar, got {shown(show)}")
+    if show is True:
+        with progress(total, unit=unit) as step:
+            yield step
+    else:
+        yield show or (lambda _: None)
+
+
+def scaled(step: Callable[[int], object], work: int, steps: int) -> Callable[[int], None]:
+    """Return what takes the progress of some work and passes it on as a number of steps, all of them at once if there is none."""
+    done = 0
+    if work == 0:
+        step(steps)
+
+    def advance(count: int) -> None:
+        nonlocal done
+        before = done * steps // work
+        done += count
+        step(done * steps // work - before)
+
+    return advance
+
+
+@contextmanager
+def compilation() -> Iterator[Callable[[float], None]]:
+    """Show a bar as `progress` does while the sampler is compiled, or a line; yields what takes the share done, 0 to 1."""
+    if not (_in_kernel() or sys.stderr.isatty()):
+        with announced() as show:
+            yield show
+        return
+    with _bar(
+        total=1.0, desc=COMPILING, bar_format="{desc}: {percentage:3.0f}%|{bar:20}| {elapsed}<{remaining}"
+    ) as bar:
+
+        def show(share: float) -> None:
+            bar.n = max(bar.n, share)
+            bar.refresh()
+
+        yield show
+
+
+def _bar(**shape: Any) -> Any:
+    """Return tqdm's bar; it shows nothing where stderr is not a terminal, except in a notebook."""
+    in_kernel = _in_kernel()
+    return _tqdm(in_kernel)(leave=False, disable=False if in_kernel else None, file=sys.stderr, **shape)
+
+
+def _in_kernel() -> bool:
+    return type(sys.stderr).__module__.startswith("ipykernel")
+
+
+def _tqdm(in_kernel: bool) -> Any:
+    """Return tqdm's class for where this runs; no warning if ipywidgets is missing in a notebook."""
+    if not in_kernel:
+        from tqdm import tqdm as plain
+
+        return plain
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from tqdm.auto import tqdm
+    return tqdm

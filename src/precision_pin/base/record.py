@@ -1,0 +1,56 @@
+"""Records: frozen data classes that declare their JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from operator import attrgetter
+from typing import Any, ClassVar
+
+import numpy as np
+
+from precision_pin.base.array_checks import field_names, fix_fields
+
+
+class Record:
+    """Frozen data class whose arrays are read-only and whose JSON follows from a declaration.
+
+    Attributes
+    ----------
+    KEYS
+        Keys of the JSON in their order; the fields where it is empty. ``"key"`` is the attribute of that name,
+        ``"key=attribute"`` another, which may have dots, and ``"*attribute"`` adds all keys of a record or mapping.
+    """
+
+    KEYS: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON of the record, SI units; null where a number does not exist or is not resolved."""
+        kind: Any = type(self)
+        found: dict[str, Any] = {}
+        for entry in self.KEYS or field_names(kind):
+            key, _, attribute = entry.partition("=")
+            value = encode(attrgetter(attribute or key.lstrip("*"))(self))
+            found |= value if key.startswith("*") else {key: value}
+        return found
+
+
+def encode(value: Any) -> Any:
+    """Return a value as JSON has it: arrays and tuples as lists, records as objects, numbers that are not finite as null."""
+    match value:
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return float(value) if math.isfinite(value) else None
+        case np.ndarray() | np.generic():
+            listed = value.tolist()
+            return listed if value.dtype.kind != "f" or np.isfinite(value).all() else encode(listed)
+        case Mapping():
+            return {str(key): encode(entry) for key, entry in value.items()}
+        case tuple() | list():
+            return [encode(entry) for entry in value]
+        case _:
+            return value.to_dict()

@@ -1,0 +1,312 @@
+"""Numbers with units: text such as ``"0.05 mm"`` to SI.
+
+Every quantity has one list of the units it accepts; anything else is refused by name. A bare number is
+refused where a unit belongs: that is how millimetres become metres.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Final
+
+from precision_pin.base.errors import UnitError
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A physical quantity: its name, its SI unit and the factor of every accepted unit.
+
+    Attributes
+    ----------
+    name
+        Name used in messages.
+    si
+        The SI unit, ``""`` for a pure number.
+    units
+        Accepted unit → factor to SI.
+    written
+        The unit in which somebody wrote a number of it; empty where none did. It plays no part in comparing.
+    """
+
+    name: str
+    si: str
+    units: Mapping[str, float]
+    written: str = field(default="", compare=False)
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # a read-only view of a dictionary cannot be pickled; draws that are sent to workers hold quantities
+        return _quantity, (self.name, self.si, dict(self.units), self.written)
+
+    def written_in(self, unit: str) -> Quantity:
+        """Return the quantity as written in one of its units."""
+        return replace(self, written=unit)
+
+
+def _quantity(name: str, si: str, units: dict[str, float], written: str = "") -> Quantity:
+    return Quantity(name, si, MappingProxyType(units), written)
+
+
+_METRE: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
+_RADIAN: Final = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "urad": 1e-6,
+    "µrad": 1e-6,
+    "deg": math.pi / 180,
+    "°": math.pi / 180,
+    "arcmin": math.pi / 10800,
+    "arcsec": math.pi / 648000,
+    "turn": 2 * math.pi,
+}
+_TORQUE: Final = {"N*m": 1.0, "N*mm": 1e-3, "kN*m": 1e3}
+_FORCE: Final = {"N": 1.0, "kN": 1e3}
+
+LENGTH: Final = _quantity("length", "m", _METRE)
+ANGLE: Final = _quantity("angle", "rad", _RADIAN)
+MASS: Final = _quantity("mass", "kg", {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237})
+ACCELERATION: Final = _quantity("acceleration", "m/s^2", {"m/s^2": 1.0, "mm/s^2": 1e-3})
+BENDING_RIGIDITY: Final = _quantity(
+    "bending or torsional rigidity", "N*m^2", {"N*m^2": 1.0, "kN*m^2": 1e3, "N*mm^2": 1e-6, "kN*mm^2": 1e-3}
+)
+FORCE: Final = _quantity("force or axial rigidity", "N", {**_FORCE, "MN": 1e6})
+AXIAL_RIGIDITY: Final = FORCE
+TORQUE: Final = _quantity("torque", "N*m", _TORQUE)
+ANGULAR_STIFFNESS: Final = _quantity(
+    "angular stiffness",
+    "N*m/rad",
+    {f"{t}/{a}": f / _RADIAN[a] for t, f in _TORQUE.items() for a in ("rad", "mrad", "deg", "arcmin", "arcsec")},
+)
+ANGULAR_COMPLIANCE: Final = _quantity(
+    "angular compliance",
+    "rad/(N*m)",
+    {f"{a}/({t})": f / g for a, f in _RADIAN.items() for t, g in _TORQUE.items()},
+)
+LINEAR_STIFFNESS: Final = _quantity(
+    "linear stiffness",
+    "N/m",
+    {f"{t}/{a}": f / _METRE[a] for t, f in _FORCE.items() for a in ("m", "mm", "um", "µm")},
+)
+LINEAR_COMPLIANCE: Final = _quantity(
+    "linear compliance", "m/N", {f"{a}/{t}": f / g for a, f in _METRE.items() for t, g in _FORCE.items()}
+)
+# degC is a difference here, one kelvin: never a temperature above freezing
+_KELVIN: Final = ("K", "degC")
+TEMPERATURE_DIFFERENCE: Final = _quantity("temperature difference", "K", {"K": 1.0, "mK": 1e-3, "degC": 1.0})
+TEMPERATURE_GRADIENT: Final = _quantity(
+    "temperature gradient", "K/m", {f"{k}/{a}": 1 / _METRE[a] for k in _KELVIN for a in ("m", "cm", "mm")}
+)
+THERMAL_EXPANSION: Final = _quantity(
+    "thermal expansion",
+    "1/K",
+    {
+        f"{a}{k}{b}": f
+        for k in _KELVIN
+        for a, b, f in (("1/", "", 1.0), ("ppm/", "", 1e-6), ("um/(m*", ")", 1e-6), ("µm/(m*", ")", 1e-6))
+    },
+)
+RELATIVE_LENGTH: Final = _quantity("relative length", "m/m", {f"{a}/m": _METRE[a] for a in ("m", "mm", "um", "µm")})
+PRESSURE: Final = _quantity(
+    "modulus of elasticity", "Pa", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/m^2": 1.0, "N/mm^2": 1e6}
+)
+AREA: Final = _quantity("area", "m^2", {"m^2": 1.0, "cm^2": 1e-4, "mm^2": 1e-6})
+SECOND_MOMENT: Final = _quantity("second moment of area", "m^4", {"m^4": 1.0, "cm^4": 1e-8, "mm^4": 1e-12})
+DENSITY: Final = _quantity("density", "kg/m^3", {"kg/m^3": 1.0, "g/cm^3": 1e3})
+TIME: Final = _quantity("time", "s", {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0})
+RATIO: Final = _quantity("ratio", "", {"": 1.0, "%": 1e-2, "ppm": 1e-6})
+
+QUANTITIES: Final = (
+    LENGTH,
+    ANGLE,
+    MASS,
+    ACCELERATION,
+    FORCE,
+    TORQUE,
+    BENDING_RIGIDITY,
+    ANGULAR_STIFFNESS,
+    ANGULAR_COMPLIANCE,
+    LINEAR_STIFFNESS,
+    LINEAR_COMPLIANCE,
+    TEMPERATURE_DIFFERENCE,
+    TEMPERATURE_GRADIENT,
+    THERMAL_EXPANSION,
+    RELATIVE_LENGTH,
+    RATIO,
+    PRESSURE,
+    AREA,
+    SECOND_MOMENT,
+    DENSITY,
+    TIME,
+)
+
+LARGEST: Final = 1e50
+SMALLEST: Final = 1e-50
+"""The largest number, in SI, that is read, and the smallest but 0: squares of products of three are still numbers."""
+
+MOST_NAMED: Final = 3
+"""The most quantities that a message names with all their units."""
+
+_PER_CENT: Final = 100
+_MOST_BITS: Final = 64
+_NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_TEXT: Final = re.compile(rf"\s*({_NUMBER}(?:[\s,]+{_NUMBER})*)\s*(\D.*)?", re.ASCII | re.DOTALL)
+_SPELLINGS: Final = (
+    ("·", "*"),
+    ("⋅", "*"),
+    ("**", "^"),
+    ("²", "^2"),
+    ("³", "^3"),
+    ("⁴", "^4"),
+    ("μ", "µ"),
+    ("Nm", "N*m"),
+)
+
+
+def split(text: object) -> tuple[list[float], str]:
+    """Return the numbers and the unit (spelled as in the tables) of a text.
+
+    Raises
+    ------
+    UnitError
+        Not numbers followed by at most one unit, or a number that is not finite.
+    """
+    if isinstance(text, bool) or not isinstance(text, str | int | float):
+        raise UnitError(f"expected a number with a unit, got {text!r}")
+    # blanks are joined first: what follows would go through many of them again and again
+    match = _TEXT.fullmatch(" ".join(str(text).split()))
+    if match is None or "," in match[1]:
+        raise UnitError(f"expected a number with a unit such as '0.1 mm', got {str(text)!r}{comma_hint(text)}")
+    written, unit = match[1].split(), (match[2] or "").strip()
+    if unit.startswith("/") and len(written) > 1 and written[-1] == "1":
+        unit = written.pop() + unit  # 12e-6 1/K
+    numbers = [float(number) for number in written]
+    if not all(math.isfinite(number) for number in numbers):
+        raise UnitError(f"{str(text)!r} is not finite")
+    for spelling, ours in _SPELLINGS:
+        unit = unit.replace(spelling, ours)
+    return numbers, re.sub(r" ?([*/^()]) ?", r"\1", unit)
+
+
+def comma_hint(text: object) -> str:
+    """Return the end of a message about a text with a decimal comma, such as ``0,05 mm``; empty for any other text."""
+    pointed, commas = re.subn(r"(?<=\d),(?=\d)", ".", str(text)[:_PER_CENT])
+    return f"; decimals have a point: {pointed!r}" if commas and _TEXT.fullmatch(pointed) else ""
+
+
+def parse(text: object, *quantities: Quantity) -> float:
+    """Return one number in SI.
+
+    Parameters
+    ----------
+    text
+        Such as ``"0.05 mm"``; a plain number only where a quantity accepts no unit.
+    quantities
+        Quantities accepted here; the unit decides which is meant.
+
+    Raises
+    ------
+    UnitError
+        Malformed number, a missing unit, or one that belongs to none of the quantities.
+    """
+    return parse_vector(text, *quantities, count=1)[0]
+
+
+def parse_probability(text: str) -> float:
+    """Return a probability, ``95 %`` or ``0.95``.
+
+    Raises
+    ------
+    UnitError
+        No such number, or one that is not above 0 and below 1.
+    """
+    value = parse(text, RATIO)
+    if 0 < value < 1:
+        return value
+    allowed = "the probability must lie above 0 and below 1 (or 100 %)"
+    if 1 < value < _PER_CENT and not split(text)[1]:
+        raise UnitError(f"{allowed}; did you mean '{text.strip()} %'?")
+    if value == 1:
+        raise UnitError(
+            f"{allowed}: no number of samples shows that all robots are inside; ask for less, such as 99.9 %"
+        )
+    raise UnitError(allowed)
+
+
+def parse_vector(text: object, *quantities: Quantity, count: int | None = None) -> list[float]:
+    """Return numbers that share one unit, such as ``"-90 3 88 -91 deg"``, in SI.
+
+    Parameters
+    ----------
+    text
+        Numbers separated by blanks, then the unit.
+    quantities
+        Quantities accepted here.
+    count
+        How many numbers there must be; any number of them if ``None``.
+
+    Raises
+    ------
+    UnitError
+        As :func:`parse`, or a wrong count.
+    """
+    numbers, unit = split(text)
+    if count is not None and len(numbers) != count:
+        raise UnitError(f"{str(text)!r} has {len(numbers)} numbers, expected {count}")
+    for quantity in quantities:
+        if unit in quantity.units:
+            values = [number * quantity.units[unit] for number in numbers]
+            if not all(abs(value) <= LARGEST for value in values):
+                raise UnitError(f"{str(text)!r} is too large; at most {LARGEST:g} {quantity.si}".rstrip())
+            if any(0 < abs(value) < SMALLEST for value in values):
+                raise UnitError(f"{str(text)!r} is too small; at least {SMALLEST:g} {quantity.si}, or 0".rstrip())
+            return values
+    named = " or ".join(quantity.name for quantity in quantities)
+    allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units))
+    if len(quantities) > MOST_NAMED:
+        named = "quantity"
+        allowed = ", ".join(quantity.si for quantity in quantities if quantity.si) + ", and multiples of these"
+    if not unit:
+        article = "an" if named[0] in "aeiou" else "a"
+        raise UnitError(f"{str(text)!r} has no unit; {article} {named} needs one of: {allowed}")
+    bits = f"; {_turn_of_bits(numbers[0])}" if unit in ("bit", "bits") and ANGLE in quantities else ""
+    raise UnitError(f"{unit!r} in {str(text)!r} is not a unit of {named}{bits}; allowed: {allowed}")
+
+
+def _turn_of_bits(bits: float) -> str:
+    """Return how the resolution of an encoder of so many bits is written."""
+    if not (bits.is_integer() and 1 <= bits <= _MOST_BITS):
+        return "an encoder of n bit resolves 360 deg / 2^n"
+    return f"an encoder of {bits:.0f} bit resolves 360 deg / 2^{bits:.0f}, so write '{360 / 2**bits:.6g} deg'"
+
+
+@dataclass(frozen=True)
+class PerJoint:
+    """A quantity that depends on whether the source's joint turns or slides.
+
+    Attributes
+    ----------
+    revolute, prismatic
+        The quantity in either case.
+    """
+
+    revolute: Quantity
+    prismatic: Quantity
+
+
+@dataclass(frozen=True)
+class PerEntry:
+    """Quantities of a list's entries, one by one.
+
+    Attributes
+    ----------
+    quantities
+        As many as the list has entries.
+    """
+
+    quantities: tuple[Quantity, ...]

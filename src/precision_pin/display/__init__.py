@@ -1,1 +1,0 @@
-"""Display of results: HTML, tables, progress."""

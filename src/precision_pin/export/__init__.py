@@ -1,0 +1,1 @@
+"""Robots as built and sheets as files."""

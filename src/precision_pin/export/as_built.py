@@ -1,0 +1,405 @@
+"""Sampled robots as URDF files: the original text with other placements.
+
+Every displacement ``E`` of a place on chain link i is constant in the link's axes, and so is an error Δ of a joint's value
+in the joint's: ``Q(q + Δ) = Exp(axis Δ)·Q(q)``. Both go into the ``<origin>`` of a joint, where every reader of URDF finds
+them at every pose; ``<calibration>`` is left alone, because readers take no account of it. With ``O`` the origin, ``H`` the
+frame it leads to and ``F`` the place's frame (both in the link's axes, undisplaced),
+
+    O' = O · Π (H⁻¹ F) E (F⁻¹ H)        over the places folded into this origin, in chain order.
+
+The place of a URDF link's frame goes into the joint that leads to this link, so that the link itself moves; where that
+joint moves on the chain, for a link's start, and for a custom place, into the next one. The end and the seat of a link go
+into the next joint of the chain, those of the last link into the last joint before the tip. Where the base is not the root
+of the URDF, joints between the two are passed against their direction and ``O`` stands for the inverse of the written
+origin. A tip that the last joint of the chain itself moves (or such a base) has no origin to fold into: then a fixed frame
+is added.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, InternalError, UrdfError
+from precision_pin.base.versions import versions
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.expressions import component_names
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.approach import ApproachedPose
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.places import ORDER_FRAME, Place
+from precision_pin.robot.urdf import Joint, Limits, Robot, Vector, parse, rpy_of
+from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
+from precision_pin.robot.urdf.files import read_regular_file
+from precision_pin.robot.urdf.findings import Findings
+from precision_pin.terms.term import JointValue
+
+BLOCK: Final = 1000
+"""Units that are displaced at a time."""
+AGREEMENT: Final = 1e-9
+"""Largest difference between a written robot read again and the exact model: rad, and m (beyond 1 m of reach: relative)."""
+WIDTH: Final = 110
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class BuiltUnit:
+    """One robot as it may be built.
+
+    Attributes
+    ----------
+    unit
+        Its number.
+    error
+        Its pose error at the export pose, ``[d; δ]`` in base axes, m and rad, ``(6,)``.
+    text
+        The URDF.
+    """
+
+    unit: int
+    error: Array
+    text: bytes
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the text."""
+        return hashlib.sha256(self.text).hexdigest()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class AsBuilt:
+    """Writes robots of an error model as URDF.
+
+    Attributes
+    ----------
+    at
+        The model at the export pose.
+    original
+        The robot's own text.
+    base, tip
+        The links between which a written robot has the unit's errors: the chain's, or frames that are added.
+    frozen
+        Labels of the sources whose displacements hold at the export pose only.
+    """
+
+    at: PoseModel
+    original: UrdfText
+    base: str
+    tip: str
+    frozen: tuple[str, ...]
+    _folds: tuple[_Fold, ...]
+    _header: tuple[str, ...]
+
+    @classmethod
+    def prepare(
+        cls,
+        model: ErrorModel,
+        q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None,
+        *,
+        sheet: str = "",
+    ) -> AsBuilt:
+        """Return the writer of a model's units.
+
+        Parameters
+        ----------
+        model
+            Its robot's file is read again.
+        q
+            The export pose, as in :meth:`precision_pin.model.error_model.ErrorModel.configuration`.
+        sheet
+            What to call the sheet in the files.
+
+        Raises
+        ------
+        InputError
+            The robot's file cannot be read, or is not the one that the model was made from.
+        """
+        at = model.at(q)
+        chain = at.posture.chain
+        data = _read(chain.robot.file)
+        robot = parse(data, chain.robot.file)
+        links = _links(robot, chain)
+        names = {link.name for link in robot.links} | {joint.name for joint in robot.joints}
+        folds = _folds(at, links)
+        seats = {fold.step.name for fold in folds if fold.step.added}
+        base, tip = (_free(f"{name}_as_built", names) if name in seats else name for name in (chain.base, chain.tip))
+        frozen = frozen_sources(model, at)
+        header = (
+            f"robot: {robot.name}, from {Path(chain.robot.file).name} with SHA-256 {hashlib.sha256(data).hexdigest()}",
+            *([f"sheet: {sheet}"] if sheet else []),
+            *_about(at, model.pose_name(q), base, tip, frozen),
+        )
+        return cls(at, UrdfText.scan(data), base, tip, frozen, folds, header)
+
+    def units(self, seed: int, first: int, count: int) -> Iterator[BuiltUnit]:
+        """Yield units in order: those that `monte_carlo` samples at one pose, with its pose 0 and visit 0.
+
+        Parameters
+        ----------
+        seed
+            64-bit seed.
+        first, count
+            Which units.
+
+        Raises
+        ------
+        InputError
+            A seed or unit out of range, or an error that turns a place by half a turn or more.
+        InternalError
+            A written robot, read again, is not where the exact model puts it.
+        """
+        table = self.at.table
+        for start in range(first, first + count, BLOCK):
+            x = self.at.space.sample(seed, start, min(BLOCK, first + count - start))
+            errors = self.at.exact(x)
+            moved = table.displacements(table.products(table.program.evaluate(x)))
+            for k in range(x.shape[1]):
+                text = self._written(moved[:, :, k], f"unit {start + k} of seed {seed}")
+                self._verify(text, errors[:, k])
+                yield BuiltUnit(start + k, errors[:, k], text)
+
+    def fitted(self, x: Array) -> bytes:
+        """Return the text of the robot with component values ``(d,)``, such as those of a calibration.
+
+        Raises
+        ------
+        InternalError
+            The written robot, read again, is not where the exact model puts it.
+        """
+        table = self.at.table
+        moved = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
+        text = self._written(moved, "calibrated")
+        self._verify(text, self.at.exact(x[:, None])[:, 0])
+        return text
+
+    def _written(self, moved: Array, unit: str) -> bytes:
+        """Return the text with the targets' displacements ``(K, 6)`` in its placements."""
+        placements: dict[str, Placement] = {}
+        added: list[AddedFrame] = []
+        for fold in self._folds:
+            before, after = fold.step.written, fold.step.displaced(fold.insertion(moved))
+            xyz, rpy = _vector(after[:3, 3]), rpy_of(after[:3, :3])
+            if fold.step.added:
+                name = self.base if fold.step.backwards else self.tip
+                added.append(AddedFrame(name, f"{name}_joint", fold.step.name, xyz, rpy))
+                continue
+            shifts, turns = (not np.array_equal(after[:3, part], before[:3, part]) for part in (3, slice(0, 3)))
+            placements[fold.step.name] = Placement(xyz if shifts else None, rpy if turns else None)
+        version = versions()["precision-pin"]
+        lines = (f"As-built robot, written by precision-pin {version}: {unit}.", *self._header)
+        return self.original.edited(placements, added, [part for line in lines for part in _wrapped(line)])
+
+    def _verify(self, text: bytes, error: Array) -> None:
+        """Read a written robot again and compare its tip with the exact model's."""
+        posture = self.at.posture
+        chain = posture.chain
+        values = {**chain.locked, **dict(zip(chain.joint_names, posture.q, strict=True))}
+        poses = parse(text, chain.robot.file).link_poses(values)
+        tip = se3.inverse(poses[self.base]) @ poses[self.tip] @ se3.translation(chain.target)
+        expected = se3.pose(se3.exp_rotation(error[3:]) @ posture.pose[:3, :3], posture.pose[:3, 3] + error[:3])
+        scale = max(1.0, *(float(np.abs(pose[:3, 3]).max()) for pose in poses.values()))
+        if np.abs(tip - expected).max() > AGREEMENT * scale:
+            raise InternalError(f"{chain.robot.file}: a robot as built is not where the exact model puts it")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A constant factor on the way from base to tip.
+
+    Attributes
+    ----------
+    name
+        The joint whose origin it is; where it is ``added``, the link that gets a frame; empty where nothing in the file
+        can change it.
+    written
+        The origin as the file has it, ``(4, 4)``.
+    backwards
+        Whether the way goes from child to parent, so that the factor is the inverse of what is written.
+    end
+        The frame it leads to, in the chain link's axes, ``(4, 4)``.
+    added
+        Whether it is a frame that is not in the file yet.
+    """
+
+    name: str
+    written: Array
+    backwards: bool
+    end: Array
+    added: bool = False
+
+    def displaced(self, insertion: Array) -> Array:
+        """Return the placement to write, ``(4, 4)``, for a displacement after the factor."""
+        result: Array = se3.inverse(insertion) @ self.written if self.backwards else self.written @ insertion
+        return result
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Fold:
+    """The displacements that one step takes in.
+
+    Attributes
+    ----------
+    step
+        Which.
+    places
+        Rows of the term table's targets in chain order, and each one's frame in that of the step's end, ``(4, 4)``, or
+        None where they are the same.
+    """
+
+    step: _Step
+    places: tuple[tuple[int, Array | None], ...]
+
+    def insertion(self, moved: Array) -> Array:
+        """Return the product of the displacements, ``(4, 4)``, at the step's end and in its axes."""
+        result = np.eye(4)
+        for row, frame in self.places:
+            displacement = se3.displacement(moved[row])
+            result = result @ (displacement if frame is None else frame @ displacement @ se3.inverse(frame))
+        return result
+
+
+def _read(file: str) -> bytes:
+    findings = Findings(file)
+    data = read_regular_file(file, findings, most_bytes=Limits().file_bytes)
+    if data is None:
+        raise UrdfError(findings.result())
+    return data
+
+
+def _way(robot: Robot, base: str, tip: str) -> tuple[tuple[Joint, ...], tuple[Joint, ...]]:
+    """Return the joints passed from child to parent, then those from parent to child, each in the order of the way."""
+    up, down = robot.path(robot.root, base), robot.path(robot.root, tip)
+    shared = sum(1 for one, other in zip(up, down, strict=False) if one.name == other.name)
+    return up[shared:][::-1], down[shared:]
+
+
+def _links(robot: Robot, chain: Chain) -> tuple[tuple[_Step, ...], ...]:
+    """Return the steps of every chain link, ranked as the links on the way are.
+
+    A moving joint passed backwards is two steps, as in `precision_pin.robot.urdf.rerooted`: none of the file's origins
+    comes before its motion; its own comes after it.
+    """
+    links: list[list[_Step]] = [[]]
+    frame = np.eye(4)
+    ends: list[Array] = []
+    up, down = _way(robot, chain.base, chain.tip)
+    for joint, backwards in (*((joint, True) for joint in up), *((joint, False) for joint in down)):
+        if not backwards:
+            frame = frame @ joint.origin
+            links[-1].append(_Step(joint.name, joint.origin, backwards, frame))
+        elif joint.moves:
+            links[-1].append(_Step("", np.eye(4), backwards, frame))
+        if joint.name in chain.joint_names:
+            ends.append(frame)
+            links.append([])
+            frame = np.eye(4)
+        elif joint.moves:
+            motion = joint.motion(chain.locked.get(joint.name, 0.0))
+            frame = frame @ (se3.inverse(motion) if backwards else motion)
+        if backwards:
+            frame = frame @ se3.inverse(joint.origin)
+            links[-1].append(_Step(joint.name, joint.origin, backwards, frame))
+    ends.append(frame)
+    placements = np.array(ends)
+    if placements.shape != chain.placements.shape or not np.allclose(placements, chain.placements, rtol=0, atol=1e-12):
+        raise InputError(f"{chain.robot.file} is not the robot of this model any more: its placements have changed")
+    return tuple(map(tuple, links))
+
+
+def _folds(at: PoseModel, links: Sequence[Sequence[_Step]]) -> tuple[_Fold, ...]:
+    chain = at.posture.chain
+    taken: dict[int, tuple[_Step, list[tuple[int, Array | None]]]] = {}
+    base = _Step(chain.base, np.eye(4), backwards=True, end=np.eye(4), added=True)
+    tip = _Step(chain.tip, np.eye(4), backwards=False, end=chain.placements[-1], added=True)
+    for row, target in enumerate(at.table.targets):
+        if isinstance(target, JointValue):
+            # a joint commutes with an error of its value: the frame before it turns will do
+            own = links[target.joint][-1]
+            step, frame = (own, own.end) if own.name else (links[target.joint + 1][0], np.eye(4))
+        else:
+            step = _step_for(target, links[target.link]) or (tip if target.link else base)
+            frame = target.frame
+        places = taken.setdefault(id(step), (step, []))[1]
+        places.append((row, None if np.array_equal(frame, step.end) else se3.inverse(step.end) @ frame))
+    return tuple(_Fold(step, tuple(places)) for step, places in taken.values())
+
+
+def _step_for(place: Place, steps: Sequence[_Step]) -> _Step | None:
+    """Return the first step that the file can change and that does not come before the place; else the last one."""
+    rank = max(place.order[1], 1) if place.order[0] <= ORDER_FRAME else len(steps)
+    free = [k for k, step in enumerate(steps, start=1) if step.name]
+    if not free:
+        return None
+    return steps[next((k for k in free if k >= rank), free[-1]) - 1]
+
+
+def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
+    """Return the labels of the sources whose displacements hold at this pose only.
+
+    Those that loads cause or that are drawn for each pose or visit, and those that say so.
+    """
+    scopes = {name: draw.scope for draw in model.space.draws for name in draw.components}
+    found = []
+    for bound, label in zip(model.bound_sources, model.labels, strict=True):
+        terms = tuple(bound.terms(at.posture))
+        names = {name for term in terms for factor in term.factors for name in component_names(factor)}
+        by_scope = any(scopes[name] is not Scope.UNIT for name in names)
+        changes = not bound.source.is_alike_everywhere(model.chain)
+        if terms and (changes or by_scope or any(term.loaded for term in terms)):
+            found.append(label)
+    return tuple(found)
+
+
+def _about(at: PoseModel, pose: str, base: str, tip: str, frozen: Sequence[str]) -> Iterator[str]:
+    """Yield the comment lines of a written robot."""
+    chain = at.posture.chain
+    yield f"chain: {base} to {tip}"
+    way = chain.robot.path(chain.robot.root, chain.tip)
+    held = [joint for joint in way if joint.name in chain.locked]
+    if held:
+        yield f"locked on the way: {_values(held, [chain.locked[joint.name] for joint in held])}"
+    yield f"pose{pose and ' ' + pose}: {_values(chain.joints, at.posture.q)}"
+    yield (
+        "The unit's errors are in the <origin> elements of the joints of the chain. At this pose the robot has all of them, "
+        "those that loads cause and those drawn for each pose or visit (here pose 0, visit 0) included. At other poses it "
+        "has those of the built robot that no pose changes: displaced frames and axes, joint offsets."
+    )
+    if frozen:
+        yield f"Fixed at their values at this pose: {', '.join(frozen)}."
+    else:
+        yield "No source was seen to depend on the pose."
+
+
+def _wrapped(line: str) -> list[str]:
+    return textwrap.wrap(line, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+
+
+def _values(joints: Sequence[Joint], values: Sequence[float] | Array) -> str:
+    return ", ".join(
+        f"{joint.name} = {float(value)!r} {'m' if joint.kind == 'prismatic' else 'rad'}"
+        for joint, value in zip(joints, values, strict=True)
+    )
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = map(float, values)
+    return (x, y, z)
+
+
+def _free(name: str, taken: set[str]) -> str:
+    while {name, f"{name}_joint"} & taken:
+        name += "_"
+    return name

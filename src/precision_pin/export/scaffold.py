@@ -1,0 +1,409 @@
+"""A first error sheet for any arm: every joint and link by name, with starting tolerances marked as assumptions."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin.base.arrays import Array
+from precision_pin.draws.laws import laws_of_sheets
+from precision_pin.export.starting_tolerances import (
+    GIVE,
+    LEAST_SHARE,
+    SHORTEST,
+    TRIALS,
+    WIND_UP,
+    Survey,
+    general_tolerance,
+    reach,
+    round_125,
+)
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.urdf import Joint
+from precision_pin.sheet import catalogue
+from precision_pin.sheet.schema import ASSUMED
+from precision_pin.sheet.settings import law_options
+from precision_pin.terms.source import setting_fields
+
+Lines = list[str]
+
+ANGLE_OFFSET: Final = "0.02 deg"
+SLIDE_OFFSET: Final = "0.05 mm"
+SEAT_RADIUS: Final = "0.02 mm"
+COMPLIANCE_SPREAD: Final = 0.2
+RIGIDITY_SPREAD: Final = 0.1
+
+_ALUMINIUM: Final = (70e9, 26e9)
+"""Moduli of elasticity and of shear, Pa."""
+
+_MARK: Final = f"{ASSUMED}: true"
+_MANY: Final = 12
+_WIDTH: Final = 110
+_PLAIN: Final = re.compile(r"(?:\.{0,2}/)?[A-Za-z_][A-Za-z0-9_./-]*")
+_PLAIN_EXAMPLE: Final = re.compile(r"example:[A-Za-z0-9_][A-Za-z0-9_.-]*")
+_WORDS: Final = frozenset(("true", "false", "yes", "no", "on", "off", "y", "n", "null"))
+
+
+def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = None) -> str:
+    """Return the text of a commented sheet for a chain; it loads and runs unedited.
+
+    The same chain gives the same text. All tolerances are assumptions, marked so, each with its reason: joint offsets of
+    a strain wave gear's accuracy, axes seated to ISO 286-1 grade IT6, lengths to ISO 2768-1 class fine, joints that
+    give 0.2 mrad (0.02 mm where they slide) under the largest weight they meet.
+
+    Parameters
+    ----------
+    chain
+        The arm; its tip, base, gravity and locked joints go into the sheet, payloads do not.
+    robot_text
+        The value of ``robot:``, a path relative to the sheet or ``example:NAME``.
+    pose
+        Joint values of the first pose, ``(n,)``, rad and m; a well-conditioned one within the limits if left out.
+
+    Raises
+    ------
+    InputError
+        A pose of the wrong size or not finite.
+    """
+    survey = Survey.of(chain)
+    start = None if pose is None else chain.configuration(pose)
+    sections = (
+        _head(chain, robot_text),
+        _chain_table(chain),
+        _locked(chain),
+        _poses(chain, survey, start),
+        _parameters(),
+        ["sources:", *_payload(chain)],
+        _joint_offsets(chain),
+        _axes(chain),
+        _compliances(chain, survey),
+        _lengths(chain),
+        _beams(chain),
+        _kinds(),
+    )
+    return "\n\n".join("\n".join(section) for section in sections) + "\n"
+
+
+def quoted(text: str) -> str:
+    """Return text as a YAML scalar that every YAML reader takes for this very string, quoted where need be."""
+    if (_PLAIN.fullmatch(text) and text.lower() not in _WORDS) or _PLAIN_EXAMPLE.fullmatch(text):
+        return text
+    if text.isprintable():
+        return "'" + text.replace("'", "''") + "'"
+    return '"' + _escaped(text.replace("\\", "\\\\").replace('"', '\\"')) + '"'
+
+
+def _head(chain: Chain, robot_text: str) -> Lines:
+    others = [name for name in chain.robot.leaves if name != chain.tip]
+    some = ", ".join(_escaped(name) for name in others[:_MANY]) + (", …" if len(others) > _MANY else "")
+    return [
+        f"# Error sheet of the robot {_escaped(chain.robot.name)}, drafted by `precision-pin init`.",
+        "# It runs unedited: precision-pin analyze THIS_FILE",
+        '# No number here was measured on this robot. What is marked "assumption" is a starting tolerance: replace it by',
+        "# what a drawing, a data sheet or a calibration says, and delete its 'assumed: true': until then every verdict says",
+        "# that it rests on assumptions. A tolerance is a half-width, ± about the mean: {normal: t} is ±3σ. Whoever has σ",
+        "# in hand writes {normal: {std: σ}}; {normal: σ} would make the robot three times too good.",
+        "precision-pin: 1",
+        f"robot: {quoted(robot_text)}",
+        f"tip: {quoted(chain.tip)}" + (f"    # other leaves: {some}" if others else ""),
+        f"base: {quoted(chain.base)}    # does not move",
+        f"gravity: {' '.join(map(_number, chain.gravity))} m/s^2    # base axes; or earth, moon, none",
+        "statics: nominal    # loads at the undeflected pose",
+    ]
+
+
+def _chain_table(chain: Chain) -> Lines:
+    lines = [
+        "# The chain, base to tip; the joints' axes in their own frames. 'effort' is the limit in the URDF.",
+        f"#   link   {_escaped(chain.base)}: {_mass(chain, chain.base)}",
+    ]
+    way = chain.robot.path(chain.base, chain.tip)
+    for joint in way:
+        lines.append(f"#   joint  {_escaped(joint.name)}: {_described(chain, joint)}")
+        lines.append(f"#   link   {_escaped(joint.child)}: {_mass(chain, joint.child)}")
+    on_way = {chain.base, *(joint.child for joint in way)}
+    beside = [link for link in chain.robot.links if link.name not in on_way]
+    if beside:
+        mass = sum(link.mass for link in beside)
+        lines.append(
+            f"# {len(beside)} links beside it ({mass:.4g} kg) hang on these; the weight of those that move counts."
+        )
+    return lines
+
+
+def _described(chain: Chain, joint: Joint) -> str:
+    if joint.kind == "fixed":
+        return "fixed"
+    axis = " ".join(_number(round(value, 6)) for value in joint.axis)
+    words = [joint.kind, _range(joint), f"axis {axis}"]
+    if joint.limit is not None and math.isfinite(joint.limit.effort):
+        words.append(f"effort {joint.limit.effort:.6g} {'N' if joint.kind == 'prismatic' else 'N*m'}")
+    if joint.name in chain.locked:
+        words.append("locked")
+    return ", ".join(words)
+
+
+def _range(joint: Joint) -> str:
+    limit = joint.limit
+    if limit is None or joint.kind == "continuous" or (math.isinf(limit.lower) and math.isinf(limit.upper)):
+        return "no limits"
+    slides = joint.kind == "prismatic"
+    lower, upper = (value if slides else math.degrees(value) for value in (limit.lower, limit.upper))
+    return f"{lower:.5g} to {upper:.5g} {'m' if slides else 'deg'}"
+
+
+def _mass(chain: Chain, name: str) -> str:
+    link = chain.robot.link(name)
+    return f"{link.mass:.5g} kg" if link.mass else "no mass"
+
+
+def _locked(chain: Chain) -> Lines:
+    """Return the joints off the chain: one a line with limits, or many a line where there are many; mimics follow."""
+    joints = [joint for joint in chain.robot.joints if joint.name in chain.locked]
+    if not joints:
+        return ["# No joint moves off the chain; one on it is locked so:  locked: {JOINT: 0 deg}"]
+    on_way = {joint.name for joint in chain.robot.path(chain.base, chain.tip)}
+    follow = [joint for joint in joints if joint.name not in on_way and _follows(chain, joint)]
+    free = [joint for joint in joints if joint not in follow]
+    entries = [
+        f"{quoted(joint.name)}: {_number(chain.locked[joint.name])} {'m' if joint.kind == 'prismatic' else 'rad'}"
+        for joint in free
+    ]
+    lines = ["# Joints that do not move; their links hang on the arm."]
+    if len(free) > _MANY:
+        lines += ["locked: {", *(f"  {line}" for line in _packed(entries)), "  }"]
+    elif free:
+        lines += [
+            "locked:",
+            *(f"  {text}    # {joint.kind}, {_range(joint)}" for text, joint in zip(entries, free, strict=True)),
+        ]
+    if follow:
+        lines += _comment("They follow others (mimic): " + ", ".join(_escaped(joint.name) for joint in follow))
+    return lines
+
+
+def _follows(chain: Chain, joint: Joint) -> bool:
+    """Return whether a joint's value follows from its mimic rule and the sheet's other values."""
+    if joint.mimic is None:
+        return False
+    leader = chain.locked.get(joint.mimic.joint, 0.0)
+    return chain.locked[joint.name] == joint.mimic.multiplier * leader + joint.mimic.offset
+
+
+def _packed(entries: Iterable[str]) -> Lines:
+    """Return entries of a flow mapping on as few lines as fit the width."""
+    lines = [""]
+    for entry in entries:
+        if lines[-1] and len(lines[-1]) + len(entry) + 2 > _WIDTH:
+            lines[-1] += ","
+            lines.append(entry)
+        else:
+            lines[-1] += f", {entry}" if lines[-1] else entry
+    return lines
+
+
+def _poses(chain: Chain, survey: Survey, start: Array | None) -> Lines:
+    exact = ["m" if slides else "rad" for slides in chain.prismatic]
+    lines = ["poses:", *_comment("Joint order: " + ", ".join(map(_escaped, chain.joint_names)), "  # ")]
+    if start is None:
+        lines.append(f"  # start: best conditioned of {TRIALS} trial poses within the limits.")
+        lines += _pose(chain, "start", survey.trials[survey.start], survey.units)
+    else:
+        lines += _pose(chain, "start", start, exact)
+    lines.append("  # far: tip far from the first joint.")
+    return lines + _pose(chain, "far", survey.trials[survey.far], survey.units)
+
+
+def _pose(chain: Chain, name: str, values: ArrayLike, units: Sequence[str]) -> Lines:
+    texts = [_number(float(value)) for value in np.asarray(values)]
+    if len(set(units)) == 1:
+        return [f"  {name}: {' '.join(texts)} {units[0]}"]
+    rows = zip(chain.joint_names, texts, units, strict=True)
+    return [f"  {name}:", *(f"    {quoted(joint)}: {text} {unit}" for joint, text, unit in rows)]
+
+
+def _parameters() -> Lines:
+    lines = [
+        "# Named random numbers, for sources that share one (such as two lengths cut in one set-up):",
+        "# parameters:",
+        "#   set_up: {uniform: 0.05 mm}",
+        "#   tool_mass: {normal: 0.06 kg, mean: 1 kg, scope: visit}",
+        "# A source takes them in place of a tolerance:  parameters: [set_up, {uniform: 0.02 mm}]",
+        f"# A law has one of these keys and, as it allows, {', '.join(law_options())}; normal: t is ±3σ.",
+    ]
+    for key, law in laws_of_sheets().items():
+        lines += _comment(f"{key}: {_first_line(law)}", "#   ", "#       ")
+    return lines
+
+
+def _payload(chain: Chain) -> Lines:
+    moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
+    mass = sum(link.mass for link in chain.robot.links if link.name in moved)
+    example = f"{round_125(0.05 * mass) if mass else 1.0:.3g} kg"
+    return [
+        "  # Payload: none yet. It loads the joints and links below; com: in the axes of the link that it hangs on.",
+        f"  # - payload: {{at: {quoted(chain.tip)}, mass: {example}, com: 0 0 0 mm, {_MARK}}}",
+    ]
+
+
+def _joint_offsets(chain: Chain) -> Lines:
+    lines: Lines = []
+    if not chain.prismatic.all():
+        lines += _comment(
+            f"Joint values: zero setting and gear. {ANGLE_OFFSET} is 1.2 arcmin; strain wave gears are listed with 1 to 2 "
+            "arcmin from the lowest to the highest error in a turn, and a calibrated zero is about as good.",
+            "  # ",
+        )
+    if chain.prismatic.any():
+        text = (
+            f"Sliding joints: {SLIDE_OFFSET}, about what a rolled ball screw of grade 7 errs over 300 mm (ISO 3408-3)."
+        )
+        lines += _comment(text, "  # ")
+    for joint in chain.joints:
+        offset = SLIDE_OFFSET if joint.kind == "prismatic" else ANGLE_OFFSET
+        lines.append(
+            f"  - joint_offset: {{joint: {quoted(joint.name)}, offset: {{normal: {offset}}}, {_MARK}}}    # assumption"
+        )
+    return lines
+
+
+def _axes(chain: Chain) -> Lines:
+    span = f"{min(max(round_125(0.1 * reach(chain)), 0.02), 0.1) * 1e3:.3g} mm"
+    text = (
+        f"Axes: each passes within {SEAT_RADIUS} of its nominal place in two planes, the bearings'. A seat of 50 to 80 mm "
+        "in grade IT6 has 0.019 mm (ISO 286-1). The span is a guess from the arm's size, a tenth of its links' lengths "
+        "within 20 to 100 mm; the turn it causes is nearly proportional to 1/span."
+    )
+    return [
+        *_comment(text, "  # "),
+        *(
+            f"  - axis_install: {{joint: {quoted(name)}, radius: {SEAT_RADIUS}, span: {span}, {_MARK}}}    # assumption"
+            for name in chain.joint_names
+        ),
+    ]
+
+
+def _compliances(chain: Chain, survey: Survey) -> Lines:
+    text = (
+        f"Joint flexibility: such that a joint turns by {WIND_UP * 1e3:g} mrad (slides by {GIVE * 1e3:g} mm) under the "
+        f"largest load that the URDF's masses put on it in {TRIALS} trial poses, at least {100 * LEAST_SHARE:g} % of the "
+        "largest on any joint that turns (slides) like it; rounded to 1, 2, 5; known to "
+        f"{100 * COMPLIANCE_SPREAD:g} %. Data sheets of the gears give it."
+    )
+    lines = _comment(text, "  # ")
+    for joint, load, loadable in zip(chain.joints, survey.design_loads, survey.loadable, strict=True):
+        slides = joint.kind == "prismatic"
+        if not loadable:
+            lines.append(f"  # {_escaped(joint.name)}: weight cannot move it in any pose")
+        elif load == 0.0:
+            lines.append(f"  # {_compliance(joint, 1e-5)}    # no mass beyond it in the URDF")
+        else:
+            mean = round_125((GIVE if slides else WIND_UP) / load)
+            lines.append(f"  {_compliance(joint, mean)}    # assumption; for {load:.4g} {'N' if slides else 'N*m'}")
+    return lines
+
+
+def _compliance(joint: Joint, mean: float) -> str:
+    unit = "m/N" if joint.kind == "prismatic" else "rad/(N*m)"
+    law = f"{{uniform: {_short(COMPLIANCE_SPREAD * mean)} {unit}, mean: {_short(mean)} {unit}}}"
+    return f"- joint_compliance: {{joint: {quoted(joint.name)}, compliance: {law}, {_MARK}}}"
+
+
+def _lengths(chain: Chain) -> Lines:
+    text = (
+        "Lengths of the links, from joint origin to joint origin: general tolerances ISO 2768-1, class f (fine), table 1; "
+        "m (medium) above 2 m. Other directions: along: [-]x|y|z of JOINT."
+    )
+    lines = _comment(text, "  # ")
+    for link, placement in enumerate(chain.placements):
+        length = float(np.linalg.norm(placement[:3, 3]))
+        between = f"{_near_end(chain, link)} to {_far_end(chain, link)}"
+        if length < SHORTEST:
+            lines.append(f"  # {between}: {length * 1e3:.3g} mm, too short for a general tolerance")
+            continue
+        tolerance, grade = general_tolerance(length)
+        what = (
+            f"joint: {quoted(chain.joint_names[link])}" if link < len(chain.joints) else f"frame: {quoted(chain.tip)}"
+        )
+        entry = f"- length: {{{what}, parameters: {{uniform: {tolerance * 1e3:.3g} mm}}, {_MARK}}}"
+        lines.append(f"  {entry}    # assumption: class {grade}; {between}, {length * 1e3:.5g} mm")
+    return lines
+
+
+def _beams(chain: Chain) -> Lines:
+    diameter = round_125(reach(chain) / 15)
+    wall = diameter / 16
+    second_moment = math.pi / 8 * diameter**3 * wall
+    bending, torsion = (
+        float(f"{modulus * moment:.0e}")
+        for modulus, moment in zip(_ALUMINIUM, (second_moment, 2 * second_moment), strict=True)
+    )
+    text = (
+        f"Flexibility of the links: left out. Filled in as aluminium tubes of {diameter * 1e3:g} mm mean diameter and "
+        f"{wall * 1e3:.3g} mm wall (E 70 GPa, G 26 GPa: EI = E pi/8 d^3 t, GI = G pi/4 d^3 t), to be put right first."
+    )
+    lines = _comment(text, "  # ")
+    names = {frame.link: name for name, frame in chain.link_frames.items() if frame.is_own}
+    for link, placement in enumerate(chain.placements):
+        if np.linalg.norm(placement[:3, 3]) < SHORTEST:
+            continue
+        laws_text = ", ".join(
+            f"{name}: {{uniform: {_short(RIGIDITY_SPREAD * value)} N*m^2, mean: {_short(value)} N*m^2}}"
+            for name, value in (("EI", bending), ("GI", torsion))
+        )
+        lines.append(f"  # - beam: {{link: {quoted(names[link])}, {laws_text}, {_MARK}}}")
+    return lines
+
+
+def _kinds() -> Lines:
+    lines = ["# Every kind of source, with its settings:"]
+    for name, kind in catalogue().items():
+        settings = ", ".join(entry.name for entry in setting_fields(kind))
+        lines += _comment(f"{name} {{{settings}}}: {_first_line(kind)}", "#   ", "#       ")
+    return lines
+
+
+def _near_end(chain: Chain, link: int) -> str:
+    return _escaped(chain.joint_names[link - 1] if link else chain.base)
+
+
+def _far_end(chain: Chain, link: int) -> str:
+    return _escaped(chain.joint_names[link] if link < len(chain.joints) else chain.tip)
+
+
+def _first_line(thing: type) -> str:
+    return (inspect.getdoc(thing) or "").split("\n")[0].replace("``", "")
+
+
+def _comment(text: str, start: str = "# ", following: str | None = None) -> Lines:
+    """Return text wrapped into comment lines; ``following`` begins those after the first."""
+    return textwrap.wrap(
+        text,
+        _WIDTH,
+        initial_indent=start,
+        subsequent_indent=start if following is None else following,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _escaped(text: str) -> str:
+    """Return text with every unprintable character as an escape that is valid in YAML."""
+    return "".join(character if character.isprintable() else f"\\U{ord(character):08x}" for character in text)
+
+
+def _number(value: float) -> str:
+    """Return the shortest text that reads back as the same number."""
+    return repr(float(value) + 0.0).removesuffix(".0")
+
+
+def _short(value: float) -> str:
+    """Return a number to three digits, as 2e-5 rather than 2e-05."""
+    return re.sub(r"e([+-])0*", lambda match: "e-" if match[1] == "-" else "e", f"{value:.3g}")

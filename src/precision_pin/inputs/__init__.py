@@ -1,1 +1,0 @@
-"""Checks of arguments, arrays and files, and of the memory that a request needs."""

@@ -1,1 +1,0 @@
-"""What an instrument reads of an arm: settings, predictions and derivatives."""

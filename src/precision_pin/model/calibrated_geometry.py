@@ -1,0 +1,38 @@
+"""An arm whose joints and tip are displaced by known amounts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
+from precision_pin.sources.frame import Frame
+from precision_pin.terms.source import Source
+
+_NAMES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def displaced_arm(chain: Chain, placements: Array, model: ErrorModel | None = None) -> ErrorModel:
+    """Return the model of an arm with other placements, each by a displacement of fixed numbers.
+
+    Parameters
+    ----------
+    chain
+        The arm.
+    placements
+        Placements of the joints' seats, and last that of the tip, each in the chain link before it, ``(n + 1, 4, 4)``.
+    model
+        A model of the arm, whose sources are kept beside these.
+    """
+    sources: list[Source] = [] if model is None else list(model.sources)
+    for k, (old, new) in enumerate(zip(chain.placements, placements, strict=True)):
+        moved = se3.inverse(old) @ new
+        values = np.concatenate([moved[:3, 3], se3.log_rotation(moved[:3, :3])]).tolist()
+        place = {"joint": chain.joint_names[k]} if k < len(chain.joints) else {"frame": chain.tip}
+        sources.append(Frame(**place, **dict(zip(_NAMES, values, strict=True))))
+    if model is None:
+        return ErrorModel(chain, Space(), sources)
+    return ErrorModel(chain, model.space, sources, model.poses, model.statics)

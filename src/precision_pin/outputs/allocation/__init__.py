@@ -1,1 +1,0 @@
-"""Table of an allocation, and its sheet."""

@@ -1,1 +1,0 @@
-"""URDFs of sampled robots, as they may be built."""

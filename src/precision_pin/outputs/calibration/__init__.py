@@ -1,1 +1,0 @@
-"""Forecast, plan and result of a calibration: tables and figures."""

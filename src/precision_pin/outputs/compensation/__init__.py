@@ -1,1 +1,0 @@
-"""Table, figure and joint values of a compensation."""

@@ -1,1 +1,0 @@
-"""Outputs of the forecast by ISO 9283."""

@@ -1,1 +1,0 @@
-"""Building blocks of outputs: the style of figures, HTML elements, SVG."""

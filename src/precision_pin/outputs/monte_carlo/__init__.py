@@ -1,1 +1,0 @@
-"""Table, figures, verdict and report section of a Monte Carlo run."""

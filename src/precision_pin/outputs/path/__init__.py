@@ -1,1 +1,0 @@
-"""The law along a path as table and figure."""

@@ -1,1 +1,0 @@
-"""The sampled pose error at several poses, as text and picture."""

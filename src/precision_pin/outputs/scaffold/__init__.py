@@ -1,1 +1,0 @@
-"""The sheet to begin with."""

@@ -1,1 +1,0 @@
-"""Table, figure and report section of a worst case."""

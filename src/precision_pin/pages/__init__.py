@@ -1,0 +1,1 @@
+"""Whole pages: the report and the 3-D view."""

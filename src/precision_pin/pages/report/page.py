@@ -1,0 +1,145 @@
+"""The whole page."""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Sequence
+from typing import Final
+
+from precision_pin.analyses.collect import Missing, Results
+from precision_pin.analyses.monte_carlo.section import distributions
+from precision_pin.analyses.monte_carlo.verdict import describe_verdict, specifications
+from precision_pin.analyses.registry import declarations
+from precision_pin.pages.report.assumptions import assumptions
+from precision_pin.pages.report.mcpc import geometry
+from precision_pin.pages.report.parameters import parameters
+from precision_pin.pages.report.reproduction import reproduction
+from precision_pin.pages.report.scene import policy_hashes, scene
+from precision_pin.pages.report.summary import name_pose, picture, summary
+from precision_pin.pages.report.wording import describe_run, left_out
+from precision_pin.render.chapter import Chapter
+from precision_pin.render.html import Html, element, joined, paragraph, section
+
+_LAST: Final = {
+    "mcpc": ("MCPC", geometry),
+    "parameters": ("Parameters", parameters),
+    "reproduce": ("Reproduce", reproduction),
+}
+"""Sections after those of the poses: title in the list of contents, and function."""
+_WITHOUT_SCRIPTS: Final = Html("<noscript><style>.fold:has(> #view) { display: none; }</style></noscript>")
+_NOT_PRINTED: Final = (
+    "Folded sections are not printed: open them first, or write the page with precision-pin report --full."
+)
+
+
+def page(
+    results: Results | Sequence[Results],
+    chapters: Sequence[Chapter] = (),
+    *,
+    missed: Sequence[str] = (),
+    full: bool = False,
+) -> str:
+    """Return one self-contained HTML page about one pose or several: verdict, distributions, causes, bounds, 3-D view.
+
+    Verdict, causes, what to change and assumptions are open; every other section is folded, and printed only if it is open.
+
+    It loads nothing from outside, runs no script but those of the 3-D view, which run in a sandboxed frame, and is the same
+    text for the same results.
+
+    Parameters
+    ----------
+    results
+        What it shows, of several poses the worst first.
+    chapters
+        What it has beside its poses, such as a map or a path of the same chain.
+    missed
+        Where else a specification is not met, such as ``on the map``.
+    full
+        Whether all sections are open at first, but for the 3-D view.
+    """
+    poses = [results] if isinstance(results, Results) else list(results)
+    worst = poses[0]
+    analysis = worst.analysis
+    title = f"Pose error of {worst.model.chain.robot.name}, {analysis.base} to {analysis.tip}"
+    head = joined(
+        [
+            Html('<meta charset="utf-8">\n'),
+            element("meta", http_equiv="Content-Security-Policy", content=_policy()),
+            Html('\n<meta name="viewport" content="width=device-width, initial-scale=1">\n'),
+            Html('<meta name="color-scheme" content="light dark">\n'),
+            element("title", title),
+            Html(f"\n<style>\n{_style()}</style>\n"),
+            _WITHOUT_SCRIPTS,
+        ]
+    )
+    details = [
+        *_details(worst),
+        *(_other_pose(other) for other in poses[1:]),
+        *(chapter.section for chapter in chapters),
+    ]
+    last = [make(poses) for _, make in _LAST.values()]
+    if full:
+        details, last = _opened(details), _opened(last)
+    sections = [
+        summary(poses, [line for chapter in chapters for line in chapter.answers], missed),
+        _contents(poses, chapters),
+        assumptions(poses),
+        *details,
+        scene(poses, [chapter.layer for chapter in chapters if chapter.layer is not None]),
+        *last,
+    ]
+    on_paper = [] if full else [paragraph(_NOT_PRINTED, class_="note paper")]
+    header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"), *on_paper)
+    main = element("main", *sections, id="main", tabindex="-1")
+    footer = element("footer", paragraph("Written by precision-pin."))
+    body = joined([element("a", "Skip to the result", class_="skip", href="#main"), header, main, footer])
+    return f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{head.text}\n</head>\n<body>\n{body.text}\n</body>\n</html>\n'
+
+
+def _details(results: Results) -> list[Html]:
+    """Return the sections of one pose."""
+    return [distributions(results), *(_section(name, results) for name in results.found)]
+
+
+def _opened(sections: Sequence[Html]) -> list[Html]:
+    """Return sections with their folds open; small parts folded inside them, such as causes of no weight, stay so."""
+    # text is escaped, so this is always a tag
+    return [Html(one.text.replace('<details class="fold"', '<details class="fold" open=""')) for one in sections]
+
+
+def _other_pose(results: Results) -> Html:
+    """Return the sections of a pose that is not the worst, in one."""
+    said = [f"Pose {name_pose(results)}"]
+    if results.analysis.summary.specifications:
+        said.append(describe_verdict(results.analysis.summary.specifications))
+    parts = [picture(results), specifications(results), *_details(results)]
+    return section(f"{results.prefix}pose", ": ".join(said), *parts)
+
+
+def _section(name: str, results: Results) -> Html:
+    """Return an analysis's section."""
+    declaration, result = declarations()[name], results.found[name]
+    if isinstance(result, Missing):
+        return section(f"{results.prefix}{name}", declaration.heading, left_out(declaration.title, result, results))
+    return section(f"{results.prefix}{name}", declaration.heading, *declaration.content(result, results))
+
+
+def _contents(poses: Sequence[Results], chapters: Sequence[Chapter]) -> Html:
+    titles = {"verdict": "Result", "assumptions": "Assumptions", "distributions": "Distributions"}
+    titles |= {name: declarations()[name].title for name in poses[0].found}
+    titles |= {f"{other.prefix}pose": f"Pose {name_pose(other)}" for other in poses[1:]}
+    titles |= {chapter.name: chapter.title for chapter in chapters}
+    titles |= {"view": "3-D view", **{name: title for name, (title, _) in _LAST.items()}}
+    links = (element("li", element("a", title, href=f"#{name}")) for name, title in titles.items())
+    return element("nav", element("ul", *links), aria_label="Contents")
+
+
+def _policy() -> str:
+    return (
+        f"default-src 'none'; script-src {policy_hashes()}; style-src 'unsafe-inline'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _style() -> str:
+    return importlib.resources.files(__package__).joinpath("style.css").read_text("utf-8")

@@ -1,0 +1,196 @@
+"""The first screen of the report: picture of the arm with its cloud, verdict, largest causes, assumptions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
+from precision_pin.analyses.causes import assumed_share, rank_causes
+from precision_pin.analyses.collect import Results
+from precision_pin.analyses.monte_carlo.verdict import describe_verdict, specifications, verdict
+from precision_pin.analyses.report_cells import MISSING, milli_interval, statistic
+from precision_pin.pages.report.changes import changes, constant_part
+from precision_pin.pages.view.drawing import Cloud, Picture, draw_picture
+from precision_pin.pages.view.headline import quantile
+from precision_pin.pages.view.scales import middle_of
+from precision_pin.render.html import Child, Html, element, items, joined, paragraph, section, table
+from precision_pin.render.svg import figure
+from precision_pin.render.tables import milli, symbol, unit
+from precision_pin.statistics import Distribution
+from precision_pin.statistics.digits import format_inside
+
+_NAMED: Final = 3
+_MARKED: Final = (0.95, 0.9973)
+
+
+def summary(poses: Sequence[Results], answers: Sequence[str] = (), missed: Sequence[str] = ()) -> Html:
+    """Return the first section: the verdict, of several poses on the worst, a table of all, and what to change.
+
+    Parameters
+    ----------
+    poses
+        The worst first.
+    answers
+        Of what the page has beside its poses.
+    missed
+        Where else a specification is not met.
+    """
+    worst = poses[0]
+    words = element("div", verdict(worst, missed), _causes(worst), class_="words")
+    asked = worst.analysis.summary.specifications
+    parts: list[Child] = [element("div", words, picture(worst), class_="first")]
+    if len(poses) > 1:
+        parts.append(_by_pose(poses))
+    if answers:
+        parts.append(items(answers, "answers"))
+    if len(asked) != 1:
+        # the first sentence has all of a single one
+        parts.append(specifications(worst))
+    heading = "Verdict" if asked else "Result"
+    if len(poses) > 1:
+        heading += f", worst of {len(poses)} poses: {name_pose(worst)}"
+    return section("verdict", heading, *parts, changes(worst), folded=False)
+
+
+def name_pose(results: Results) -> str:
+    """Return a pose's name, or a phrase where it has none."""
+    return results.analysis.pose_name or "joint values of the command line"
+
+
+def picture(results: Results) -> Html:
+    """Return the arm with its cloud."""
+    drawn = _draw(results)
+    tip = ", ".join(milli(value, 5) for value in results.at.posture.pose[:3, 3])
+    return figure(
+        drawn.figure,
+        f"{results.prefix}arm",
+        f"The arm with {len(results.at.posture.q)} joints; the tip without error is at ({tip}) mm in the base; sampled "
+        f"positions about it are drawn {drawn.factor:g} times too far away",
+        _caption(results, drawn),
+        class_="arm",
+    )
+
+
+def causes_in_words(results: Results, budget: PoseBudget, vector: str, most: int) -> list[tuple[float, str]]:
+    """Return the largest causes as share and text."""
+    ranked = rank_causes(results.causes, budget, vector)
+    return [(one.share, one.cause.text) for one in ranked[:most] if one.share is not None and one.share >= 5e-4]
+
+
+def _draw(results: Results) -> Picture:
+    norm = results.analysis.position.norm
+    limits = [one for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
+    limit = min(limits, key=lambda one: one.limit) if limits else None
+    is_apart = _is_apart(results)
+    within = norm.quantile(0.95)
+    if is_apart:
+        found = _about_mean(results)
+        within = None if found is None else found[0]
+    cloud = Cloud(
+        results.cloud[:3],
+        within,
+        None if limit is None else limit.limit,
+        limit is None or limit.met,
+        tuple(results.analysis.nominal[:3].tolist()) if is_apart else (0.0, 0.0, 0.0),
+    )
+    return draw_picture(results.at.posture, cloud, [Path(folder) for folder in results.package_dirs])
+
+
+def _is_apart(results: Results) -> bool:
+    """Return whether the errors of the picture are so far from zero that they are drawn from the error at the means."""
+    return bool(middle_of(results.cloud[:3]).any())
+
+
+def _about_mean(results: Results) -> tuple[float, tuple[float, float]] | None:
+    """Return within how much of the error at the means 95 % of the errors in the picture are, m, with its interval."""
+    return quantile(np.linalg.norm(results.cloud[:3] - results.analysis.nominal[:3, None], axis=0), 0.95)
+
+
+def _caption(results: Results, drawn: Picture) -> str:
+    norm = results.analysis.position.norm
+    limited = [one.limit for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
+    is_apart = _is_apart(results)
+    parts = [f"{drawn.points:,} sampled robots, errors ×{drawn.factor:g} about the tip (+)"]
+    if is_apart:
+        constant = f"the constant part of {milli(constant_part(results), 3)} mm"
+        parts = [f"{drawn.points:,} sampled robots, errors without {constant} ×{drawn.factor:g} about the tip (+)"]
+        found = _about_mean(results)
+        if found is not None:
+            within = format_inside(1e3 * found[0], (1e3 * found[1][0], 1e3 * found[1][1]))
+            parts.append(f"dashed: 95 % within {within} mm")
+    elif norm.quantile(0.95) is not None:
+        parts.append(f"dashed: 95 % within {statistic(norm, 0.95)} {unit(norm.quantity)}")
+    if limited:
+        beyond = "not drawn" if is_apart else "outside the picture"
+        where = "limit" if drawn.shows_limit else f"{beyond}: the limit"
+        parts.append(f"{where} {milli(min(limited), 6)} {unit(norm.quantity)}")
+    return "; ".join(parts) + "."
+
+
+def _causes(results: Results) -> Html:
+    budget = next((result for result in results.found.values() if isinstance(result, BudgetResult)), None)
+    pose = None if budget is None or not budget.poses[0].draws else budget.poses[0]
+    parts: list[Child] = []
+    largest = [] if pose is None else causes_in_words(results, pose, "position", _NAMED)
+    if largest:
+        lines = [element("li", element("strong", f"{100 * share:.0f} %"), f" {text}") for share, text in largest]
+        parts.append(paragraph("Largest causes, share of the variance of d:", class_="lead"))
+        parts.append(element("ul", *lines, class_="causes"))
+    return joined([*parts, *_always(results), *_resting(results, pose)])
+
+
+def _resting(results: Results, pose: PoseBudget | None) -> list[Html]:
+    """Return how much of the spread comes from sources that are marked as assumed."""
+    assumed, sources = results.analysis.assumed, results.analysis.sources
+    if not assumed:
+        return []
+    counted = f"{len(assumed):,} of {sources:,} sources are marked as assumed in the sheet."
+    share = None if pose is None else assumed_share(pose, assumed, "position")
+    much = "Rests" if share is None else f"{_percent(share)} of the variance of d rests"
+    return [paragraph(element("strong", f"{much} on assumptions: {counted}"))]
+
+
+def _always(results: Results) -> list[Html]:
+    """Return a line on the error at the means, where it is a large part of the error."""
+    size = constant_part(results)
+    text = f"{milli(size, 3)} mm is the error before anything varies, from mean values and loads."
+    return [paragraph(text)] if size > 0 else []
+
+
+def _percent(share: float) -> str:
+    return "Less than 1 %" if 0 < share < 0.01 else f"{100 * share:.0f} %"
+
+
+def _by_pose(poses: Sequence[Results]) -> Html:
+    rows: list[list[Child]] = []
+    for results in poses:
+        given = results.analysis.summary.specifications
+        norm = results.analysis.position.norm
+        met = all(result.met for result in given)
+        cells: list[Child] = [name_pose(results)]
+        if given:
+            said = given[0].verdict if len(given) == 1 else describe_verdict(given)
+            cells.append(element("strong", said, class_="good" if met else "bad"))
+        cells += [_with_interval(norm, level) for level in _MARKED]
+        budget = next((result for result in results.found.values() if isinstance(result, BudgetResult)), None)
+        largest = [] if budget is None else causes_in_words(results, budget.poses[0], "position", 1)
+        cells.append("".join(f"{100 * share:.0f} % {text}" for share, text in largest) or MISSING)
+        rows.append(cells)
+    asked = bool(poses[0].analysis.summary.specifications)
+    header = ["pose", *(["verdict"] if asked else [])]
+    header += [f"{100 * level:g} % within [{unit('position')}]" for level in _MARKED]
+    name = symbol(poses[0].analysis.position.norm.quantity)
+    words = (1, 4) if asked else (3,)
+    whole = table(
+        f"{len(poses)} poses, the worst first: position error {name}", [*header, "largest cause"], rows, words=words
+    )
+    return element("div", whole, class_="poses")
+
+
+def _with_interval(norm: Distribution, level: float) -> Child:
+    value, interval = statistic(norm, level), milli_interval(norm, level)
+    return value if MISSING in (value, interval) else joined([value, " ", element("small", interval)])

@@ -1,0 +1,154 @@
+"""The arm at a posture: its URDF shapes, or plain cylinders where it has none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, final
+
+import numpy as np
+
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.model.rigid_part import Part
+from precision_pin.pages.view.meshes import MeshReader, Surface, UnreadableMeshError, thinned
+from precision_pin.pages.view.scales import arm_length
+from precision_pin.pages.view.triangles import ShapeSink
+from precision_pin.render.scene import Colour, rotation_to
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
+
+GREY: Final[Colour] = (0.62, 0.65, 0.69, 1.0)
+PLAIN: Final[Colour] = (0.45, 0.55, 0.66, 1.0)
+JOINT: Final[Colour] = (0.87, 0.55, 0.20, 1.0)
+# sizes of plain cylinders, as shares of the arm's length
+_ROD_RADIUS: Final = 0.012
+_JOINT_RADIUS: Final = 0.022
+_JOINT_LENGTH: Final = 0.05
+_SHORTEST_ROD: Final = 1e-3
+
+
+def draw_arm(
+    scene: ShapeSink, posture: Posture, package_dirs: Sequence[Path] = ()
+) -> tuple[tuple[Part, ...], tuple[str, ...]]:
+    """Put every link of the robot into the scene below ``arm``; return the parts, and notes on parts drawn differently.
+
+    A link whose mesh is missing or cannot be read, and a rigid piece of the chain that has no shape at all, is drawn
+    as plain cylinders along it.
+
+    Parameters
+    ----------
+    scene
+        Receives the shapes.
+    posture
+        The arm, undisplaced.
+    package_dirs
+        Folders of the packages that ``package://`` mesh names start with, beside those found around the URDF.
+    """
+    return _Drawing(scene, posture, package_dirs).draw()
+
+
+@final
+class _Drawing:
+    def __init__(self, scene: ShapeSink, posture: Posture, package_dirs: Sequence[Path]) -> None:
+        self._scene = scene
+        self._posture = posture
+        self._chain = posture.chain
+        self._length = arm_length(posture)
+        self._reader = MeshReader(self._chain.robot.file, package_dirs)
+        self._parents = {joint.child: joint.parent for joint in self._chain.robot.joints}
+        self._parts: list[Part] = []
+        self._notes: list[str] = []
+        self._surfaces: list[tuple[tuple[str, ...], Surface, Colour, Array, str]] = []
+
+    def draw(self) -> tuple[tuple[Part, ...], tuple[str, ...]]:
+        shown: set[int] = set()
+        for number, link in enumerate(self._chain.robot.links):
+            where = self._chain.link_frames[link.name]
+            path = self._part(f"link{number}", where.link, where.frame, self._rank(link.name))
+            if self._draw_link(path, link):
+                shown.add(where.link)
+        self._draw_surfaces()
+        self._draw_bare_links(shown)
+        return tuple(self._parts), tuple(dict.fromkeys(self._notes))
+
+    def _part(self, name: str, link: int, frame: Array, rank: int | None) -> tuple[str, ...]:
+        self._parts.append(Part(name, link, frame, rank))
+        self._scene.place(("arm", name), self._posture.link_poses[link] @ frame)
+        return ("arm", name)
+
+    def _rank(self, name: str) -> int | None:
+        """Return the rank of the link on the way that carries a link, None from the tip on."""
+        while self._chain.link_frames[name].path_rank is None:
+            name = self._parents[name]
+        return None if name == self._chain.tip else self._chain.link_frames[name].path_rank
+
+    def _draw_link(self, path: tuple[str, ...], link: Link) -> bool:
+        """Draw a link's shapes, and return whether any is visible."""
+        complete = True
+        for number, shape in enumerate(link.visuals):
+            try:
+                self._draw_shape((*path, f"shape{number}"), shape, f"link {link.name!r}")
+            except UnreadableMeshError as problem:
+                self._notes.append(f"{problem}; drawn as a plain cylinder")
+                complete = False
+        if not complete:
+            self._draw_rods(path, link)
+        return bool(link.visuals)
+
+    def _draw_shape(self, path: tuple[str, ...], shape: Shape, owner: str) -> None:
+        colour = shape.colour or GREY
+        match shape.geometry:
+            case Box(size):
+                self._scene.box(path, size, colour, shape.origin)
+            case Cylinder(radius, length):
+                self._scene.cylinder(path, radius, length, colour, shape.origin)
+            case Sphere(radius):
+                self._scene.sphere(path, radius, colour, shape.origin)
+            case Mesh() as mesh:
+                for number, surface in enumerate(self._reader.surfaces(mesh, owner)):
+                    part = (*path, f"part{number}")
+                    self._surfaces.append((part, surface, surface.colour or colour, shape.origin, owner))
+
+    def _draw_surfaces(self) -> None:
+        """Draw the meshes of all links, which share the page's size limit."""
+        if not self._surfaces:
+            return
+        paths, surfaces, colours, origins, owners = zip(*self._surfaces, strict=True)
+        before = sum(len(surface.faces) for surface in surfaces)
+        reduced = thinned(surfaces, self._length)
+        after = sum(len(surface.faces) for surface in reduced)
+        if 0 < after < before / 2:
+            self._notes.append(f"meshes thinned out from {before:,} to {after:,} triangles")
+        for path, surface, colour, origin, owner in zip(paths, reduced, colours, origins, owners, strict=True):
+            if len(surface.faces):
+                self._scene.surface(path, surface.vertices, surface.faces, colour, origin)
+            else:
+                self._notes.append(f"{owner}: a mesh, or a part of one, is too small to be seen; it is not drawn")
+
+    def _draw_rods(self, path: tuple[str, ...], link: Link) -> None:
+        """Draw cylinders from a link's frame to the joints that it carries, and a ball at its frame."""
+        self._scene.sphere((*path, "ball"), 1.5 * _ROD_RADIUS * self._length, PLAIN, np.eye(4))
+        for number, joint in enumerate(self._chain.robot.child_joints(link.name)):
+            self._draw_rod((*path, f"rod{number}"), np.zeros(3), joint.origin[:3, 3])
+
+    def _draw_bare_links(self, shown: set[int]) -> None:
+        """Draw the parts without shapes: rigid pieces of the chain as rods, their joints as drums."""
+        bare = set(range(len(self._posture.link_poses))) - shown
+        for link in sorted(bare):
+            path = self._part(f"chain{link}", link, np.eye(4), 0)
+            self._draw_rod((*path, "rod"), np.zeros(3), self._chain.placements[link][:3, 3])
+        for joint, axis in enumerate(self._chain.axes):
+            if not bare & {joint, joint + 1}:
+                continue
+            path = self._part(f"joint{joint}", joint + 1, np.eye(4), 0)
+            pose = se3.pose(rotation_to(axis), (0.0, 0.0, 0.0))
+            width, height = _JOINT_RADIUS * self._length, _JOINT_LENGTH * self._length
+            if self._chain.prismatic[joint]:
+                self._scene.box((*path, "slide"), (1.6 * width, 1.6 * width, height), JOINT, pose)
+            else:
+                self._scene.cylinder((*path, "drum"), width, height, JOINT, pose)
+
+    def _draw_rod(self, path: tuple[str, ...], start: Array, end: Array) -> None:
+        if np.linalg.norm(end - start) > _SHORTEST_ROD * self._length:
+            self._scene.rod(path, start, end, _ROD_RADIUS * self._length, PLAIN)

@@ -1,0 +1,291 @@
+"""A picture of the arm with the cloud of its sampled errors, for pages without scripts and for paper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
+
+from precision_pin.base.arrays import Array
+from precision_pin.pages.view.arm import draw_arm
+from precision_pin.pages.view.raster import Camera, draw_triangles
+from precision_pin.pages.view.scales import arm_length
+from precision_pin.pages.view.triangles import Triangles
+from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, VERMILION
+from precision_pin.render.figure_style import new_figure, set_height, style
+from precision_pin.robot.chain import Posture
+
+WIDTH: Final = 100.0
+"""Of the picture, mm."""
+
+_PIXELS: Final = 760
+_POINTS: Final = 700
+_ELEVATION: Final = math.radians(20)
+_AZIMUTHS: Final = 24
+# of the arm's extent in the picture: the cloud with the way to it, a limit at the most, what must be left of the cloud then
+_CLOUD: Final = 0.27
+_LIMIT: Final = 0.36
+_SMALLEST: Final = 0.08
+_MARGIN: Final = 0.05
+# height of the line of text below a circle
+_LABEL: Final = 0.05
+_FACTORS: Final = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+_BAR: Final = 0.16
+_TRIAD: Final = 0.085
+_LOWEST_ASPECT: Final = 0.78
+_HIGHEST_ASPECT: Final = 1.05
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """The cloud and circles drawn about the tip.
+
+    Attributes
+    ----------
+    errors
+        Sampled position errors ``(3, N)``, m, base axes.
+    within
+        What 95 % of them are within, of the error that is drawn at the tip, m, if that is resolved.
+    limit
+        A limit of their size, m, if one was given.
+    is_met
+        Whether it is kept.
+    middle
+        The error that is drawn at the tip, ``(3,)``, m, such as the mean. A limit has its circle about zero error only.
+    """
+
+    errors: Array
+    within: float | None = None
+    limit: float | None = None
+    is_met: bool = True
+    middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture and the facts for its caption.
+
+    Attributes
+    ----------
+    figure
+        The picture.
+    factor
+        By how much errors are drawn too large.
+    points
+        How many of them are drawn.
+    shows_limit
+        Whether the limit has its circle; one far larger than the cloud has not.
+    notes
+        On what of the arm is drawn otherwise.
+    """
+
+    figure: Figure
+    factor: float
+    points: int
+    shows_limit: bool
+    notes: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """The picture's rectangle in the camera's axes, m."""
+
+    low: Array
+    high: Array
+
+    @property
+    def size(self) -> Array:
+        return self.high - self.low
+
+
+def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = ()) -> Picture:
+    """Return the arm at a posture with its cloud of errors about the tip, drawn too large, 100 mm wide.
+
+    Parameters
+    ----------
+    posture
+        The arm, undisplaced.
+    cloud
+        About the tip.
+    package_dirs
+        Folders of packages of meshes.
+    """
+    triangles = Triangles()
+    _, notes = draw_arm(triangles, posture, package_dirs)
+    corners, tip = triangles.corners, posture.pose[:3, 3]
+    camera = _choose_camera(posture, corners)
+    skeleton = camera.project(np.vstack([posture.link_poses[:, :3, 3], tip])) - camera.project(tip)
+    seen = camera.project(corners) - camera.project(tip)
+    arm = _arm_frame(skeleton, seen)
+    drawn = camera.project(cloud.errors[:, :_POINTS].T - np.array(cloud.middle))[:, :2]
+    factor, shows_limit = _choose_factor(cloud, drawn, float(arm.size.max()))
+    frame = _whole_frame(arm, factor * drawn, factor * max(_radii(cloud, shows_limit), default=0.0))
+    size = float(frame.size[0]) / _PIXELS
+    shape = (max(1, round(float(frame.size[1]) / size)), _PIXELS)
+    image = draw_triangles(seen, triangles.colours, frame.low, size, shape)
+    with style():
+        made = new_figure(WIDTH)
+        made.set_layout_engine("none")
+        set_height(made, WIDTH * shape[0] / shape[1])
+        axes = made.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set_axis_off()
+        extent = (frame.low[0], frame.high[0], frame.low[1], frame.high[1])
+        axes.imshow(image, extent=extent, interpolation="none", aspect="auto")
+        _draw_cloud(axes, cloud, drawn, factor, shows_limit)
+        _draw_scale(axes, frame, factor)
+        _draw_base(axes, frame, camera)
+        axes.set_xlim(frame.low[0], frame.high[0])
+        axes.set_ylim(frame.low[1], frame.high[1])
+    return Picture(made, factor, len(drawn), shows_limit, notes)
+
+
+# camera and frame ----------------------------------------------------------------------------
+
+
+def _choose_camera(posture: Posture, corners: Array) -> Camera:
+    """Return the camera that shows the arm widest with the least of it in front of the tip."""
+    points = np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
+    near = _CLOUD / 2 * arm_length(posture)
+    some = corners[:: max(1, len(corners) // 4000), 0] if len(corners) else points
+
+    def rate(camera: Camera) -> float:
+        lengths = np.linalg.norm(np.diff(camera.project(points)[:, :2], axis=0), axis=1).sum() / arm_length(posture)
+        relative = camera.project(some) - camera.project(points[-1])
+        about = np.linalg.norm(relative[:, :2], axis=1) < near
+        hiding = float((about & (relative[:, 2] > near / 4)).mean())
+        return round(float(lengths) - 4 * hiding, 6)
+
+    turns = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS + np.pi / _AZIMUTHS
+    return max((Camera(float(turn), _ELEVATION) for turn in turns), key=rate)
+
+
+def _arm_frame(skeleton: Array, seen: Array) -> _Frame:
+    """Return the rectangle about all that is drawn, or about the chain where the rest of the robot is far larger."""
+    chain = _Frame(skeleton[:, :2].min(axis=0), skeleton[:, :2].max(axis=0))
+    room = max(float(chain.size.max()), 1e-6)
+    if not len(seen):
+        return _Frame(chain.low - 0.1 * room, chain.high + 0.1 * room)
+    whole = _Frame(seen[:, :, :2].min(axis=(0, 1)), seen[:, :, :2].max(axis=(0, 1)))
+    low, high = np.maximum(whole.low, chain.low - 0.4 * room), np.minimum(whole.high, chain.high + 0.4 * room)
+    return _Frame(np.minimum(low, chain.low), np.maximum(high, chain.high))
+
+
+def _choose_factor(cloud: Cloud, drawn: Array, extent: float) -> tuple[float, bool]:
+    """Return the factor for drawing errors, a round number, and whether the limit then fits."""
+    points = np.vstack([drawn, np.zeros((1, 2))])
+    span = float(np.ptp(np.quantile(points, [0.01, 0.99], axis=0), axis=0).max()) if len(drawn) > 1 else 0.0
+    reach = max(span, float(np.linalg.norm(drawn.mean(axis=0))) if len(drawn) else 0.0)
+    if reach <= 1e-15 * extent:
+        return 1.0, False
+    factor = _CLOUD * extent / reach
+    limit = None if any(cloud.middle) else cloud.limit
+    shows_limit = limit is not None
+    if limit is not None and factor * limit > _LIMIT * extent:
+        smaller = _LIMIT * extent / limit
+        shows_limit = smaller * reach >= _SMALLEST * extent
+        factor = smaller if shows_limit else factor
+    return _round(factor), shows_limit
+
+
+def _round(value: float) -> float:
+    """Return the nearest of the round numbers 1, 1.5, 2, … times a power of ten, at least 1."""
+    if value <= 1:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return float(f"{min((power * digit for digit in _FACTORS), key=lambda one: abs(math.log(one / value))):.6g}")
+
+
+def _radii(cloud: Cloud, shows_limit: bool) -> list[float]:
+    limit = cloud.limit if shows_limit else None
+    return [radius for radius in (cloud.within, limit) if radius is not None]
+
+
+def _whole_frame(arm: _Frame, drawn: Array, radius: float) -> _Frame:
+    """Return the rectangle about arm, cloud and circles, with a margin, neither too wide nor too high."""
+    around = np.array([[-radius, -radius], [radius, radius]])
+    points = np.vstack([arm.low, arm.high, drawn, around])
+    low, high = points.min(axis=0), points.max(axis=0)
+    if radius > 0:
+        low[1] = min(low[1], -radius - _LABEL * float((high - low).max()))
+    margin = _MARGIN * float((high - low).max())
+    low, high = low - margin, high + margin
+    low[1] -= margin  # the scale is below
+    size, middle = high - low, (low + high) / 2
+    height = max(size[1], _LOWEST_ASPECT * size[0])
+    width = max(size[0], height / _HIGHEST_ASPECT)
+    half = np.array([width, height]) / 2
+    return _Frame(middle - half, middle + half)
+
+
+# over the arm ---------------------------------------------------------------------------------
+
+
+def _draw_cloud(axes: Axes, cloud: Cloud, drawn: Array, factor: float, shows_limit: bool) -> None:
+    sizes = np.linalg.norm(cloud.errors[:, : len(drawn)], axis=0)
+    outside = sizes > (math.inf if cloud.limit is None else cloud.limit)
+    for chosen, colour in ((~outside, BLUE), (outside, VERMILION)):
+        if chosen.any():
+            axes.plot(*(factor * drawn[chosen]).T, ".", color=colour, markersize=3.0, markeredgewidth=0, alpha=0.8)
+    axes.plot(0, 0, "+", color=BLACK, markersize=7, markeredgewidth=1.0, path_effects=_halo())
+    height = float(np.ptp(axes.get_ylim()))
+    if cloud.within is not None and cloud.within > 0:
+        _draw_circle(axes, factor * cloud.within, BLACK, (0, (4, 1.5)), "95 %", 0.012 * height)
+    if shows_limit and cloud.limit is not None:
+        colour = GREEN if cloud.is_met else VERMILION
+        _draw_circle(axes, factor * cloud.limit, colour, "-", "limit", -0.012 * height)
+
+
+def _draw_circle(axes: Axes, radius: float, colour: str, dashes: object, label: str, above: float) -> None:
+    axes.add_patch(
+        Circle((0, 0), radius, fill=False, edgecolor=colour, linestyle=dashes, linewidth=1.2, path_effects=_halo())
+    )
+    place = radius + above if above > 0 else -radius + above
+    _write(axes, 0, place, label, ha="center", va="bottom" if above > 0 else "top", color=colour)
+
+
+def _draw_scale(axes: Axes, frame: _Frame, factor: float) -> None:
+    """Draw how long an error is in the picture, at the lower right."""
+    target = _BAR * float(frame.size[0]) / factor
+    power = 10.0 ** math.floor(math.log10(target))
+    length = max(digit * power for digit in (1, 2, 5) if digit * power <= target)
+    right = float(frame.high[0] - 0.03 * frame.size[0])
+    low = float(frame.low[1] + 0.03 * frame.size[1])
+    left = right - factor * length
+    axes.plot([left, right], [low, low], color=BLACK, linewidth=2.2, solid_capstyle="butt", path_effects=_halo())
+    text = f"{1e3 * length:g} mm" if length >= 1e-4 else f"{1e6 * length:g} µm"
+    above = low + 0.015 * float(frame.size[1])
+    _write(axes, right, above, f"{text} of error, ×{factor:g}", ha="right", va="bottom", color=BLACK)
+
+
+def _draw_base(axes: Axes, frame: _Frame, camera: Camera) -> None:
+    """Draw the directions of the base's axes, at the lower left."""
+    length = _TRIAD * float(frame.size.max())
+    directions = camera.axes[:2].T
+    corner = frame.low + 0.035 * float(frame.size.max())
+    start = corner + length * np.maximum(0.0, -directions.min(axis=0))
+    # towards the viewer last
+    for k in np.argsort(camera.axes[2]):
+        colour, way = (VERMILION, GREEN, BLUE)[k], directions[k]
+        end = start + length * way
+        axes.plot(*np.stack([start, end]).T, color=colour, linewidth=1.6, path_effects=_halo())
+        x, y = start + 1.22 * length * way
+        _write(axes, x, y, "xyz"[k], ha="center", va="center", color=colour)
+
+
+def _write(axes: Axes, x: float, y: float, text: str, *, ha: str, va: str, color: str) -> None:
+    axes.text(x, y, text, ha=ha, va=va, color=color, fontsize=8, path_effects=_halo())
+
+
+def _halo() -> list[withStroke]:
+    return [withStroke(linewidth=2.4, foreground="white")]

@@ -1,0 +1,182 @@
+"""The page's answer: whether the limits are kept, or how large the errors are, each with its interval."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+
+from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES
+from precision_pin.base.arrays import Array
+from precision_pin.pages.view.scales import middle_of
+from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.notebook import escaped
+from precision_pin.render.tables import symbol, unit
+from precision_pin.statistics import (
+    NO_GROUNDS,
+    Grounds,
+    Specification,
+    SpecificationResult,
+    Verdict,
+    clopper_pearson,
+    quantile_ranks,
+)
+from precision_pin.statistics.digits import format_inside, format_interval, format_share
+from precision_pin.statistics.summary import NO_SPREAD
+
+CONFIDENCE: Final = 0.95
+"""Of every interval on the page."""
+
+LEVELS: Final = (0.5, 0.95, 0.9973)
+"""Quantiles marked on the colour bar."""
+
+_SHOWN_LEVEL: Final = 0.95
+_WORDS: Final[dict[Verdict, str]] = {
+    "met": "Met",
+    "not met": "Not met",
+    "not judged": "Not judged",
+    "undecided": "Undecided",
+    "nothing to judge": "Nothing to judge",
+}
+
+
+@final
+@dataclass(frozen=True)
+class Answer:
+    """The line with the answer, and its basis.
+
+    Attributes
+    ----------
+    text, detail
+        Plain text, not yet escaped.
+    verdict
+        On a limit; empty for a size.
+    """
+
+    text: str
+    detail: str
+    verdict: Verdict | str = ""
+
+
+def answers(
+    errors: Array, specifications: Sequence[Specification], spread: Array, grounds: Grounds = NO_GROUNDS
+) -> tuple[Answer, ...]:
+    """Return the verdict on each limit, how large the position errors are, and a part that is far larger than their spread.
+
+    Parameters
+    ----------
+    errors
+        ``(6, N)``, ``[d; δ]``, m and rad.
+    specifications
+        The limits.
+    spread
+        ``(6,)`` standard deviations of the components to first order.
+    grounds
+        What keeps the limits from being judged, and what is taken as exact.
+    """
+    varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
+    judged = (_judged(one, errors, varies, grounds) for one in specifications)
+    return (*judged, _size(errors), *_constant(errors[:3]))
+
+
+def values_of(quantity: str, errors: Array) -> Array:
+    """Return the values ``(N,)`` of one of the eight quantities."""
+    vector, _, part = quantity.partition(".")
+    three = errors[:3] if vector == "position" else errors[3:]
+    values: Array = np.linalg.norm(three, axis=0) if part == "norm" else three["xyz".index(part)]
+    return values
+
+
+def quantile(values: Array, level: float) -> tuple[float, tuple[float, float]] | None:
+    """Return a quantile of ``(N,)`` values and its distribution-free interval; None where N does not resolve it."""
+    ranks = quantile_ranks(values.size, level, CONFIDENCE)
+    if ranks is None:
+        return None
+    ordered = np.sort(values)
+    return float(np.quantile(ordered, level)), (float(ordered[ranks[0] - 1]), float(ordered[ranks[1] - 1]))
+
+
+def limit_text(specification: Specification) -> str:
+    """Return a limit as the page writes it: ``|d| ≤ 0.5 mm for 99.73 %``."""
+    name = symbol(specification.quantity)
+    written = name if name.startswith("|") else f"|{name}|"
+    limit = f"{1e3 * specification.limit:.6g} {unit(specification.quantity)}"
+    return f"{written} ≤ {limit} for {100 * specification.required:.10g} %"
+
+
+def as_html(found: Sequence[Answer]) -> str:
+    """Return the answer as HTML, as the page's script writes it too."""
+    return "\n".join(
+        f"<p class='answer' data-verdict='{one.verdict}'>{escaped(one.text)}</p>\n<p class='fine'>{escaped(one.detail)}</p>"
+        for one in found
+    )
+
+
+def as_data(found: Sequence[Answer]) -> list[Any]:
+    """Return the answer for the page's script."""
+    return [[one.text, one.detail, one.verdict] for one in found]
+
+
+def _judged(specification: Specification, errors: Array, varies: Array, grounds: Grounds) -> Answer:
+    values = np.abs(values_of(specification.quantity, errors))
+    kept = int(np.count_nonzero(values <= specification.limit))
+    rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
+    part = specification.quantity.partition(".")[2]
+    moving = varies[rows]
+    result = SpecificationResult(
+        quantity=specification.quantity,
+        limit=specification.limit,
+        required=specification.required,
+        probability=kept / values.size,
+        interval=clopper_pearson(kept, values.size, CONFIDENCE),
+        varies=bool(moving.any() if part == "norm" else moving["xyz".index(part)]),
+        grounds=grounds,
+    )
+    text = f"{_WORDS[result.verdict]}{grounds.taken if result.met else ''}: {limit_text(specification)}"
+    if result.verdict == "not judged":
+        return Answer(text, grounds.why, result.verdict)
+    if result.verdict == "nothing to judge":
+        return Answer(text, NOTHING_VARIES, result.verdict)
+    share, low, high = format_share(result.probability, result.interval, result.required)
+    more = "; more samples decide it" if result.verdict == "undecided" else ""
+    return Answer(text, f"{share} % inside, interval {low} to {high} %{more}", result.verdict)
+
+
+def _constant(positions: Array) -> list[Answer]:
+    middle = middle_of(positions)
+    found = quantile(np.linalg.norm(positions - middle[:, None], axis=0), _SHOWN_LEVEL)
+    if found is None or not middle.any():
+        return []
+    value, (low, high) = found
+    within = format_inside(1e3 * value, (1e3 * low, 1e3 * high), most=5)
+    text = f"Mean error {mean_size(positions)} mm, the same for every robot"
+    return [Answer(text, f"95 % of robots within {within} mm of it")]
+
+
+def mean_size(positions: Array) -> str:
+    """Return the size of the mean of position errors ``(3, N)``, mm, with the digits that N samples support."""
+    size = 1e3 * float(np.linalg.norm(positions.mean(axis=1)))
+    half = 2e3 * float(np.sqrt(positions.var(axis=1).sum() / positions.shape[1]))
+    return format_inside(size, (size - half, size + half), most=3)
+
+
+def _size(errors: Array) -> Answer:
+    sizes = np.linalg.norm(errors[:3], axis=0)
+    count = sizes.size
+    robots = f"{count:,} robots" if count > 1 else "1 robot"
+    axis_unit = WrittenUnit.of_axis("position", float(sizes.max()))
+    name, per_metre = axis_unit.name, axis_unit.per_si
+    found = quantile(sizes, _SHOWN_LEVEL)
+    if float(np.ptp(sizes)) <= NO_SPREAD:
+        return Answer(f"Every robot within {per_metre * float(sizes.max()):.4g} {name}", f"{robots}, all alike")
+    if found is None:
+        return Answer(f"{count:,} robots are too few for the 95 % quantile", "add samples")
+    value, ends = found
+    interval = per_metre * ends[0], per_metre * ends[1]
+    low, high = format_interval(*ends, per_metre)
+    return Answer(
+        f"95 % of robots within {format_inside(per_metre * value, interval, most=5)} {name}",
+        f"interval {low} to {high} {name} at {100 * CONFIDENCE:g} % confidence; {robots}",
+    )

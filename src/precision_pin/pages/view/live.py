@@ -1,0 +1,300 @@
+"""A page that follows its files: served on this machine alone, rebuilt and reloaded when one of them changes.
+
+The browser shows an outer document whose one frame holds the page, so the page keeps its own strict policy and needs
+no script for this. The outer document asks twice a second for the page's version, a digest, and loads the frame again
+when it differs, with the sliders and the view as the reader left them.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib.resources
+import os
+import socket
+import socketserver
+import sys
+import threading
+import time
+import webbrowser
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler
+from pathlib import Path
+from stat import S_ISREG
+from string import Template
+from typing import Any, Final, final
+
+from precision_pin.base.errors import InputError, OutputError
+from precision_pin.render.notebook import escaped
+
+_HOST: Final = "127.0.0.1"
+_PORTS: Final = range(1024, 65536)
+_ALLOWED_PORTS: Final = f"give 0 for any free port, or one of {_PORTS[0]} to {_PORTS[-1]}"
+# s: between looks for Ctrl-C, between looks at the files, and until a silent connection is closed
+_TICK: Final = 0.1
+_LOOK: Final = 0.25
+_SILENCE: Final = 10.0
+# a file system may give two writes within this time the same stamp, ns
+_STAMP: Final = 2_000_000_000
+# these take the terminal and cannot draw the scene
+_TEXT_BROWSERS: Final = ("www-browser", "links", "elinks", "lynx", "w3m")
+
+
+def serve(
+    make_page: Callable[[], str],
+    watched: Sequence[Path] = (),
+    *,
+    port: int = 0,
+    open_browser: bool = True,
+    announce: Callable[[str], None],
+    tick: Callable[[], None] = lambda: None,
+) -> None:
+    """Serve a page on 127.0.0.1 until Ctrl-C, and rebuild it whenever a watched file changes.
+
+    Only this machine can reach the page, but every user of it can. While the files are wrong, the browser shows what
+    is wrong with them, and the page again once they are right.
+
+    Parameters
+    ----------
+    make_page
+        Returns the page, HTML. It is called in this thread, the first time before anything is served.
+    watched
+        Files whose contents matter; one that is replaced, removed or not yet there is followed too.
+    port
+        0 for any free one, or 1024 to 65535.
+    open_browser
+        Open the reader's browser, if there is one that can show the page.
+    announce
+        Takes the lines for the reader: the address, what has changed, what is wrong.
+    tick
+        Called several times a second; it may raise KeyboardInterrupt, which ends the serving as Ctrl-C does.
+
+    Raises
+    ------
+    InputError
+        ``make_page`` fails the first time, or there is no such port.
+    OutputError
+        The port is in use or not allowed.
+    """
+    if isinstance(port, bool) or not isinstance(port, int) or not (port == 0 or port in _PORTS):
+        raise InputError(f"there is no port {port!r} to serve on; {_ALLOWED_PORTS}")
+    watch = _Watch(watched)
+    with _bound(port) as server:
+        server.content = _Content.of(make_page())
+
+        def step() -> None:
+            tick()
+            if watch.changed():
+                server.content = _made_anew(make_page, watched, announce)
+
+        server.step = step
+        with suppress(KeyboardInterrupt):
+            announce(server.address)
+            if open_browser:
+                # some browsers return only when they are closed
+                threading.Thread(target=_open, args=(server.address,), daemon=True).start()
+            server.serve_forever(poll_interval=_TICK)
+
+
+@final
+@dataclass(frozen=True)
+class _Content:
+    """The page in the frame, and its digest."""
+
+    body: bytes
+    version: str
+
+    @classmethod
+    def of(cls, text: str) -> _Content:
+        body = text.encode("utf-8")
+        return cls(body, hashlib.sha256(body).hexdigest())
+
+
+def _made_anew(make_page: Callable[[], str], watched: Sequence[Path], announce: Callable[[str], None]) -> _Content:
+    """Return the page, or one with the error message."""
+    try:
+        content = _Content.of(make_page())
+    except InputError as error:
+        announce(str(error))
+        return _Content.of(
+            _PROBLEM.substitute(
+                findings="".join(f"<li>{escaped(str(finding))}</li>" for finding in error.findings),
+                watched=", ".join(f"<code>{escaped(str(path))}</code>" for path in watched),
+            )
+        )
+    announce("the files have changed; the page was rebuilt")
+    return content
+
+
+def _open(address: str) -> None:
+    with suppress(webbrowser.Error, OSError):
+        browser = webbrowser.get()
+        if os.path.basename(getattr(browser, "name", "")) not in _TEXT_BROWSERS:
+            browser.open(address)
+
+
+@final
+class _Watch:
+    """Files, and their contents when the page was last made."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = tuple(paths)
+        self._read: dict[Path, tuple[tuple[int, ...], bytes]] = {}
+        self._made_from = self._latest = self._look()
+        self._next = 0.0
+
+    def changed(self) -> bool:
+        """Return whether the page should be rebuilt; looks at the files four times a second at most."""
+        if time.monotonic() < self._next:
+            return False
+        self._next = time.monotonic() + _LOOK
+        before, self._latest = self._latest, self._look()
+        # twice the same: nobody is in the middle of writing
+        if self._latest != before or self._latest == self._made_from:
+            return False
+        self._made_from = self._latest
+        return True
+
+    def _look(self) -> tuple[bytes | None, ...]:
+        return tuple(self._digest(path) for path in self._paths)
+
+    def _digest(self, path: Path) -> bytes | None:
+        """Return the digest of a file's content, None if it cannot be read; large files are not read in vain."""
+        try:
+            now = path.stat()
+            if not S_ISREG(now.st_mode):
+                return None
+            stamp = (now.st_ino, now.st_size, now.st_mtime_ns, now.st_ctime_ns)
+            known = self._read.get(path)
+            if known is not None and known[0] == stamp:
+                return known[1]
+            recent = abs(time.time_ns() - max(now.st_mtime_ns, now.st_ctime_ns)) < _STAMP
+            with path.open("rb") as stream:
+                digest = hashlib.file_digest(stream, "sha256").digest()
+        except OSError:
+            return None
+        if not recent:
+            self._read[path] = stamp, digest
+        return digest
+
+
+def _bound(port: int) -> _Server:
+    try:
+        return _Server(port)
+    except OSError as problem:
+        raise OutputError(f"cannot serve on port {port}: {problem.strerror or problem}; {_ALLOWED_PORTS}") from None
+
+
+@final
+class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
+    """One thread a connection; all of them end with the server."""
+
+    allow_reuse_address = True  # of a server that has just ended
+    request_queue_size = 64  # a page being made keeps requests waiting
+
+    def __init__(self, port: int) -> None:
+        self.content = _Content.of("")
+        self.step: Callable[[], None] = lambda: None
+        self._connections: set[Any] = set()
+        super().__init__((_HOST, port), _Handler)
+        self.port: int = self.socket.getsockname()[1]
+        self.address = f"http://{_HOST}:{self.port}/"
+
+    def service_actions(self) -> None:
+        self.step()
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        self._connections.add(request)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        self._connections.discard(request)
+        super().shutdown_request(request)
+
+    def server_close(self) -> None:
+        # browsers keep idle connections open, whose threads would be waited for
+        for connection in tuple(self._connections):
+            with suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+        super().server_close()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Log nothing about readers who left."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
+
+
+@final
+class _Handler(BaseHTTPRequestHandler):
+    """Answers for the outer document, the page and its version; refuses all else."""
+
+    server: _Server
+    timeout = _SILENCE
+    server_version = "precision-pin"
+    sys_version = ""
+    error_message_format = "%(code)d %(message)s\n"
+    error_content_type = "text/plain; charset=utf-8"
+
+    def do_GET(self) -> None:
+        self._answer(with_body=True)
+
+    def do_HEAD(self) -> None:
+        self._answer(with_body=False)
+
+    def _answer(self, *, with_body: bool) -> None:
+        # a foreign name that was made to mean this machine (DNS rebinding) shows in Host
+        hosts = [host.lower() for host in self.headers.get_all("Host", [])]
+        if hosts not in ([f"{_HOST}:{self.server.port}"], [f"localhost:{self.server.port}"]):
+            self.send_error(HTTPStatus.FORBIDDEN, f"open {self.server.address}")
+            return
+        content = self.server.content
+        match self.path.partition("?")[0]:
+            case "/":
+                self._send(_OUTER.encode("utf-8"), "text/html", _OUTER_POLICY, with_body=with_body)
+            case "/page":
+                self._send(content.body, "text/html", "frame-ancestors 'self'", with_body=with_body)
+            case "/version":
+                self._send(content.version.encode("ascii"), "text/plain", "frame-ancestors 'none'", with_body=with_body)
+            case _:
+                self.send_error(HTTPStatus.NOT_FOUND)
+
+    def _send(self, body: bytes, kind: str, policy: str, *, with_body: bool) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Content-Security-Policy", policy)
+        self.end_headers()
+        if with_body:
+            self.wfile.write(body)
+
+    def end_headers(self) -> None:
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        super().end_headers()
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Log nothing about requests."""
+
+
+def _asset(name: str) -> str:
+    return importlib.resources.files(__package__).joinpath("assets", name).read_text("utf-8")
+
+
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
+
+
+_STYLE: Final = _asset("live.css")
+_SCRIPT: Final = _asset("live.js")
+_OUTER: Final = Template(_asset("live.html")).substitute(style=_STYLE, script=_SCRIPT)
+_OUTER_POLICY: Final = (
+    f"default-src 'none'; script-src {_hash(_SCRIPT)}; style-src {_hash(_STYLE)}; img-src data:; connect-src 'self'; "
+    "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+_PROBLEM: Final = Template(_asset("problem.html"))

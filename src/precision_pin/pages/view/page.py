@@ -1,0 +1,392 @@
+"""The page: the scene, the controls beside it, and its caption, in one HTML text."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib.resources
+import json
+import os
+import string
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError, InternalError
+from precision_pin.pages.view.arm import draw_arm
+from precision_pin.pages.view.headline import CONFIDENCE, LEVELS, as_html, limit_text, mean_size
+from precision_pin.pages.view.picture import picture
+from precision_pin.pages.view.poses import (
+    MOST_FRAMES,
+    PageData,
+    PoseData,
+    ViewPose,
+    columns,
+    limits_attitude,
+    mcpc_frames,
+)
+from precision_pin.pages.view.scales import (
+    DEFAULT_POINTS,
+    FAR,
+    MOST_POINTS,
+    MOST_POSES,
+    arm_length,
+    check_factor,
+    default_factor,
+    middle_of,
+    view_direction,
+)
+from precision_pin.pages.view.tolerances import choose_groups, share_rows, shown_names
+from precision_pin.render.colour_scale import ColourScale, round_number
+from precision_pin.render.layers import Layer
+from precision_pin.render.notebook import escaped
+from precision_pin.render.scene import Colour, Scene, viewer_script
+from precision_pin.robot.chain import Posture
+from precision_pin.statistics import Specification
+from precision_pin.statistics.quantities import QUANTITIES
+
+_GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
+_SCRIPTS: Final = (
+    "stage",
+    "cloud",
+    "path",
+    "compensation",
+    "calibration",
+    "frames",
+    "arms",
+    "tolerances",
+    "headline",
+    "camera",
+    "pointer",
+    "controls",
+)
+# shares of the arm's length
+_FRAME_LENGTH: Final = 0.06
+_GRID_SPACING: Final = 0.125
+_GRID_HALF: Final = 8
+
+
+def page(
+    shown: Sequence[ViewPose],
+    *,
+    title: str,
+    seed: int,
+    model_name: str,
+    factor: float | None = None,
+    caption: Iterable[tuple[str, str]] = (),
+    points: int = DEFAULT_POINTS,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+    specifications: Sequence[Specification] = (),
+    remarks: Sequence[str] = (),
+    layers: Sequence[Layer] = (),
+) -> str:
+    """Return a self-contained HTML page that shows the arm and its sampled errors.
+
+    The arm is drawn undisplaced; end-effector positions of the samples are drawn at the nominal tip plus a factor times
+    their error, or times their error less the mean, which the page begins with where at some pose the mean is far larger
+    than the spread (:func:`.scales.middle_of`). They are coloured by the true size of the error, with the ellipsoids of
+    :mod:`.ellipsoids`. A slider in the page changes the factor of everything that shows errors: a few sampled end-effector
+    frames are moved and turned by it, ``Exp(factor·δ)·R``, by 90° at most; arms as built, and the arm with every draw at
+    its mean, are the chain multiplied out with every displacement ``[d; δ]`` times the factor. The arms as built are units
+    0 to 2 of ``seed``. The largest contributors have a slider each, which widens or narrows a tolerance; the samples, their
+    ellipsoids and the verdict follow to first order. Arms as built and these sliders are left out where the errors are not
+    those of that seed.
+    Several poses get a slider of their own. The same input gives the same text.
+
+    Parameters
+    ----------
+    shown
+        The poses, all of one chain, and their errors.
+    title
+        Heading.
+    seed, model_name
+        Where the errors come from.
+    factor
+        Exaggeration at first; chosen so that the cloud spans about a quarter of the picture's width if left out.
+    caption
+        Further rows of the caption, ``(name, text)``.
+    points
+        How many samples to draw at most at each pose: the first ones. All poses together draw 100,000 at most.
+    package_dirs
+        Folders of packages for ``package://`` mesh names, beside those found around the URDF.
+    specifications
+        Limits. The page says at its top whether they are kept; those of the position are drawn about the nominal tip, times
+        the factor, and robots outside any limit have a colour of their own.
+    remarks
+        What the answer rests on, for a line each below it.
+    layers
+        What is shown beside the arm and its errors, such as a map or a path of the same chain.
+
+    Raises
+    ------
+    InputError
+        No poses or more than 200, or of several chains; errors of another shape, none, or not finite; a factor that is
+        not from 10⁻⁹ to 10¹²; a wrong seed; more than 100,000 points.
+    """
+    if factor is not None:
+        check_factor(factor)
+    poses = _checked(shown)
+    if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 1 <= points <= MOST_POINTS:
+        raise InputError(f"the cloud can show 1 to {MOST_POINTS:,} points, got {points!r}")
+    posture = poses[0].pose_model.posture
+    length = arm_length(posture)
+    postures = [one.pose_model.posture for one in poses]
+    direction = view_direction(posture, poses[0].errors[:3])
+    about_mean = any(middle_of(one.errors[:3]).any() for one in poses)
+
+    def choose_factor(is_about_mean: bool) -> float:
+        means = [one.errors[:3].mean(axis=1, keepdims=True) * is_about_mean for one in poses]
+        return min(
+            default_factor(one.errors[:3] - mean, one.pose_model.posture, postures, direction)
+            for one, mean in zip(poses, means, strict=True)
+        )
+
+    factors = [choose_factor(False), choose_factor(True)] if factor is None else [float(factor)] * 2
+    first_factor = factors[about_mean]
+    scale = ColourScale.of(np.concatenate([np.linalg.norm(one.errors[:3], axis=0) for one in poses]))
+    spacing = round_number(_GRID_SPACING * length)
+
+    scene = Scene()
+    parts, notes = draw_arm(scene, posture, [Path(folder) for folder in package_dirs])
+    _draw_grid(scene, spacing)
+    for layer in layers:
+        layer.draw(scene, length)
+    common = PageData(
+        seed=seed,
+        parts=parts,
+        points=min(points, MOST_POINTS // len(poses)),
+        count=len(poses),
+        groups=choose_groups(
+            [one.pose_model for one in poses], poses[0].words, attitude=limits_attitude(specifications)
+        ),
+        specifications=specifications,
+    )
+    data = [PoseData(one, common, number) for number, one in enumerate(poses, start=1)]
+    frames = mcpc_frames(posture)
+    pose_settings = [one.settings for one in data]
+    settings = {
+        "factor": first_factor,
+        "factors": factors,
+        "aboutMean": about_mean,
+        "far": FAR,
+        "smallest": min(1.0, *factors),
+        "largest": 10 * max(1.0, *factors),
+        "length": length,
+        "layers": {layer.name: layer.settings(length) for layer in layers},
+        "frame": _FRAME_LENGTH * length,
+        "from": direction.tolist(),
+        "stops": scale.stops,
+        "darkStops": scale.dark_stops,
+        "colours": [scale.smallest, scale.largest],
+        "seed": seed,
+        "levels": LEVELS,
+        "confidence": CONFIDENCE,
+        "limits": [_limit(one) for one in specifications],
+        "tolerances": shown_names(common.groups.names),
+        "joints": shown_names(posture.chain.joint_names),
+        "parts": [{"name": part.name, "link": part.link, "frame": columns(part.frame)} for part in parts],
+        "mcpc": frames,
+        "deviations": share_rows(pose_settings),
+        "poses": pose_settings,
+    }
+    texts = data[0].texts
+    first_mean = poses[0].errors[:3].mean(axis=1)
+    label = escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it")
+    return _assembled(
+        scene.commands,
+        settings,
+        title=escaped(title),
+        headline=as_html(data[0].answers),
+        remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
+        label=label,
+        picture=picture(
+            posture, poses[0].errors[:3] - about_mean * first_mean[:, None], first_factor, direction, label
+        ),
+        still_about=" about their mean" if about_mean else "",
+        zero_chosen="" if about_mean else " selected",
+        mean_chosen=" selected" if about_mean else "",
+        still_pose=escaped(f", pose {texts['pose-text']}") if len(poses) > 1 else "",
+        factor_text=f"{first_factor:,g}",
+        example=escaped(f"{first_factor:,g} mm long"),
+        pose_text=escaped(texts["pose-text"]),
+        stops=", ".join(scale.stops),
+        unit=scale.unit.name,
+        ticks="".join(f"<span>{escaped(tick)}</span>" for tick in scale.ticks),
+        drawn=_element("drawn", texts),
+        inside_inner=_element("inside-inner", texts),
+        inside_outer=_element("inside-outer", texts),
+        frames=str(min(MOST_FRAMES, *(one.errors.shape[1] for one in poses))),
+        last_mcpc=str(len(frames) - 1),
+        grid=escaped(f"{spacing:g} m" if spacing >= 1 else f"{1e3 * spacing:g} mm"),
+        rows=_rows(posture, texts, seed, model_name, first_factor, _about(poses[0].errors[:3], about_mean), caption),
+        notes=_list(notes),
+        layers="\n".join(layer.legend() for layer in layers),
+        **_legend_of_arms(data),
+        **_legend_of_limits(specifications, data),
+    )
+
+
+def script_hashes() -> tuple[str, ...]:
+    """Return the sources ``'sha256-…'`` that a content security policy needs to let every script of a page run.
+
+    A frame with ``srcdoc`` inherits the policy of the page around it, which has to allow them too.
+    """
+    return tuple(f"'sha256-{_sha256(code)}'" for code in _scripts())
+
+
+def _checked(shown: Sequence[ViewPose]) -> list[ViewPose]:
+    """Return the poses with errors that are arrays of numbers, all with equally many sampled frames."""
+    if not 1 <= len(shown) <= MOST_POSES:
+        raise InputError(f"a page shows 1 to {MOST_POSES} poses, got {len(shown)}")
+    poses = []
+    for one in shown:
+        if one.pose_model.posture.chain is not shown[0].pose_model.posture.chain:
+            raise InputError("all poses of a page must be of one chain")
+        values = np.asarray(one.errors, dtype=float)
+        if values.ndim != 2 or values.shape[0] != 6 or values.shape[1] < 1:
+            raise InputError(f"errors have shape {values.shape}, expected (6, N) with N of 1 or more")
+        if not np.isfinite(values).all():
+            raise InputError("errors must be finite numbers")
+        poses.append(replace(one, errors=values))
+    if len({one.errors.shape for one in poses}) > 1:
+        raise InputError("all poses of a page must have equally many samples")
+    return poses
+
+
+def _draw_grid(scene: Scene, spacing: float) -> None:
+    reach = _GRID_HALF * spacing
+    ends = []
+    for step in range(-_GRID_HALF, _GRID_HALF + 1):
+        at = step * spacing
+        ends += [(at, -reach, 0.0), (at, reach, 0.0), (-reach, at, 0.0), (reach, at, 0.0)]
+    scene.segments(("grid",), np.array(ends).T, _GRID)
+
+
+def _legend_of_arms(data: Sequence[PoseData]) -> dict[str, str]:
+    """Return the legend's words for the arms with errors, and the attribute that disables boxes without content."""
+    deflected = any(np.any(one.deflected) for one in data)
+    missing = " disabled"
+    return {
+        "deflected": "arm with every draw at its mean: deflected by its mean loads"
+        if deflected
+        else "arm with every draw at its mean: the same as without error",
+        "no_deflected": "" if deflected else missing,
+        "no_ellipsoids": "" if any(one.ellipsoids for one in data) else missing,
+    }
+
+
+def _legend_of_limits(specifications: Sequence[Specification], data: Sequence[PoseData]) -> dict[str, str]:
+    """Return the lines of the limit and of the arms as built; with a limit to draw, it is among the first four."""
+    ghosts = all(one.ghosts for one in data)
+    words = (
+        f"arms of {len(data[0].ghosts)} sampled robots, as built"
+        if ghosts
+        else "arms as built: none, the errors are not those of this seed"
+    )
+    built = _line("ghosts", "arm ghost", escaped(words), "" if ghosts else " disabled")
+    drawn = [one for one in specifications if one.quantity.startswith("position")]
+    text = escaped("; ".join(map(limit_text, drawn)) or "none on the position; --spec states one")
+    limit = _line("limit", "ball limit", f"limit: {text}", " checked" if drawn else " disabled")
+    varies = any(one.groups_vary for one in data)
+    first, second = (limit, built) if drawn else (built, limit)
+    return {"fourth": first, "under_more": second, "no_shares": "" if varies else " disabled"}
+
+
+def _line(name: str, mark: str, text: str, state: str) -> str:
+    """Return a line of the legend with its box."""
+    return f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i><span>{text}</span></label></li>'
+
+
+def _limit(specification: Specification) -> dict[str, object]:
+    """Return a limit for the page's script; ``row`` counts the eight quantities."""
+    return {
+        "row": QUANTITIES.index(specification.quantity),
+        "limit": specification.limit,
+        "required": specification.required,
+        "text": limit_text(specification),
+    }
+
+
+def _rows(
+    posture: Posture,
+    texts: dict[str, str],
+    seed: int,
+    model_name: str,
+    factor: float,
+    about: str,
+    caption: Iterable[tuple[str, str]],
+) -> str:
+    chain = posture.chain
+    rows = [
+        ("robot", escaped(chain.robot.name)),
+        ("from – to", escaped(f"{chain.base} – {chain.tip_label}")),
+        ("pose", _element("caption-pose", texts)),
+        ("joints", _element("caption-joints", texts)),
+        ("samples", _element("caption-samples", texts)),
+        ("seed", escaped(str(seed))),
+        ("model", escaped(model_name)),
+        ("factor", f"<span id='caption-factor'>{factor:,g}</span>"),
+        ("drawn", f"<span id='caption-about'>{escaped(about)}</span>"),
+        *((name, escaped(text)) for name, text in caption),
+    ]
+    return "\n".join(f"<tr><th scope='row'>{escaped(name)}</th><td>{text}</td></tr>" for name, text in rows)
+
+
+def _about(positions: Array, is_about_mean: bool) -> str:
+    """Return from where errors are drawn, as the page's script writes it too."""
+    return f"from the mean error, which is {mean_size(positions)} mm" if is_about_mean else "from zero error"
+
+
+def _element(name: str, texts: dict[str, str]) -> str:
+    """Return an element whose text changes with the pose."""
+    return f"<span id='{name}'>{escaped(texts[name])}</span>"
+
+
+def _list(notes: Sequence[str]) -> str:
+    if not notes:
+        return ""
+    return "<h2>Notes</h2>\n<ul class='notes'>" + "".join(f"<li>{escaped(note)}</li>" for note in notes) + "</ul>"
+
+
+def _assembled(commands: Sequence[bytes], settings: dict[str, object], **fields: str) -> str:
+    viewer, script = _scripts()
+    policy = (
+        f"default-src 'none'; script-src {' '.join(script_hashes())}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    return string.Template(_asset("page.html")).substitute(
+        fields,
+        policy=policy,
+        style=_asset("page.css"),
+        settings=_data(settings),
+        scene=_data([base64.b64encode(command).decode("ascii") for command in commands]),
+        viewer=viewer,
+        script=script,
+    )
+
+
+def _asset(name: str) -> str:
+    return importlib.resources.files(__package__).joinpath("assets", name).read_text("utf-8")
+
+
+def _scripts() -> tuple[str, str]:
+    """Return the page's two scripts, MeshCat's viewer and our own, escaped for script elements."""
+    own = "".join(_asset(f"{name}.js") for name in _SCRIPTS)
+    scripts = viewer_script(), f'"use strict";\n(function () {{\n{own}}})();'
+    for code in scripts:
+        if "</script" in code.lower() or "<!--" in code:
+            raise InternalError("a script would end its HTML element early")
+    return scripts
+
+
+def _data(value: object) -> str:
+    """Return JSON escaped for a script element."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def _sha256(code: str) -> str:
+    return base64.b64encode(hashlib.sha256(code.encode("utf-8")).digest()).decode("ascii")

@@ -1,0 +1,220 @@
+"""Data for changing tolerances in the page: the effect of each on each sampled robot, to first order.
+
+The deviation of a draw from its mean moves the tip by J times the deviation. A tolerance k times as wide moves it k times
+as far, whatever its law. So a sample of the changed sheet is
+
+    e = e₀ + Σ k_g J_g (x_g − mean_g) + s r,
+
+r what the first order leaves of the sample, s the variance now as a share of the sheet's: what is left is of second order.
+With every k at 1 it is the sample itself.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+
+from precision_pin.base.arrays import Array
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import Space
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.render.notebook import escaped
+from precision_pin.terms.term import JointValue, Target
+
+MOST_TOLERANCES: Final = 12
+"""Number of tolerances with their own slider; all others share one."""
+
+MOST_NUMBERS: Final = 600_000
+"""The most deviations of a page, two bytes each."""
+
+_SMALLEST_SHARE: Final = 1e-9
+_STEPS: Final = 32_767
+_DIMENSION: Final = 6
+
+Reference = tuple[Array, Array]
+"""The first-order model at a pose: error with every draw at its mean ``(6,)``, Jacobian ``(6, d)``."""
+
+
+@final
+@dataclass(frozen=True)
+class Groups:
+    """Draws that are scaled together, by number: the largest contributors one by one, the others as one group.
+
+    Attributes
+    ----------
+    names
+        For the reader.
+    draws
+        Numbers of the draws of each group.
+    """
+
+    names: tuple[str, ...]
+    draws: tuple[tuple[int, ...], ...]
+
+
+def tangent_of(at: PoseModel, model: str) -> Reference:
+    """Return the first-order model of ``exact`` or ``linear`` errors."""
+    if model == "exact":
+        return at.tangent
+    mean = at.space.mean
+    jacobian = np.zeros((6, at.space.size))
+    for sensitivity, local in zip(at.table.sensitivities, at.table.displacement_slopes(mean), strict=True):
+        jacobian[:, local.columns] += sensitivity @ local.slopes
+    return at.linear(mean[:, None])[:, 0], jacobian
+
+
+def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *, attitude: bool = False) -> Groups:
+    """Return the tolerances of a page: those that contribute most to the spread at one of its poses come first.
+
+    Parameters
+    ----------
+    pose_models
+        The poses.
+    words
+        What each draw is; their names if left out.
+    attitude
+        Whether the spread of the attitude counts too; what moves it alone is left out otherwise.
+    """
+    space = pose_models[0].space
+    share = np.zeros(len(space.draws))
+    for at in pose_models:
+        own = np.array(
+            [
+                np.einsum("ij,jk,ik->i", at.jacobian[:, columns], draw.covariance, at.jacobian[:, columns])
+                for draw, columns in zip(space.draws, space.slices, strict=True)
+            ]
+        ).reshape(-1, 6)
+        for rows in (slice(0, 3), slice(3, 6))[: 1 + attitude]:
+            part = own[:, rows].sum(axis=1)
+            share = np.maximum(share, part / (part.sum() or 1.0))
+    ranked = [int(k) for k in np.argsort(-share, kind="stable") if share[k] > _SMALLEST_SHARE]
+    alone = ranked if len(ranked) <= MOST_TOLERANCES + 1 else ranked[:MOST_TOLERANCES]
+    rest = ranked[len(alone) :]
+    known = [
+        ", ".join(filter(None, pair)) for pair in zip(words, (draw.tolerance for draw in space.draws), strict=False)
+    ]
+    known = known or [draw.name for draw in space.draws]
+    names = [known[k] for k in alone] + ([f"{len(rest)} smaller ones together"] if rest else [])
+    return Groups(tuple(names), (*((k,) for k in alone), *((tuple(rest),) if rest else ())))
+
+
+def samples_that_fit(space: Space, groups: Groups, poses: int) -> int:
+    """Return how many samples fit the size limit: draws made once for each robot are the same at all poses."""
+    once, each = 0, 0
+    for draws in groups.draws:
+        numbers = sum(space.draws[k].law.size for k in draws)
+        if numbers <= _DIMENSION and all(space.draws[k].scope is Scope.UNIT for k in draws):
+            once += numbers
+        else:
+            each += min(_DIMENSION, numbers)
+    return max(1, MOST_NUMBERS // max(1, once + poses * each))
+
+
+def share_rows(poses: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the rows of deviations of all poses, each once, and leave their numbers at the poses' settings."""
+    rows: dict[str, int] = {}
+    for live in (pose["live"] for pose in poses if pose["live"] is not None):
+        live["deviations"] = [rows.setdefault(row, len(rows)) for row in live["deviations"]]
+    return list(rows)
+
+
+@final
+class LivePose:
+    """The first-order model of the samples at one pose.
+
+    Parameters
+    ----------
+    at
+        The pose's model.
+    groups
+        The page's tolerances.
+    x
+        Component values ``(d, M)`` of the samples that follow the sliders.
+    reference
+        The first-order model of their errors.
+    length
+        The arm's, m: what an attitude error is worth beside a position error.
+    """
+
+    def __init__(self, at: PoseModel, groups: Groups, x: Array, reference: Reference, length: float) -> None:
+        self._centre, jacobian = reference
+        self._columns = [
+            [column for k in draws for column in range(at.space.slices[k].start, at.space.slices[k].stop)]
+            for draws in groups.draws
+        ]
+        weights = np.repeat([1.0, length], 3)
+        parts = [
+            self._rows(jacobian[:, columns], x[columns] - at.space.mean[columns, None], weights)
+            for columns in self._columns
+        ]
+        self._slopes = np.concatenate([slopes.T for slopes, _ in parts])
+        self._numbers = np.concatenate([numbers for _, numbers in parts])
+        self._group = [number for number, (slopes, _) in enumerate(parts) for _ in range(slopes.shape[1])]
+        self._variances = self._covariance(at, jacobian)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """As the page's script reads it: each row of deviations as whole steps of two bytes."""
+        largest = np.abs(self._numbers).max(axis=1)
+        steps = np.rint(_STEPS * self._numbers / np.where(largest > 0, largest, 1.0)[:, None]).astype("<i2")
+        return {
+            "count": self._numbers.shape[1],
+            "centre": self._centre.tolist(),
+            "deviations": [base64.b64encode(row.tobytes()).decode("ascii") for row in steps],
+            # of one step
+            "slopes": _rounded(self._slopes * (largest / _STEPS)[:, None]),
+            "group": self._group,
+            "variances": _rounded(self._variances),
+        }
+
+    @staticmethod
+    def _rows(jacobian: Array, deviations: Array, weights: Array) -> tuple[Array, Array]:
+        """Return a group's slopes ``(6, r)`` and numbers ``(r, M)``, r at most 6; their product is the group's error."""
+        if len(deviations) <= _DIMENSION:
+            return jacobian, deviations
+        # many numbers span six directions at the most
+        directions, sizes, _ = np.linalg.svd(weights[:, None] * (jacobian @ deviations), full_matrices=False)
+        kept = directions[:, sizes > 1e-12 * sizes.max()] if sizes.max() > 0 else directions[:, :1]
+        return kept / weights[:, None], kept.T @ (weights[:, None] * (jacobian @ deviations))
+
+    def _covariance(self, at: PoseModel, jacobian: Array) -> Array:
+        """Return the groups' parts of the variance of the position, ``(G, G)``, m²: their sum is the whole."""
+        rows = []
+        for columns in self._columns:
+            alone = np.zeros((3, at.space.size))
+            alone[:, columns] = jacobian[:3, columns]
+            with_all = at.space.block_covariance.times(alone.T)
+            rows.append([float(np.einsum("ij,ji->", jacobian[:3, other], with_all[other])) for other in self._columns])
+        return np.array(rows)
+
+
+def _rounded(numbers: Array) -> list[list[float]]:
+    return [[float(f"{number:.9g}") for number in row] for row in numbers.tolist()]
+
+
+def link_shares(at: PoseModel) -> list[float]:
+    """Return each chain link's share of the variance of the position, first order; the joint before it is part of it."""
+    with_error = at.space.block_covariance.times(at.jacobian[:3].T)
+    shares = np.zeros(len(at.posture.link_poses))
+    for target, part in zip(at.table.targets, at.jacobian_parts, strict=True):
+        shares[_link(target)] += np.einsum("ij,ji->", part.slopes[:3], with_error[part.columns])
+    total = shares.sum()
+    result: list[float] = (shares / total if total > 0 else shares).tolist()
+    return result
+
+
+def _link(target: Target) -> int:
+    """Return the link that shows a target's share: for a joint, the link that it moves."""
+    if isinstance(target, JointValue):
+        return target.joint + 1
+    return target.link if target.joint is None else target.joint + 1
+
+
+def shown_names(names: Sequence[str]) -> list[str]:
+    """Return printable names; the page's script inserts them as text."""
+    return [html.unescape(escaped(name)) for name in names]

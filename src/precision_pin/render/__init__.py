@@ -1,0 +1,1 @@
+"""What every output is made with: tables, notebook views, HTML, figures, scenes."""

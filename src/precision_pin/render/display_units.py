@@ -1,0 +1,91 @@
+"""Units in which numbers of a quantity read well."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final, final
+
+from precision_pin.base import units
+from precision_pin.base.units import Quantity
+
+_UNKNOWN: Final = "SI"
+# units from large to small, each with how many of it make one of SI, and the least number that is written in it
+_LADDERS: Final = {
+    units.LENGTH: (("mm", 1e3, 1e-2), ("µm", 1e6, 1e-2), ("nm", 1e9, 0.0)),
+    units.ANGLE: (("mrad", 1e3, 0.1), ("µrad", 1e6, 1e-2), ("nrad", 1e9, 0.0)),
+    units.ANGULAR_COMPLIANCE: (("rad/(N·m)", 1.0, 0.1), ("mrad/(N·m)", 1e3, 0.1), ("µrad/(N·m)", 1e6, 0.0)),
+    units.LINEAR_COMPLIANCE: (("mm/N", 1e3, 0.1), ("µm/N", 1e6, 0.0)),
+    units.THERMAL_EXPANSION: (("ppm/K", 1e6, 0.0),),
+    units.RELATIVE_LENGTH: (("mm/m", 1e3, 1e-2), ("µm/m", 1e6, 0.0)),
+    units.PRESSURE: (("GPa", 1e-9, 0.1), ("MPa", 1e-6, 0.0)),
+}
+
+# of figures and scales: from the largest down, each a thousandth
+_OF_AXES: Final = {
+    "position": ("m", "mm", "µm", "nm", "pm"),
+    "attitude": ("rad", "mrad", "µrad", "nrad", "prad"),
+}
+_LARGEST_IN_MILLI: Final = 10.0
+_SMALLEST_ON_AXIS: Final = 0.1
+
+
+@final
+@dataclass(frozen=True)
+class WrittenUnit:
+    """The unit in which numbers of a quantity are written.
+
+    Attributes
+    ----------
+    name
+        As written.
+    per_si
+        How many of it make one of SI.
+    """
+
+    name: str
+    per_si: float
+
+    @classmethod
+    def suiting(cls, quantity: Quantity | None, sizes: Iterable[float]) -> WrittenUnit:
+        """Return the unit it was written in, or else that in which the largest of these sizes (SI) reads well."""
+        if quantity is None:
+            return cls(_UNKNOWN, 1.0)
+        if quantity.written not in ("", quantity.si):  # 1e-6 rad/(N*m) reads better as 1 µrad/(N·m)
+            return cls(quantity.written.replace("*", "·"), 1 / quantity.units[quantity.written])
+        largest = max((abs(size) for size in sizes), default=0.0)
+        ladder = _LADDERS.get(quantity, ((quantity.si.replace("*", "·"), 1.0, 0.0),))
+        for name, per_si, least in ladder:
+            if largest * per_si >= least or largest == 0:
+                return cls(name, per_si)
+        return cls(*ladder[-1][:2])
+
+    @classmethod
+    def of_axis(cls, quantity: str, size: float) -> WrittenUnit:
+        """Return the unit of an axis on which errors reach a size (SI): mm or mrad for 0.1 to 10,000 of them, else a neighbour.
+
+        Parameters
+        ----------
+        quantity
+            Of the errors, as ``position.norm``.
+        size
+            The largest.
+        """
+        ladder = [cls(name, 1000.0**k) for k, name in enumerate(_OF_AXES[quantity.partition(".")[0]])]
+        if size == 0:
+            return ladder[1]
+        if size >= _LARGEST_IN_MILLI:
+            return ladder[0]
+        return next((unit for unit in ladder[1:] if size * unit.per_si >= _SMALLEST_ON_AXIS), ladder[-1])
+
+    def __call__(self, value: float) -> str:
+        """Return a number with the unit."""
+        return f"{self.number(value)} {self.name}".rstrip()
+
+    def short(self, value: float) -> str:
+        """Return a number of at most four digits with the unit."""
+        return f"{value * self.per_si:.4g} {self.name}".rstrip()
+
+    def number(self, value: float) -> str:
+        """Return a number without it."""
+        return f"{value * self.per_si:.6g}"

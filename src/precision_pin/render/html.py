@@ -1,0 +1,141 @@
+"""HTML as values: text that goes into an element is always escaped, so that no name of a URDF or sheet is markup."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final, final
+
+from precision_pin.render.notebook import escaped
+
+_VOID: Final = ("meta",)
+_LONGEST: Final = 44
+_SHORT: Final = 20
+_NARROW: Final = 3
+_SENTENCE: Final = 28
+
+
+@final
+@dataclass(frozen=True)
+class Html:
+    """Markup. Whoever makes one directly vouches for its text; :func:`element` is the way to make one of plain text."""
+
+    text: str
+
+
+Child = Html | str
+"""Contents of an element: markup as it is, or text, which is escaped."""
+
+
+def element(name: str, *children: Child, **attributes: str) -> Html:
+    """Return an element.
+
+    Parameters
+    ----------
+    name
+        Of the element.
+    children
+        In order; text is escaped.
+    attributes
+        Values are escaped; ``class_`` is ``class``, ``aria_label`` is ``aria-label``. An empty ``class_`` is left out.
+    """
+    written = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escaped(value)}"'
+        for key, value in attributes.items()
+        if value or key != "class_"
+    )
+    if name in _VOID:
+        return Html(f"<{name}{written}>")
+    return Html(f"<{name}{written}>{joined(children).text}</{name}>")
+
+
+def joined(children: Iterable[Child]) -> Html:
+    """Return children one after the other."""
+    return Html("".join(child.text if isinstance(child, Html) else escaped(child) for child in children))
+
+
+def paragraph(*children: Child, class_: str = "") -> Html:
+    """Return a paragraph."""
+    return element("p", *children, class_=class_)
+
+
+def items(entries: Iterable[Child], class_: str = "") -> Html:
+    """Return a list with bullets."""
+    return element("ul", *(element("li", entry) for entry in entries), class_=class_)
+
+
+def definitions(entries: Iterable[tuple[str, Child]]) -> Html:
+    """Return a list of terms with their definitions."""
+    return element("dl", *(element("div", element("dt", term), element("dd", text)) for term, text in entries))
+
+
+def section(name: str, heading: str, *children: Child, folded: bool = True) -> Html:
+    """Return a section of the page that ``#name`` leads to, folded until it is opened.
+
+    The section is inside its fold: a browser opens the folds around the element that a link leads to.
+    """
+    title = element("h2", heading, id=f"{name}-heading")
+    inside = children if folded else (title, *children)
+    body = element("section", *inside, id=name, aria_labelledby=f"{name}-heading")
+    return element("details", element("summary", title), body, class_="fold") if folded else body
+
+
+def beside(*tables: Html) -> Html:
+    """Return narrow tables side by side, as many as fit."""
+    return element("div", *tables, class_="beside")
+
+
+def table(
+    caption: str,
+    header: Sequence[str],
+    rows: Iterable[Sequence[Child]],
+    *,
+    words: Iterable[int] = (),
+    last: bool = False,
+) -> Html:
+    """Return a table that scrolls by itself where it is too wide; on a phone each row is a list with the columns' names.
+
+    Parameters
+    ----------
+    caption
+        Above it.
+    header
+        Of the columns.
+    rows
+        The first cell of each is its heading.
+    words
+        Columns of words besides the first, aligned left.
+    last
+        Whether the last row is a sum.
+    """
+    left = {0, *words}
+    lines = list(rows)
+    head = element(
+        "tr", *(element("th", name, scope="col", class_="" if k in left else "n") for k, name in enumerate(header))
+    )
+    body = [
+        element(
+            "tr",
+            element("th", _unbroken(row[0]), scope="row"),
+            *(
+                element("td", cell, class_=_kind(cell) if k in left else "n", data_label=header[k])
+                for k, cell in enumerate(row[1:], start=1)
+            ),
+            class_="sum" if last and row is lines[-1] else "",
+        )
+        for row in lines
+    ]
+    whole = element("table", element("caption", caption), element("thead", head), element("tbody", *body))
+    size = "wide short" if len(lines) <= _SHORT else "wide"
+    size += " few" if len(header) <= _NARROW else ""
+    return element("div", whole, class_=size, role="region", tabindex="0", aria_label=caption)
+
+
+def _unbroken(heading: Child) -> Child:
+    """Return a row's heading; a very long name is broken anywhere, any other stays in one line."""
+    return element("span", heading, class_="long") if isinstance(heading, str) and len(heading) > _LONGEST else heading
+
+
+def _kind(cell: Child) -> str:
+    """Return the class of a cell of words: a sentence needs some room."""
+    return "sentence" if isinstance(cell, str) and len(cell) > _SENTENCE else ""

@@ -1,0 +1,150 @@
+"""A scene as a list of MeshCat commands, without a server: typed ways to put shapes and lines into it.
+
+Paths in the scene are made of our own names and numbers only; nothing of a URDF or sheet enters it. Identifiers are
+counted, not random, so that equal input gives equal bytes.
+"""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+
+Colour = tuple[float, float, float, float]
+"""Red, green, blue, opacity, from 0 to 1."""
+
+# three.js lays a cylinder along y, URDF along z
+_Y_TO_Z: Final = se3.pose(se3.rotation_about((1.0, 0.0, 0.0), np.pi / 2), (0.0, 0.0, 0.0))
+
+
+def viewer_script() -> str:
+    """Return the JavaScript of MeshCat's viewer, three.js included."""
+    return (Path(_meshcat("meshcat").__file__).parent / "viewer" / "dist" / "main.min.js").read_text("utf-8")
+
+
+@final
+class Scene:
+    """A growing scene; every path is a tuple of names below the scene's root."""
+
+    def __init__(self) -> None:
+        self._window = _Window()
+        self._geometry = _meshcat("meshcat.geometry")
+        self._root = _meshcat("meshcat").Visualizer(window=self._window)
+        for name in ("Grid", "Axes"):
+            self._root[f"/{name}"].set_property("visible", False)
+
+    @property
+    def commands(self) -> tuple[bytes, ...]:
+        """The commands so far, each packed by MessagePack as MeshCat's viewer reads them."""
+        return tuple(self._window.packed)
+
+    def place(self, path: Sequence[str], pose: ArrayLike) -> None:
+        """Put a node at a pose ``(4, 4)`` relative to the one above it."""
+        self._node(path).set_transform(np.asarray(pose, dtype=float))
+
+    def box(self, path: Sequence[str], size: Sequence[float], colour: Colour, pose: ArrayLike) -> None:
+        """Add a box with edges ``size`` (m), centred at ``pose``."""
+        self._add(path, self._geometry.Box([float(edge) for edge in size]), colour, pose)
+
+    def cylinder(self, path: Sequence[str], radius: float, length: float, colour: Colour, pose: ArrayLike) -> None:
+        """Add a cylinder along z (m), centred at ``pose``."""
+        shape = self._geometry.Cylinder(height=float(length), radius=float(radius))
+        self._add(path, shape, colour, np.asarray(pose, dtype=float) @ _Y_TO_Z)
+
+    def rod(self, path: Sequence[str], start: ArrayLike, end: ArrayLike, radius: float, colour: Colour) -> None:
+        """Add a cylinder between two points ``(3,)`` that do not coincide."""
+        first, last = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
+        length = float(np.linalg.norm(last - first))
+        middle = se3.pose(rotation_to((last - first) / length), (first + last) / 2)
+        self.cylinder(path, radius, length, colour, middle)
+
+    def sphere(self, path: Sequence[str], radius: float, colour: Colour, pose: ArrayLike) -> None:
+        """Add a sphere (m) centred at ``pose``."""
+        self._add(path, self._geometry.Sphere(float(radius)), colour, pose)
+
+    def surface(
+        self, path: Sequence[str], vertices: ArrayLike, faces: ArrayLike, colour: Colour, pose: ArrayLike
+    ) -> None:
+        """Add triangles: corners ``(V, 3)`` in m and their indices ``(F, 3)``."""
+        shape = self._geometry.TriangularMeshGeometry(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
+        self._add(path, shape, colour, pose)
+
+    def segments(self, path: Sequence[str], ends: ArrayLike, colour: Colour) -> None:
+        """Add thin lines between each two of the points ``(3, 2 S)`` in m."""
+        lines = self._geometry.PointsGeometry(np.asarray(ends, np.float32))
+        material = self._geometry.LineBasicMaterial(color=_number(colour), opacity=colour[3])
+        self._node(path).set_object(self._geometry.LineSegments(lines, material))
+
+    def _add(self, path: Sequence[str], shape: Any, colour: Colour, pose: ArrayLike) -> None:
+        # meshes have no normals of their own here: each triangle is lit as the flat piece that it is
+        material = self._geometry.MeshPhongMaterial(
+            color=_number(colour), opacity=float(colour[3]), flatShading=True, shininess=20, reflectivity=0.2
+        )
+        self._node(path).set_object(shape, material)
+        self.place(path, pose)
+
+    def _node(self, path: Sequence[str]) -> Any:
+        node = self._root
+        for name in path:
+            node = node[name]
+        return node
+
+
+def rotation_to(axis: ArrayLike) -> Array:
+    """Return the smallest rotation ``(3, 3)`` that brings z onto a unit vector ``(3,)``."""
+    unit = np.asarray(axis, dtype=float)
+    normal = np.cross((0.0, 0.0, 1.0), unit)
+    sine = float(np.linalg.norm(normal))
+    if sine < 1e-12:
+        return np.eye(3) if unit[2] > 0 else np.diag([1.0, -1.0, -1.0])
+    return se3.rotation_about(normal / sine, np.arctan2(sine, unit[2]))
+
+
+@final
+class _Window:
+    """Takes the place of MeshCat's connection to a server: keeps the packed commands."""
+
+    def __init__(self) -> None:
+        self.packed: list[bytes] = []
+        self._identifiers: dict[str, str] = {}
+        self._pack = importlib.import_module("umsgpack").packb
+
+    def send(self, command: Any) -> None:
+        self.packed.append(self._pack(self._counted(command.lower())))
+
+    def _counted(self, value: Any) -> Any:
+        """Return a command with its random identifiers replaced by numbers in order of appearance."""
+        match value:
+            case dict():
+                known = [value["uuid"]] if "uuid" in value else []
+                for identifier in known:
+                    self._identifiers.setdefault(identifier, f"{len(self._identifiers):032x}")
+                return {key: self._counted(entry) for key, entry in value.items()}
+            case list():
+                return [self._counted(entry) for entry in value]
+            case str():
+                return self._identifiers.get(value, value)
+            case float():
+                return float(value)
+            case _:
+                return value
+
+
+def _meshcat(name: str) -> Any:
+    # imported late, it costs 0.3 s; and silently, it asks pyzmq for a part that pyzmq has deprecated
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return importlib.import_module(name)
+
+
+def _number(colour: Colour) -> int:
+    red, green, blue = (round(255 * part) for part in colour[:3])
+    return (red << 16) + (green << 8) + blue

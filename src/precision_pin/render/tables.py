@@ -1,0 +1,260 @@
+"""Results as tables: numbers beside their intervals, data frames and datasets."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from precision_pin.base.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+
+MOST_POSES: Final = 3
+"""Poses of a result that a notebook shows; a line below says how many more there are."""
+
+UNITS: Final = {"position": "m", "attitude": "rad"}
+"""Of numbers in data frames and datasets."""
+
+ROUNDING: Final = 1e-14
+"""Errors (m, rad) below this are rounding."""
+
+_DIGITS: Final = 6
+
+
+# text --------------------------------------------------------------------------------------------
+
+
+def symbol(quantity: str) -> str:
+    """Return the symbol of a quantity in tables: ``|d|``, ``dx``, … for ``position.norm``, ``position.x``, …."""
+    vector, _, part = quantity.partition(".")
+    letter = "d" if vector == "position" else "δ"
+    return f"|{letter}|" if part == "norm" else f"{letter}{part}"
+
+
+def absolute(quantity: str) -> str:
+    """Return the symbol of a quantity's size, which a specification limits: ``|d|``, ``|dx|``, …."""
+    return f"|{symbol(quantity).strip('|')}|"
+
+
+def unit(quantity: str) -> str:
+    """Return the unit in which a table shows a quantity."""
+    return "mm" if quantity.startswith("position") else "mrad"
+
+
+def quantity_label(quantity: str) -> str:
+    """Return symbol and unit as an axis or a row has them: ``|d| [mm]``, …."""
+    return f"{symbol(quantity)} [{unit(quantity)}]"
+
+
+def milli(value: float | None, digits: int = _DIGITS) -> str:
+    """Return a number of m or rad in mm or mrad, to so many digits; ``-`` for none."""
+    if value is None or math.isnan(value):
+        return "-"
+    return f"{0.0 if abs(value) < ROUNDING else 1e3 * value:.{digits}g}"
+
+
+def percent(share: float | None) -> str:
+    """Return a share in per cent, two decimals; ``-`` for none."""
+    return "-" if share is None else f"{round(100 * share, 2) + 0.0:.2f}"
+
+
+def plus_minus(value: float | None, half_width: float | None, *, decimals: int = 12, signed: bool = False) -> str:
+    """Return ``value ± half-width`` with two digits of the half-width; ``-`` where not resolved.
+
+    The half-width is rounded up, and widened by what rounding moves the value: the interval lies inside what is printed.
+
+    With ``decimals`` never more digits than that behind the point; ``signed`` gives a positive value its sign.
+    """
+    if value is None or half_width is None:
+        return "-"
+    if half_width == 0:
+        return f"{value + 0.0:.{_DIGITS}g}"
+    place = max(math.floor(math.log10(half_width)) - 1, -decimals)
+    # the allowance keeps a half-width such as 0.12, which is not exact in binary, from being rounded up to 0.13
+    rounded = round(value, -place)
+    above = math.ceil((half_width + abs(rounded - value)) / 10.0**place * (1 - 1e-12)) * 10.0**place
+    digits = max(0, -place)
+    return f"{rounded + 0.0:{'+' if signed else ''}.{digits}f} ± {above:.{digits}f}"
+
+
+def plain(value: float) -> str:
+    """Return a number in full but for rounding."""
+    return f"{round(value, 9) + 0.0:.9g}"
+
+
+def joint_value(joint: str, value: float, *, slides: bool) -> str:
+    """Return a joint's value (rad or m) as text: mm where it slides, degrees elsewhere, in full."""
+    return f"{joint} {plain(1e3 * value)} mm" if slides else f"{joint} {plain(math.degrees(value))}°"
+
+
+def joint_text(
+    q: Mapping[str, float],
+    sliding_joints: Collection[str],
+    approach: Mapping[str, str] | None = None,
+    *,
+    is_named: bool = True,
+) -> str:
+    """Return the values of joints, as :func:`joint_value` has each, with ``(+)`` or ``(-)`` where the last motion is known.
+
+    Without the joints' names if ``is_named`` is False.
+    """
+    signs = {joint: f" ({sign})" for joint, sign in (approach or {}).items()}
+    return ", ".join(
+        joint_value(joint if is_named else "", value, slides=joint in sliding_joints).lstrip() + signs.get(joint, "")
+        for joint, value in q.items()
+    )
+
+
+def resting_on(
+    assumed: Sequence[str],
+    sources: int,
+    origins: Mapping[str, tuple[float, float]] | None = None,
+    where: str = "",
+    *,
+    is_brief: bool = False,
+) -> list[str]:
+    """Return lines that say how much rests on assumptions, and where the other numbers come from; none where it is not said.
+
+    If ``is_brief``, one line on the assumptions.
+
+    Parameters
+    ----------
+    assumed
+        Labels of the sources that are marked as assumptions.
+    sources
+        Number of all sources.
+    origins
+        Share in the variance of position and attitude by provenance.
+    where
+        Pose of these shares, where it is not that of the result.
+    """
+    lines = []
+    shares = {kind: share for kind, share in (origins or {}).items() if max(share) > 0}
+    at = f" at {where}" if where else ""
+    if assumed:
+        kinds = f" ({', '.join(dict.fromkeys(label.partition('[')[0] for label in assumed))})"
+        lines.append(
+            f"rests on assumptions: {len(assumed):,} of {sources:,} sources are marked as assumed in the sheet"
+            f"{'' if is_brief else kinds}"
+        )
+    if "assumed" in shares:
+        position, attitude = map(_percent, shares["assumed"])
+        head = "they cause" if assumed else "rests on assumptions: they cause"
+        lines.append(f"{head} {position} of the variance of the position, {attitude} of the attitude{at}")
+    if is_brief:
+        return ["; ".join(lines)] if lines else []
+    if set(shares) - {"assumed", "not stated"}:
+        listed = ", ".join(f"{_percent(position)} {kind}" for kind, (position, _) in shares.items())
+        lines.append(f"variance of the position by provenance{at}: {listed}")
+    return lines
+
+
+def origins_entry(origins: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, dict[str, float]]]:
+    """Return the key ``provenance`` of a result's JSON; nothing where the sheet states none."""
+    if not origins:
+        return {}
+    return {"provenance": {kind: {"position": one, "attitude": two} for kind, (one, two) in origins.items()}}
+
+
+def _percent(share: float) -> str:
+    return "under 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
+
+
+def pose_labels(names: Sequence[str]) -> list[str]:
+    """Return a label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
+    labels: dict[str, None] = {}
+    for rank, name in enumerate(names, start=1):
+        label = plain = name or f"pose {rank}"
+        again = 1
+        while label in labels:
+            again += 1
+            label = f"{plain} ({again})"
+        labels[label] = None
+    return list(labels)
+
+
+# data --------------------------------------------------------------------------------------------
+
+
+def optional(package: str) -> Any:
+    """Return a package that this one works without, pandas or xarray.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    try:
+        return importlib.import_module(package)
+    except ImportError:
+        raise InputError(f"{package} is not installed (pip install 'precision-pin[{package}]')") from None
+
+
+def number(value: float | None) -> float:
+    """Return a number, not-a-number for none."""
+    return math.nan if value is None else value
+
+
+def interval_columns(name: str, value: float | None, interval: tuple[float, float] | None) -> dict[str, float]:
+    """Return the three columns ``name``, ``name_lower``, ``name_upper``; not-a-number where not resolved."""
+    low, high = interval or (None, None)
+    return {name: number(value), f"{name}_lower": number(low), f"{name}_upper": number(high)}
+
+
+def data_frame(
+    index: Sequence[str], rows: Sequence[tuple[tuple[str, ...], Mapping[str, Any]]], attributes: Mapping[str, Any]
+) -> pandas.DataFrame:
+    """Return rows as a data frame.
+
+    Parameters
+    ----------
+    index
+        Names of the index's levels.
+    rows
+        Each row's place in the index, and its columns.
+    attributes
+        Becomes ``attrs``, with the units added.
+
+    Raises
+    ------
+    InputError
+        pandas is not installed.
+    """
+    pandas = optional("pandas")
+    keys = [key for key, _ in rows]
+    labels = (
+        pandas.Index([key[0] for key in keys], name=index[0])
+        if len(index) == 1
+        else pandas.MultiIndex.from_tuples(keys, names=index)
+    )
+    frame = pandas.DataFrame([columns for _, columns in rows], index=labels)
+    frame.attrs = {**attributes, "units": dict(UNITS)}
+    return frame
+
+
+def dataset(frame: pandas.DataFrame) -> xarray.Dataset:
+    """Return a frame whose index is a full grid as a dataset; ``attrs`` become text, as netCDF requires.
+
+    Raises
+    ------
+    InputError
+        xarray is not installed.
+    """
+    xarray = optional("xarray")
+    made = xarray.Dataset.from_dataframe(frame)
+    # as the frame has them, not sorted
+    made = made.sel({str(level): frame.index.unique(level) for level in frame.index.names})
+    return made.assign_attrs(described(frame.attrs))  # type: ignore[no-any-return]
+
+
+def described(attributes: Mapping[str, Any]) -> dict[str, str]:
+    """Return attributes as text: strings as they are, all else as JSON."""
+    return {
+        key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+        for key, value in attributes.items()
+    }

@@ -1,0 +1,149 @@
+"""Tables of plain text for a terminal."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from itertools import groupby, pairwise
+from typing import Final
+
+from precision_pin.base.text_escape import visible
+
+_GAP: Final = re.compile(r"\S {2,}\S")
+_LEAST_NAME: Final = 24
+"""Columns to which names are folded at least."""
+_MOST_NAME_LINES: Final = 2
+
+
+def aligned(rows: list[list[str]]) -> list[str]:
+    """Return rows of cells as lines, the first two columns to the left; names in them are shortened and escaped."""
+    rows = [[visible(cell, 120) for cell in row] for row in rows]
+    widths = [max(map(width, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        blanks = [" " * (columns - width(cell)) for cell, columns in zip(row, widths, strict=True)]
+        cells = [
+            cell + blank if k < 2 else blank + cell for k, (cell, blank) in enumerate(zip(row, blanks, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def width(text: str) -> int:
+    """Return how many columns of a terminal a text fills; letters of East Asia fill two, accents and inner vowels none."""
+    return sum(map(_width, text))
+
+
+def _width(character: str) -> int:
+    if unicodedata.category(character) in ("Mn", "Me") or "\u1160" <= character <= "\u11ff":
+        return 0  # set above, below or, of a Korean syllable, inside the letter before
+    return 2 if unicodedata.east_asian_width(character) in "WF" else 1
+
+
+def folded(rows: list[str], columns: int) -> list[str]:
+    """Return the lines of a table in at most so many columns of a terminal, as far as that can be done.
+
+    Where it is enough, long names of the first column go on below; else the table is cut into tables one below the other,
+    each with the names. Lines that are no rows of it are returned as they are.
+
+    Parameters
+    ----------
+    rows
+        Lines in which two blanks or more separate columns, as :func:`aligned` returns them.
+    columns
+        Columns of the terminal.
+    """
+    if max(map(width, rows)) <= columns:
+        return rows
+    cells = [_cells(row) for row in rows]
+    spans = _spans([one for row, one in zip(rows, cells, strict=True) if len(_GAP.findall(row)) > 1])
+    if len(spans) < 3:
+        return rows
+    lines: list[str] = []
+    for is_row, group in groupby(cells, lambda one: _keeps(one, spans)):
+        same = list(group)
+        lines += _fit([[_text(one[i:j]) for i, j in spans] for one in same], columns) if is_row else map(_text, same)
+    return lines
+
+
+def _cells(line: str) -> list[str]:
+    """Return what stands in each column of a terminal; the second column of a wide letter is empty."""
+    cells: list[str] = []
+    for character in line:
+        columns = _width(character)
+        if columns == 0 and cells:
+            cells[-1] += character
+        else:
+            cells += [character, *[""] * (columns - 1)]
+    return cells
+
+
+def _text(cells: list[str]) -> str:
+    return "".join(cells)
+
+
+def _spans(rows: list[list[str]]) -> list[tuple[int, int]]:
+    """Return where the columns of rows begin and end: between them are two blanks or more in every row."""
+    size = max(map(len, rows), default=0)
+    filled = [any(k < len(row) and row[k] != " " for row in rows) for k in range(size)]
+    filled[:1] = [True]  # an indent belongs to the names
+    spans: list[tuple[int, int]] = []
+    for k in range(size):
+        if filled[k]:
+            is_new = not spans or k - spans[-1][1] >= 2
+            spans[-1:] = [*spans[-1:], (k, k + 1)] if is_new else [(spans[-1][0], k + 1)]
+    return spans
+
+
+def _keeps(row: list[str], spans: list[tuple[int, int]]) -> bool:
+    """Return whether a line has blanks between the columns, and is not blank."""
+    between = [k for (_, end), (start, _) in pairwise(spans) for k in range(end, start)]
+    return len(row) <= spans[-1][1] and all(k >= len(row) or row[k] == " " for k in between)
+
+
+def _fit(table: list[list[str]], columns: int) -> list[str]:
+    """Return the rows of a table, each cell as wide as its column, as lines that fit."""
+    sizes = [max(width(row[k]) for row in table) for k in range(len(table[0]))]
+    beside = sum(size + 2 for size in sizes[1:])
+    parts = [_name_lines(row[0].rstrip(), columns - beside) for row in table]
+    names = max(width(line) for lines in parts for line in lines)
+    if _LEAST_NAME <= columns - beside >= names and max(map(len, parts)) <= _MOST_NAME_LINES:
+        return [
+            "  ".join([name + " " * (names - width(name)), *(row[1:] if k == 0 else [])]).rstrip()
+            for row, lines in zip(table, parts, strict=True)
+            for k, name in enumerate(lines)
+        ]
+    # columns without a heading, such as units, belong to the names
+    named = next((k for k in range(1, len(sizes)) if table[0][k].strip()), 1)
+    together: list[list[int]] = []
+    for k in range(named, len(sizes)):
+        is_of_last = together and table[0][k].strip() == "interval"
+        together[-1:] = [[*together[-1], k]] if is_of_last else [*together[-1:], [k]]
+    blocks: list[list[int]] = [[]]
+    taken = sum(size + 2 for size in sizes[:named])
+    for group in together:
+        if blocks[-1] and taken + sum(sizes[j] + 2 for j in (*blocks[-1], *group)) - 2 > columns:
+            blocks.append([])
+        blocks[-1] += group
+    lines: list[str] = []
+    for block in blocks:
+        shown = [*range(named), *block]
+        lines += [""] * bool(lines)
+        lines += ["  ".join(row[k] + " " * (sizes[k] - width(row[k])) for k in shown).rstrip() for row in table]
+    return lines
+
+
+def _name_lines(name: str, columns: int) -> list[str]:
+    """Return a name in lines of so many columns: cut before a bracket, a point or a word, or else at any mark."""
+    lines: list[str] = []
+    for marks in (r"[.\[\s]", r"[.\[\s_-]"):
+        lines, line = [], ""
+        for part in re.split(rf"(?<=[\w\])])(?={marks})", name):
+            if line and width(line + part) > columns:
+                lines.append(line.rstrip())
+                line, part = "  ", part.lstrip()
+            line += part
+        lines.append(line)
+        if max(map(width, lines)) <= columns:
+            break
+    return lines

@@ -1,0 +1,290 @@
+"""Pictures of the pose error's distribution: histograms and cumulative curves.
+
+Functions take a `Summary` or a `Distribution` of one and return matplotlib objects made without pyplot,
+so no global state is touched. Text is 7 pt or larger when a figure is printed at its own size (85 mm wide
+for one quantity, 174 mm for the six components), colours are those of Okabe and Ito (2008), which stay apart
+for colour-blind readers, and every line differs in its dashes as well.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.files import write_files
+from precision_pin.base.text_escape import visible
+from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.draw_distribution import (
+    display_unit,
+    draw_cumulative,
+    draw_histogram,
+    moments_text,
+    share_scale,
+)
+from precision_pin.render.figure_style import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    SINGLE_COLUMN,
+    figure_of,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    style,
+    wrapped,
+)
+from precision_pin.render.tables import symbol
+from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary
+
+DisplayUnit = WrittenUnit
+"""The earlier name of :class:`~precision_pin.render.display_units.WrittenUnit`."""
+
+DOTS_PER_INCH: Final = 200
+
+_Draw = Callable[[Axes, Distribution, WrittenUnit, Sequence[SpecificationResult]], None]
+
+
+def figures_of(analysis: MonteCarloResult) -> dict[str, Figure]:
+    """Return the figures of a result by name: ``position``, ``attitude`` and ``components``."""
+    summary, seed, arm = analysis.summary, analysis.seed, _arm(analysis)
+    return {
+        "position": figure_position(summary, title=f"Position error of {arm}", seed=seed),
+        "attitude": figure_attitude(summary, title=f"Attitude error of {arm}", seed=seed),
+        "components": figure_components(summary, title=f"Components of the pose error of {arm}, base axes", seed=seed),
+    }
+
+
+def plot(analysis: MonteCarloResult, quantity: str, axes: Axes | None) -> Axes | Figure:
+    """Return what :meth:`precision_pin.sampling.result.MonteCarloResult.plot` does.
+
+    Raises
+    ------
+    UnknownNameError
+        No such quantity.
+    """
+    names = ("position", "attitude", "components", *QUANTITIES)
+    if quantity not in names:
+        raise UnknownNameError("quantity", quantity, names)
+    if axes is None and quantity not in QUANTITIES:
+        return figures_of(analysis)[quantity]
+    if quantity == "components":
+        raise InputError(
+            "the six components have a separate figure; plot one of them on given axes, such as position.x"
+        )
+    drawn = histogram(
+        analysis.summary.distribution(quantity if quantity in QUANTITIES else f"{quantity}.norm"),
+        title=f"{symbol(quantity if quantity in QUANTITIES else f'{quantity}.norm')} of {_arm(analysis)}",
+        seed=analysis.seed,
+        specifications=analysis.summary.specifications,
+        axes=axes,
+    )
+    return figure_of(drawn) if axes is None else drawn
+
+
+def _arm(analysis: MonteCarloResult) -> str:
+    """Return robot and pose, short and without marks that turn the text round."""
+    named = f" at pose {visible(analysis.pose_name, 40)}" if analysis.pose_name else ""
+    other = analysis.relative_to
+    relative = f" relative to {visible(other.name, 40) or 'another pose'}" if other else ""
+    return f"{visible(analysis.robot, 60)}{named}{relative}"
+
+
+def histogram(
+    distribution: Distribution,
+    *,
+    title: str = "",
+    unit: WrittenUnit | None = None,
+    seed: int | None = None,
+    specifications: Sequence[SpecificationResult] = (),
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw the probability density with mean, quantiles (and their intervals) and limits marked.
+
+    Parameters
+    ----------
+    distribution
+        What is drawn.
+    title
+        Above the figure, wrapped to its width.
+    unit
+        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
+    seed
+        Named in the caption if given, together with N.
+    specifications
+        Those of this quantity are marked, others are left out.
+    axes
+        Where to draw. None makes a figure of its own with title, legend and caption; on given axes the
+        lines carry labels, and legend and caption are the caller's.
+    """
+    return _alone_or_on(axes, distribution, draw_histogram, title, unit, seed, specifications)
+
+
+def cumulative(
+    distribution: Distribution,
+    *,
+    title: str = "",
+    unit: WrittenUnit | None = None,
+    seed: int | None = None,
+    specifications: Sequence[SpecificationResult] = (),
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw the cumulative distribution, marked as the histogram is; arguments as in `histogram`."""
+    return _alone_or_on(axes, distribution, draw_cumulative, title, unit, seed, specifications)
+
+
+def figure_position(
+    summary: Summary, *, title: str = "Position error", seed: int | None = None, unit: WrittenUnit | None = None
+) -> Figure:
+    """Return the distribution of |d|, density above and cumulative below (the paper's figure 5), 85 mm wide.
+
+    Parameters
+    ----------
+    summary
+        What is drawn; its specifications of ``position.norm`` are marked.
+    title
+        Above the figure, wrapped to its width.
+    seed
+        Named in the caption if given.
+    unit
+        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
+    """
+    return _figure_of_norm(summary, summary.position.norm, title, seed, unit)
+
+
+def figure_attitude(
+    summary: Summary, *, title: str = "Attitude error", seed: int | None = None, unit: WrittenUnit | None = None
+) -> Figure:
+    """Return the distribution of |δ| (the paper's figure 6); arguments as in `figure_position`."""
+    return _figure_of_norm(summary, summary.attitude.norm, title, seed, unit)
+
+
+def figure_components(
+    summary: Summary,
+    *,
+    title: str = "Components of the pose error, base axes",
+    seed: int | None = None,
+    position_unit: WrittenUnit | None = None,
+    attitude_unit: WrittenUnit | None = None,
+) -> Figure:
+    """Return the densities of dx, dy, dz, δx, δy, δz as two rows of three, 174 mm wide.
+
+    Parameters
+    ----------
+    summary
+        What is drawn; its specifications of components are marked.
+    title
+        Above the figure, wrapped to its width.
+    seed
+        Named in the caption if given.
+    position_unit, attitude_unit
+        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
+    """
+    with style():
+        figure = new_figure(DOUBLE_COLUMN)
+        grid = figure.subplots(2, 3)
+        rows = ((summary.position, position_unit), (summary.attitude, attitude_unit))
+        for row, (vector, given) in zip(grid, rows, strict=True):
+            parts = (vector.x, vector.y, vector.z)
+            unit = given or display_unit(*parts)
+            for axes, part in zip(row, parts, strict=True):
+                draw_histogram(axes, part, unit, summary.specifications)
+                axes.set_title(moments_text(part, unit), fontsize=7)
+            shared = share_scale(list(row), parts, unit)
+            for axes, is_shared in zip(row, shared, strict=True):
+                if not is_shared and any(shared):
+                    axes.set_title(f"{axes.get_title()}\nown scale", fontsize=7)
+        entries: dict[str, Any] = {}
+        for label, handle in labelled(grid.flat).items():
+            entries.setdefault(label.split(":")[0], handle)
+        _finish(figure, 95.0, title, entries, summary, seed, columns=4)
+    return figure
+
+
+def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[Path, Path]:
+    """Write a figure as PNG (200 dpi) and SVG, the same bytes for the same figure, and return both paths.
+
+    Both are written or neither, and neither is ever seen half-written.
+
+    Raises
+    ------
+    OutputError
+        They cannot be written.
+    """
+    base = Path(path_without_suffix)
+    metadata: dict[str, dict[str, str | None]] = {
+        "png": {"Software": None},
+        "svg": {"Date": None, "Creator": "precision-pin"},
+    }
+    files: dict[str | os.PathLike[str], bytes] = {}
+    for suffix, entries in metadata.items():
+        stream = io.BytesIO()
+        with style():
+            figure.savefig(stream, dpi=DOTS_PER_INCH, format=suffix, metadata=entries)
+        files[base.with_name(f"{base.name}.{suffix}")] = stream.getvalue()
+    write_files(files)
+    png, svg = map(Path, files)
+    return png, svg
+
+
+# figures --------------------------------------------------------------------------------
+
+
+def _figure_of_norm(
+    summary: Summary, norm: Distribution, title: str, seed: int | None, unit: WrittenUnit | None
+) -> Figure:
+    with style():
+        figure = new_figure(SINGLE_COLUMN)
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        draw_histogram(upper, norm, unit or display_unit(norm), summary.specifications)
+        draw_cumulative(lower, norm, unit or display_unit(norm), summary.specifications)
+        upper.set_xlabel("")
+        _finish(figure, 85.0, title, labelled([upper]), norm, seed, columns=1)
+    return figure
+
+
+def _alone_or_on(
+    axes: Axes | None,
+    distribution: Distribution,
+    draw: _Draw,
+    title: str,
+    unit: WrittenUnit | None,
+    seed: int | None,
+    specifications: Sequence[SpecificationResult],
+) -> Axes:
+    with style():
+        own = axes if axes is not None else new_figure(SINGLE_COLUMN).subplots()
+        draw(own, distribution, unit or display_unit(distribution), specifications)
+        if axes is not None:
+            own.set_title(title)
+            return own
+        _finish(figure_of(own), 50.0, title, labelled([own]), distribution, seed, columns=1)
+    return own
+
+
+def _finish(
+    figure: Figure,
+    height: float,
+    title: str,
+    entries: Mapping[str, Any],
+    counted: Distribution | Summary,
+    seed: int | None,
+    *,
+    columns: int,
+) -> None:
+    """Add title, legend and caption outside the axes, where they cover nothing, and set the height (mm)."""
+    caption = f"N = {counted.samples:,}" + ("" if seed is None else f", seed {seed}")
+    caption += f"; intervals at {100 * counted.confidence:g} % confidence"
+    above, below = wrapped(title, figure), wrapped(caption, figure)
+    if above:
+        figure.suptitle("\n".join(above))
+    legend_below(figure, entries, columns, below)
+    lines = len(above) + len(below) + sum(1 + label.count("\n") for label in entries) / columns
+    set_height(figure, height + lines * LINE_HEIGHT)

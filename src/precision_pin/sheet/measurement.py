@@ -1,0 +1,377 @@
+"""What an instrument reads at a pose: prediction and derivatives.
+
+With the tip's error ``e = [d; δ]`` in base axes at a pose (R, p), a target at t in tool axes, and a base that is displaced
+by ``Trans(c)·Exp(ω)`` as the instrument sees it, the target is at
+
+    y = Exp(ω) (p + d + Exp(δ) R t) + c.
+
+A *position* is y; a *pose* is y and the attitude ``Exp(ω) Exp(δ) R Exp(τ)``. A *distance*, the height over a *plane* and the
+offset from a *socket* are read against a place, which moves in place of the base; see
+:mod:`precision_pin.sheet.measurement_places`.
+Numbers of the set-up that are not known (c, ω, t, τ, those of the place) are called nuisances; they are estimated with the arm
+and have no prior law.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal, final
+
+import numpy as np
+
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_choice, check_flag, check_items, check_numbers
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.quantity_arguments import check_quantities, check_quantity
+from precision_pin.base.units import ANGLE, LENGTH
+from precision_pin.sheet.measurement_places import Anchor, Place, Plane, Sockets
+from precision_pin.sources.payload import Payload
+
+Kind = Literal["position", "pose", "distance", "plane", "socket"]
+KINDS: Final[tuple[Kind, ...]] = ("position", "pose", "distance", "plane", "socket")
+_OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
+"""Settings that belong to one kind."""
+
+_AXES: Final = ("x", "y", "z")
+_LEVER: Final = 0.1
+"""Distance (m) between the targets from which an attitude is measured, where no attitude's deviation is given."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives of a reading.
+
+    Attributes
+    ----------
+    error
+        With respect to the tip's error, ``(m, 6)``.
+    nuisances
+        With respect to the nuisances, ``(m, k)``.
+    """
+
+    error: Array
+    nuisances: Array
+
+
+@final
+@dataclass(frozen=True)
+class Measurement:
+    """An instrument and its set-up.
+
+    Lengths and angles are numbers in SI, or text with a unit: ``std="20 um"``, ``target="0 0 100 mm"``.
+
+    Parameters
+    ----------
+    kind
+        ``"position"`` of a target (x, y, z), ``"pose"`` (position and attitude), ``"distance"`` from a fixed anchor, ``"plane"``
+        (height over a plane, zero at contact) or ``"socket"`` (the target is put into a socket).
+    std
+        Standard deviation of each measured length, m; at contact, of the contact.
+    target
+        The target in tool axes from the tip, m, wherever the point is that results are about.
+    base
+        ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is not known and is
+        estimated; of a distance, a plane and sockets their place, of which a first guess is given.
+    target_known
+        Whether the target's place on the tool (of a pose, its attitude too) is known; it is estimated otherwise.
+    attitude_std
+        Standard deviation of each measured angle of a pose, rad; std / 0.1 m if left out, as of three targets 0.1 m apart.
+    anchor
+        Fixed point that a distance is measured from, in the base, m.
+    plane
+        A point on the plane and its normal, in the base, m; needed by ``"plane"``.
+    sockets
+        Places of the sockets, in the base, m; needed by ``"socket"``. A pose belongs to the socket nearest to its nominal target.
+    seen_from
+        Place of the instrument in the base, m, where the target must be turned towards it to be seen.
+    facing
+        Direction in tool axes to which the target faces; needed with ``seen_from``.
+    cone
+        Largest angle between that direction and the instrument, rad.
+    load
+        What the arm carries while it is measured, in place of the sheet's payloads; left out: these; ``()``: nothing. Payloads
+        of fixed numbers.
+
+    Raises
+    ------
+    InputError
+        A setting is wrong.
+    """
+
+    kind: Kind = "position"
+    std: float = 20e-6
+    target: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    base: Literal["known", "free"] = "known"
+    target_known: bool = True
+    attitude_std: float | None = None
+    anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    plane: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+    sockets: tuple[tuple[float, float, float], ...] = ()
+    seen_from: tuple[float, float, float] | None = None
+    facing: tuple[float, float, float] | None = None
+    cone: float = np.pi / 3
+    load: tuple[Payload, ...] | None = None
+
+    def __post_init__(self) -> None:
+        check_choice("the kind of a measurement", self.kind, KINDS)
+        check_choice("the base of a measurement", self.base, ("known", "free"))
+        check_flag("target_known of a measurement", self.target_known)
+        std = check_quantity(
+            "std, the standard deviation of a measurement,", self.std, LENGTH, "above zero and finite", lambda n: n > 0
+        )
+        object.__setattr__(self, "std", std)
+        if self.attitude_std is not None:
+            angle = check_quantity(
+                "attitude_std of a measurement", self.attitude_std, ANGLE, "above zero and finite", lambda n: n > 0
+            )
+            object.__setattr__(self, "attitude_std", angle)
+        for name in ("target", "anchor"):
+            object.__setattr__(self, name, _point(f"the {name} of a measurement", getattr(self, name)))
+        self._check_places()
+        self._check_sight()
+        self._check_load()
+        for name, kind in _OWN.items():
+            value = getattr(self, name)
+            is_given = any(value) if isinstance(value, tuple) else value is not None
+            if is_given and self.kind != kind:
+                raise InputError(f"{name} belongs to the measurement of a {kind}, not of a {self.kind}")
+            if not is_given and self.kind == kind and name in ("plane", "sockets"):
+                raise InputError(f"the measurement of a {kind} needs {name}")
+
+    def _check_places(self) -> None:
+        if self.plane is not None:
+            if not isinstance(self.plane, tuple | list) or len(self.plane) != 2:
+                raise InputError("the plane of a measurement must be a point and a normal")
+            point = _point("the point of the plane of a measurement", self.plane[0])
+            normal = np.array(_direction("the normal of the plane of a measurement", self.plane[1]))
+            length = float(np.linalg.norm(normal))
+            if length == 0:
+                raise InputError("the normal of the plane of a measurement is zero")
+            object.__setattr__(self, "plane", (point, tuple((normal / length).tolist())))
+        if not isinstance(self.sockets, tuple | list):
+            raise InputError("the sockets of a measurement must be a list of points")
+        sockets = tuple(
+            _point(f"entry {k + 1} of the sockets of a measurement", one) for k, one in enumerate(self.sockets)
+        )
+        object.__setattr__(self, "sockets", sockets)
+        if len(set(sockets)) < len(sockets):
+            raise InputError("two sockets of a measurement are at one place")
+
+    def _check_sight(self) -> None:
+        limits = "above zero and at most a half turn"
+        cone = check_quantity("the cone of a measurement", self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi)
+        object.__setattr__(self, "cone", cone)
+        if (self.seen_from is None) != (self.facing is None):
+            raise InputError(
+                "seen_from and facing of a measurement belong together: where from a target is seen, and its direction"
+            )
+        if self.seen_from is None or self.facing is None:
+            return
+        object.__setattr__(self, "seen_from", _point("seen_from of a measurement", self.seen_from))
+        facing = np.array(_direction("facing of a measurement", self.facing))
+        length = float(np.linalg.norm(facing))
+        if length == 0:
+            raise InputError("facing of a measurement is zero")
+        object.__setattr__(self, "facing", tuple((facing / length).tolist()))
+
+    def sees(self, pose: Array) -> bool:
+        """Return whether the instrument sees the nominal target, which only its direction may prevent."""
+        if self.seen_from is None or self.facing is None:
+            return True
+        sight = np.array(self.seen_from) - self._nominal(pose)
+        along = float(sight @ pose[:3, :3] @ self.facing)
+        return along >= float(np.linalg.norm(sight)) * math.cos(self.cone)
+
+    def _check_load(self) -> None:
+        if self.load is None:
+            return
+        load = check_items("the load of a measurement", self.load, Payload)
+        if any(payload.draws("load") or isinstance(payload.mass, str) for payload in load):
+            raise InputError(
+                "the load of a measurement is given by fixed numbers; what varies is a payload of the sheet"
+            )
+        object.__setattr__(self, "load", load)
+
+    @cached_property
+    def place(self) -> Place | None:
+        """What the target's place is read against; nothing of a position or pose."""
+        if self.kind == "distance":
+            return Anchor(self.anchor)
+        if self.plane is not None:
+            return Plane(*self.plane)
+        return Sockets(self.sockets) if self.sockets else None
+
+    @property
+    def size(self) -> int:
+        """Numbers of a reading."""
+        return {"position": 3, "pose": 6, "distance": 1, "plane": 1, "socket": 3}[self.kind]
+
+    @property
+    def deviations(self) -> Array:
+        """Standard deviation of each number of a reading, ``(m,)``."""
+        lengths = [self.std] * min(self.size, 3)
+        angle = self.std / _LEVER if self.attitude_std is None else self.attitude_std
+        return np.array(lengths + [angle] * (self.size - len(lengths)))
+
+    @property
+    def nuisances(self) -> tuple[str, ...]:
+        """Names of the unknown numbers of the set-up: m, and rad for those that begin with r."""
+        turns = tuple(f"r{axis}" for axis in _AXES)
+        names: tuple[str, ...] = ()
+        if self.base == "free":
+            names += tuple(f"base.{axis}" for axis in _AXES + turns) if self.place is None else self.place.names
+        if not self.target_known:
+            names += tuple(f"target.{axis}" for axis in (_AXES + turns if self.kind == "pose" else _AXES))
+        return names
+
+    @property
+    def displaces_base(self) -> bool:
+        """Whether the first six nuisances displace the base."""
+        return self.base == "free" and self.place is None
+
+    def predict(self, pose: Array, errors: Array, nuisances: Array) -> Array:
+        """Return readings ``(m, N)``: of a pose, its position and its turn from the nominal attitude.
+
+        Parameters
+        ----------
+        pose
+            The nominal tip in the base, ``(4, 4)``.
+        errors
+            ``[d; δ]`` of the tip, ``(6, N)``.
+        nuisances
+            ``(k, N)``.
+        """
+        point, attitude = self._target(pose, errors, nuisances)
+        if self.place is not None:
+            return self.place.read(point, self._split(nuisances)[0], self._nominal(pose))
+        if self.kind == "position":
+            return point
+        return np.concatenate([point, se3.log_rotation(np.einsum("ijn,kj->ikn", attitude, pose[:3, :3]))])
+
+    def _nominal(self, pose: Array) -> Array:
+        nominal: Array = pose[:3, 3] + pose[:3, :3] @ self.target
+        return nominal
+
+    def away(self, pose: Array) -> float:
+        """Return how far the nominal target is from where it can touch, m: from the plane or the nearest socket, else zero."""
+        if self.kind not in ("plane", "socket") or self.place is None:
+            return 0.0
+        own = np.zeros((len(self.place.names), 1))
+        near = self._nominal(pose)
+        return float(np.linalg.norm(self.place.read(near[:, None], own, near)))
+
+    def _target(self, pose: Array, errors: Array, nuisances: Array) -> tuple[Array, Array]:
+        """Return position ``(3, N)`` and attitude ``(3, 3, N)`` of the target as the instrument sees them."""
+        shift, turn, offset, own_turn = self._split(nuisances)
+        attitude = np.einsum("ijn,jk->ikn", se3.exp_rotation(errors[3:]), pose[:3, :3])
+        point = pose[:3, 3, None] + errors[:3] + np.einsum("ijn,jn->in", attitude, offset)
+        if own_turn is not None:
+            attitude = _product(attitude, se3.exp_rotation(own_turn))
+        if turn is None:
+            return point, attitude
+        rotation = se3.exp_rotation(turn)
+        return np.einsum("ijn,jn->in", rotation, point) + shift, _product(rotation, attitude)
+
+    def _split(self, nuisances: Array) -> tuple[Array, Array | None, Array, Array | None]:
+        """Return shift and turn of the base (or the numbers of the place), target ``(3, N)`` and the target's own turn."""
+        samples = nuisances.shape[1]
+        first = 0 if self.place is None else len(self.place.names)
+        shift, turn = np.zeros((first or 3, samples)), None
+        if self.displaces_base:
+            shift, turn, first = nuisances[:3], nuisances[3:6], 6
+        elif self.base == "free":
+            shift = nuisances[:first]
+        else:
+            first = 0
+        offset = np.array(self.target)[:, None] + np.zeros((1, samples))
+        own_turn = None
+        if not self.target_known:
+            offset = offset + nuisances[first : first + 3]
+            own_turn = nuisances[first + 3 : first + 6] if self.kind == "pose" else None
+        return shift, turn, offset, own_turn
+
+    def slopes(self, pose: Array, error: Array, nuisances: Array) -> Slopes:
+        """Return the derivatives of a reading at one error ``(6,)`` and nuisances ``(k,)``.
+
+        An attitude's are those of the turn of the reading: the rotation vector, in the axes of the reading, of a small
+        further turn.
+        """
+        columns = nuisances[:, None]
+        own_place, turn, offset, own_turn = self._split(columns)
+        attitude = se3.exp_rotation(error[3:]) @ pose[:3, :3]
+        arm = attitude @ offset[:, 0]
+        inner = pose[:3, 3] + error[:3] + arm
+        rotation = np.eye(3) if turn is None else se3.exp_rotation(turn[:, 0])
+        tilt = se3.left_jacobian(error[3:])
+        by_error = np.zeros((6, 6))
+        by_error[:3, :3] = rotation
+        by_error[:3, 3:] = -rotation @ se3.skew(arm) @ tilt
+        by_error[3:, 3:] = rotation @ tilt
+        parts = []
+        if turn is not None:
+            by_turn = se3.left_jacobian(turn[:, 0])
+            base = np.zeros((6, 6))
+            base[:3, :3] = np.eye(3)
+            base[:3, 3:] = -se3.skew(rotation @ inner) @ by_turn
+            base[3:, 3:] = by_turn
+            parts.append(base)
+        if not self.target_known:
+            own = np.zeros((6, 6 if self.kind == "pose" else 3))
+            own[:3, :3] = rotation @ attitude
+            if own_turn is not None:
+                own[3:, 3:] = rotation @ attitude @ se3.left_jacobian(own_turn[:, 0])
+            parts.append(own)
+        by_nuisances = np.concatenate([np.zeros((6, 0)), *parts], axis=1)
+        if self.place is None:
+            return Slopes(by_error[: self.size], by_nuisances[: self.size])
+        by_point, by_place = self.place.slopes(inner, own_place[:, 0], self._nominal(pose))
+        of_place = [by_place] if self.base == "free" else []
+        return Slopes(by_point @ by_error[:3], np.concatenate([*of_place, by_point @ by_nuisances[:3]], axis=1))
+
+    def residual(self, reading: Array, predicted: Array) -> Array:
+        """Return reading less prediction, both ``(m, N)`` as :meth:`predict` returns them; an attitude's as a turn."""
+        if self.kind != "pose":
+            return reading - predicted
+        measured, expected = se3.exp_rotation(reading[3:]), se3.exp_rotation(predicted[3:])
+        turn = se3.log_rotation(np.einsum("ijn,kjn->ikn", measured, expected))
+        return np.concatenate([reading[:3] - predicted[:3], turn])
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the set-up as in the JSON."""
+        return {
+            "kind": self.kind,
+            "std": self.std,
+            "attitude_std": float(self.deviations[-1]) if self.kind == "pose" else None,
+            "target": list(self.target),
+            "base": self.base,
+            "target_known": self.target_known,
+            "anchor": list(self.anchor) if self.kind == "distance" else None,
+            "plane": None if self.plane is None else {"point": list(self.plane[0]), "normal": list(self.plane[1])},
+            "sockets": [list(one) for one in self.sockets],
+            "seen_from": None if self.seen_from is None else list(self.seen_from),
+            "facing": None if self.facing is None else list(self.facing),
+            "cone": None if self.facing is None else self.cone,
+            "load": None if self.load is None else [_load_entry(payload) for payload in self.load],
+            "nuisances": list(self.nuisances),
+        }
+
+
+def _product(left: Array, right: Array) -> Array:
+    result: Array = np.einsum("ijn,jkn->ikn", left, right)
+    return result
+
+
+def _point(what: str, value: object) -> tuple[float, ...]:
+    return tuple(check_quantities(what, value, LENGTH, (3,), "three lengths in m, or with a unit").tolist())
+
+
+def _direction(what: str, value: object) -> tuple[float, ...]:
+    return tuple(check_numbers(what, value, (3,), "three numbers").tolist())
+
+
+def _load_entry(payload: Payload) -> dict[str, object]:
+    return {"at": payload.at, "mass": payload.mass, "com": list(payload.com)}

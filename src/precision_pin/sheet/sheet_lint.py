@@ -1,0 +1,273 @@
+"""Warnings about contents of a sheet that are allowed but probably unintended."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from precision_pin.base import units
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.draws import lazy_special
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.laws import Law
+from precision_pin.draws.space import LabelledSpace, Space
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.urdf import Joint
+from precision_pin.sheet.findings import Findings
+from precision_pin.sheet.poses import split_pose
+from precision_pin.sheet.schema import Document
+from precision_pin.sheet.text import Path, Text
+from precision_pin.terms.source import Source
+
+FEW: Final = 30
+"""Fewer measured samples than this cause a warning about the spread of the draws from them."""
+_CONFIDENCE: Final = 0.95
+
+LARGE_ANGLE: Final = math.radians(2)
+"""An error of at least this angle, written in rad, causes a warning."""
+MOST_TURNS: Final = 2
+"""Turns beyond which the value of a joint without limits, written in rad, causes a warning."""
+_LARGE_BY_NATURE: Final = frozenset(("roll", "period"))
+_SLIP: Final = 0.002
+"""Largest distance to a multiple of π/4 at which a number is taken for its rounded value."""
+
+
+def remark_on_sources(
+    document: Document,
+    sources: Mapping[int, Source],
+    names: Sequence[str],
+    space: Space,
+    parameters: Sequence[Draw],
+    own: Sequence[tuple[Path, Draw]],
+    findings: Findings,
+) -> None:
+    """Warn of settings that are probably unintended; refuse laws that are too wide to compute with.
+
+    Parameters
+    ----------
+    document
+        The sheet.
+    sources, names
+        Sources by position, and their labels.
+    space
+        All draws.
+    parameters, own
+        The draws with names of their own, and those of sources with the paths of these.
+    findings
+        Takes the warnings.
+    """
+    placed: list[tuple[Path, Source, str]] = [
+        (("sources", k, source.kind()), source, label)
+        for (k, source), label in zip(sources.items(), names, strict=True)
+    ]
+    for path, draw in (*((("parameters", draw.name), draw) for draw in parameters), *own):
+        _remark_on_draw(path, draw, findings)
+    findings.refuse()
+    for path, source, label in placed:
+        for remark in source.remarks(LabelledSpace(space, label)):
+            findings.warning(path, remark.message, remark.code)
+    if not sources:
+        message = "there are no error sources: every robot is perfect, and no specification can be judged"
+        findings.warning(("sources",), message, "W_NO_SOURCES")
+    elif not any(np.any(draw.law.covariance) for draw in space.draws):
+        message = "no source varies: all robots have the same error, and no specification can be judged"
+        findings.warning(("sources",), message, "W_NOTHING_VARIES")
+    _remark_on_constants(document, sources, findings)
+    _remark_on_angles(document, sources, findings)
+
+
+def _remark_on_draw(path: Path, draw: Draw, findings: Findings) -> None:
+    try:
+        _ = draw.covariance
+    except InputError as error:
+        findings.take(path, error)
+        return
+    remark = few_samples(draw.law)
+    if remark is not None:
+        findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")
+
+
+def _remark_on_constants(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
+    """Warn of plain numbers in place of tolerances, all of them in one message."""
+    found = [
+        (("sources", k, source.kind(), *below), text)
+        for k, source in sources.items()
+        for below, text in _constants(source, document.sources[k][source.kind()])
+    ]
+    if found:
+        path, text = found[0]
+        key, size = path[3], text.lstrip(" +-")
+        message = (
+            f"{key}: {text} is a constant error, the same in every robot{_more(found)}; write a tolerance as ±{size} (that "
+            f"is {{uniform: {size}}}), an intended constant as {{fixed: {text}}}"
+        )
+        findings.warning(path, message, "W_CONSTANT")
+
+
+def _remark_on_angles(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
+    """Warn of errors written in rad that are large angles, all of them in one message."""
+    parts: list[tuple[Path, Any]] = [(("parameters", name), law) for name, law in document.parameters.items()]
+    parts += [(("sources", k), document.sources[k]) for k in sources]
+    found = [((*path, *below), text) for path, part in parts for below, text in _large_angles(part)]
+    if found:
+        path, text = found[0]
+        message = f"{text!r} is an error of 2 deg or more{_more(found)}; did you mean deg, or mrad?"
+        findings.warning(path, message, "W_ANGLE_UNIT")
+
+
+def _more(found: Sequence[object]) -> str:
+    return f" (and {len(found) - 1:,} more like it)" if len(found) > 1 else ""
+
+
+def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> None:
+    """Warn of poses whose unit looks wrong, and of a sheet without poses."""
+    if not document.poses:
+        message = "there are no poses; give joint values with --q"
+        findings.warning((), message, "W_NO_POSES")
+    rotating = {joint.name: joint for joint in chain.robot.joints if joint.kind != "prismatic"}
+    remark = _pose_question(document.locked, rotating)
+    if remark is not None:
+        findings.warning(("locked",), f"locked: {remark}", "W_ANGLE_UNIT")
+    for name, value in document.poses.items():
+        remark = pose_remark(split_pose(value, chain)[0], chain)
+        if remark is not None:
+            findings.warning(("poses", name), f"pose {name!r}: {remark}", "W_ANGLE_UNIT")
+
+
+def note_on_normal(text: Text, file: str) -> Finding | None:
+    """Return a note on the first ``normal:`` of a sheet whose number is three standard deviations by default."""
+    found = [one for key in ("parameters", "sources") for one in _plain_normals(text.data.get(key), (key,))]
+    if not found:
+        return None
+    path, half_width = found[0]
+    message = (
+        f"normal: {half_width} is a tolerance of ±3σ{_more(found)}; a standard deviation is written "
+        f"normal: {{std: {half_width.lstrip(' ±')}}}"
+    )
+    return Finding("note", "N_NORMAL", message, file, text.line(path))
+
+
+def _plain_normals(value: object, below: Path) -> Iterator[tuple[Path, str]]:
+    """Yield the path and half-width of each normal law without ``std`` and ``k``."""
+    if isinstance(value, Mapping):
+        if isinstance(value.get("normal"), str) and "k" not in value:
+            yield (*below, "normal"), value["normal"]
+        for key, entry in value.items():
+            yield from _plain_normals(entry, (*below, key))
+    elif isinstance(value, list):
+        for k, entry in enumerate(value):
+            yield from _plain_normals(entry, (*below, k))
+
+
+def pose_remark(value: str | list[str] | Mapping[str, str], chain: Chain) -> str | None:
+    """Return a question about the unit of a valid pose; ``None`` if the unit looks right."""
+    if isinstance(value, str):
+        numbers, unit = units.split(value)
+        value = [f"{number!r} {unit}" for number in numbers]
+    written = value if isinstance(value, Mapping) else dict(zip(chain.joint_names, value, strict=True))
+    return _pose_question(written, {joint.name: joint for joint in chain.joints if joint.kind != "prismatic"})
+
+
+def few_samples(law: Law) -> str | None:
+    """Return a warning about a law made from few measured samples; None for any other law.
+
+    Draws from n samples have the variance of the samples with the divisor n, or less with straight lines between the
+    samples: on average less than the true variance. The warning gives the upper confidence limit of the true standard
+    deviation for normal numbers, ``s √((n - 1)/χ²)`` with the lower quantile of χ² of n - 1 degrees of freedom.
+    """
+    samples = law.measured
+    if samples is None:
+        return None
+    count = len(samples)
+    if count >= FEW:
+        return None
+    if count == 1:
+        return "one measured sample has no spread; give a law with a tolerance about it"
+    spread, drawn = samples.std(axis=0, ddof=1), np.sqrt(np.diag(law.covariance))
+    varies = spread > 0
+    if not varies.any():
+        return f"{count} measured samples that are all the same have no spread; give a law with a tolerance about them"
+    factor = float((drawn[varies] / spread[varies]).min())
+    most = math.sqrt((count - 1) / (2 * float(lazy_special.gammaincinv((count - 1) / 2, 1 - _CONFIDENCE))))
+    return (
+        f"{count} measured samples: draws from them have {factor:.2f} times the samples' standard deviation (divisor n - 1), "
+        f"and the true one may be up to {most:.1f} times the samples' ({_CONFIDENCE:.0%} confidence, for normal numbers); "
+        f"give a law with a known spread, or at least {FEW} samples"
+    )
+
+
+def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Path, str]]:
+    """Yield the path and the text of each plain number that a source has in place of a tolerance.
+
+    Parameters
+    ----------
+    source
+        The source as read: laws are draws, plain numbers are floats.
+    settings
+        Its settings as written in the sheet.
+    """
+    for key in source.deviations:
+        value = getattr(source, key)
+        for k, entry in enumerate(value if isinstance(value, tuple) else (value,)):
+            if isinstance(entry, float) and entry != 0:
+                written = settings.get(key, "")
+                path: Path = (key, k) if isinstance(written, list) else (key,)
+                yield path, str(written[k] if isinstance(written, list) else written)
+                if not isinstance(written, list):
+                    break  # several numbers in one text
+
+
+def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]:
+    """Yield the path and the text of each angle in rad that is large for an error, in a source's settings or a law."""
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            if key not in _LARGE_BY_NATURE:
+                yield from _large_angles(entry, (*below, key))
+    elif isinstance(value, list):
+        for k, entry in enumerate(value):
+            yield from _large_angles(entry, (*below, k))
+    elif isinstance(value, str) and value.endswith("rad"):
+        try:
+            numbers, unit = units.split(value.lstrip(" ±+-/"))
+        except InputError:
+            return
+        if unit == "rad" and max(map(abs, numbers)) >= LARGE_ANGLE:
+            yield below, value
+
+
+def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> str | None:
+    """Return a question about joint values whose unit looks wrong; ``None`` if all units look right.
+
+    A value in rad looks wrong if it is outside the joint's limits, or beyond two turns if there are none, and would be
+    inside them in degrees. A value in degrees looks wrong if all values are small and it is close to a multiple of π/4.
+
+    Parameters
+    ----------
+    written
+        Text with a unit, by joint.
+    joints
+        The joints that rotate.
+    """
+    small, slips = True, []
+    for name, text in written.items():
+        if name not in joints:
+            continue
+        (number, *_), unit = units.split(text)
+        if unit == "rad" and _looks_like_degrees(number, joints[name]):
+            return f"{name} at {number:g} rad is {math.degrees(number):.4g} deg; did you mean deg?"
+        if unit in ("deg", "°"):
+            small = small and abs(number) <= 2 * math.pi
+            eighths = abs(number) / (math.pi / 4)
+            if round(eighths) and abs(eighths - round(eighths)) * math.pi / 4 < _SLIP and number != round(number):
+                slips.append(f"{name} at {number:g} deg looks like {round(eighths) / 4:g} π; did you mean rad?")
+    return slips[0] if small and slips else None
+
+
+def _looks_like_degrees(number: float, joint: Joint) -> bool:
+    limit = None if joint.kind == "continuous" else joint.limit
+    if limit is None or math.isinf(limit.lower) or math.isinf(limit.upper):
+        return abs(number) > MOST_TURNS * 2 * math.pi
+    return not limit.lower <= number <= limit.upper and limit.lower <= math.radians(number) <= limit.upper
