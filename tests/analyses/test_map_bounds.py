@@ -8,7 +8,12 @@ from scipy import stats
 
 import precision_pin as pp
 from precision_pin.analyses.map.law_bounds import LawShapes
-from precision_pin.analyses.map.normal_norms import norm_quantiles, norm_tail_bounds, norm_tail_quantiles
+from precision_pin.analyses.map.normal_norms import (
+    norm_probabilities,
+    norm_quantiles,
+    norm_tail_bounds,
+    norm_tail_quantiles,
+)
 from precision_pin.analyses.map.table import map_table
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Arcsine, Disc, Law, Lognormal, Normal, TwoPoint, Uniform
@@ -191,3 +196,12 @@ def test_tail_bounds_of_a_normal_vector_by_hand():
             norm_quantiles(variances, 0 * variances, 0.97, (0.95, s * stats.chi(k).ppf(np.full(5, 0.95)))),
             s * stats.chi(k).ppf(0.97), rtol=1e-7,
         )  # fmt: skip
+
+
+def test_a_limit_of_any_size_has_a_probability():
+    s, lengths = 2e-3, np.array([0.3, 3.0, 20.0, 39.0, 60.0, 1e4, 1e16])
+    for k in (1, 2, 3):
+        variances = np.repeat(np.array([s**2] * k + [0.0] * (3 - k))[:, None], len(lengths), axis=1)
+        found = norm_probabilities(variances, 0 * variances, s * lengths)
+        np.testing.assert_allclose(found, stats.chi(k).cdf(lengths), atol=1e-7)
+        assert (norm_tail_bounds(variances, 0 * variances, s * lengths)[4:] < 1e-300).all()

@@ -11,7 +11,7 @@ import precision_pin
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = Path(precision_pin.__file__).parent
-FOLDERS = ("analyses", "cli", "outputs", "sampling", "statistics")
+FOLDERS = ("analyses", "cli", "pages", "sampling", "statistics")
 WORDS = re.compile(
     r"\{VERDICT\}|\b(MET|NOT MET|[Mm]et|holds?|at least|at most|bounds?|certified|agrees?|AGREES|DISAGREES?)\b"
 )

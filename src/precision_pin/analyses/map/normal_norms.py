@@ -28,6 +28,8 @@ _ACROSS: Final = np.sinh(_PARAMETER)
 _WEIGHTS: Final = np.cosh(_PARAMETER) * (_STEP / np.pi)
 _SLOPE: Final = 0.7
 """Slope to which the parabola flattens: with 1 or more the integrand of a long vector may grow again."""
+_FARTHEST: Final = 40.0
+"""Largest distance from the mean, in standard deviations of the vector, at which a probability is computed."""
 _FROM_POLE: Final = 1.0
 """Least distance of the path from the pole, in the same units."""
 _FLAT: Final = 1e-14
@@ -100,7 +102,7 @@ def norm_quantiles(
 def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
     """Return the least exp(K(t) - t r²), a bound of P(|v| > r), ``(P,)``; for arguments as of `norm_probabilities`."""
     law = _Law(variances, means)
-    x = radii**2 - law.constant
+    x = np.minimum(radii**2 - law.constant, law.farthest)
     t = np.maximum(law.saddle(x), 0.0)
     bound: Array = np.where(law.still, x < 0, np.exp(law.exponent(t) - t * x))
     return bound
@@ -154,6 +156,9 @@ class _Law:
         self._variances = np.where(self.still, 1.0, np.where(flat, 0.0, variances))
         self._squares = np.where(self.still | flat, 0.0, squares)
         self.end = 1 / (2 * self._variances.max(axis=0))
+        # farther out nothing is left of the probability, and the saddle cannot be told from the pole
+        most = np.sqrt(self._squares.sum(axis=0)) + _FARTHEST * np.sqrt(self._variances.sum(axis=0))
+        self.farthest = most**2
 
     @property
     def moments(self) -> tuple[Array, Array]:
@@ -163,6 +168,7 @@ class _Law:
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
         """Return probability and density at ``x`` ``(P,)``."""
+        x = np.minimum(x, self.farthest)
         saddle = self._crossing(x)
         density, beyond = np.empty((2, len(x)))
         for first in range(0, len(x), _AT_ONCE):
