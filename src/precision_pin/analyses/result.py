@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
-from precision_pin.analyses.declaration import load
+from precision_pin.analyses.declaration import Declaration, load
 from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.analyses.registry import declarations
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.errors import Finding, UnknownNameError
+from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import MOST_POSES, UNITS, dataset, joint_text, pose_labels
@@ -34,19 +35,16 @@ class PoseResult(Protocol):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Result(JsonResult):
-    """Result of an analysis at one or several poses, with all settings that reproduce it.
+class AnalysisResult(Record, JsonResult):
+    """Result of an analysis.
 
-    A subclass adds its own settings, :meth:`settings`, :meth:`to_pandas` and the three parts of the notebook view.
+    A subclass declares the keys of its JSON: ``"*head"`` first, then its settings, ``assumptions``, ``warnings``, ``findings``
+    and what it found.
 
     Attributes
     ----------
     provenance
         Robot, seed and software versions.
-    samples, confidence
-        Number of samples at each pose; confidence of each interval by itself.
-    poses
-        One entry for each pose.
     findings
         Findings passed in, such as those of the sheet.
     warnings
@@ -54,16 +52,13 @@ class Result(JsonResult):
     """
 
     provenance: Provenance
-    samples: int
-    confidence: float
-    poses: Sequence[PoseResult]
     findings: tuple[Finding, ...] = ()
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = ()
 
     @property
-    def heading(self) -> Provenance:
-        """Former name of ``provenance``."""
-        return self.provenance
+    def head(self) -> dict[str, Any]:
+        """First keys of the JSON: schema, robot, seed, versions."""
+        return self.provenance.to_dict(self.schema)
 
     @property
     def met(self) -> bool:
@@ -78,15 +73,11 @@ class Result(JsonResult):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of the numbers, one sentence each."""
-        raise NotImplementedError
+        return ()
 
     def settings(self) -> dict[str, Any]:
-        """Return the settings, the keys of the JSON between provenance and poses."""
-        return {"samples": self.samples, "confidence": self.confidence}
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in its JSON schema, SI units, base axes."""
-        return self._head() | {"poses": [pose.to_dict() for pose in self.poses]}
+        """Return the settings of the JSON and of data frames: its keys from the head to the findings."""
+        return self.encoded(self.KEYS[: self.KEYS.index("findings") + 1])
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad.
@@ -109,6 +100,37 @@ class Result(JsonResult):
             xarray is not installed.
         """
         return dataset(self.to_pandas())
+
+    def plot(self) -> Axes | Figure:
+        """Draw the result."""
+        figure: Figure = load(f"{type(self).__module__.rpartition('.')[0]}.figure:figure")(self)
+        return figure
+
+    @property
+    def declaration(self) -> Declaration:
+        """Declaration of the analysis."""
+        return next(one for one in declarations().values() if load(one.result) is type(self))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Result(AnalysisResult):
+    """Result of an analysis at one or several poses, with all settings that reproduce it.
+
+    A subclass adds its own settings, :meth:`to_pandas` and the three parts of the notebook view.
+
+    Attributes
+    ----------
+    samples, confidence
+        Number of samples at each pose; confidence of each interval by itself.
+    poses
+        One entry for each pose.
+    """
+
+    KEYS: ClassVar[Keys] = ("*head", "samples", "confidence", "assumptions", "warnings", "findings", "poses")
+
+    samples: int
+    confidence: float
+    poses: Sequence[PoseResult]
 
     def plot(
         self, pose: int = 0, *, quantity: Literal["position", "attitude"] = "position", axes: Axes | None = None
@@ -139,11 +161,10 @@ class Result(JsonResult):
         if quantity not in UNITS:
             raise UnknownNameError("quantity", quantity, tuple(UNITS))
         number = check_whole("pose", pose, 0, len(self.poses) - 1)
-        declaration = next(one for one in declarations().values() if load(one.result) is type(self))
         if axes is None:
-            figure: Figure = declaration.figure(self, number)
+            figure: Figure = self.declaration.figure(self, number)
             return figure
-        declaration.draw(axes, self, number, quantity)
+        self.declaration.draw(axes, self, number, quantity)
         return axes
 
     @property
@@ -154,16 +175,7 @@ class Result(JsonResult):
     def attributes(self) -> dict[str, Any]:
         """Return the attributes of a data frame: the JSON with the joint values only of the poses."""
         joints = {label: dict(entry.pose.q) for label, entry in zip(self.labels, self.poses, strict=True)}
-        return self._head() | {"poses": joints}
-
-    def _head(self) -> dict[str, Any]:
-        return {
-            **self.provenance.to_dict(self.schema),
-            **self.settings(),
-            "assumptions": list(self.assumptions),
-            "warnings": list(self.warnings),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
+        return self.settings() | {"poses": joints}
 
     def _title(self) -> str:
         """Return the heading of the notebook view, without the robot."""

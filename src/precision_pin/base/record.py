@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
 
 from precision_pin.base.array_checks import field_names, fix_fields
+
+Keys = tuple[str, ...]
 
 
 class Record:
@@ -22,7 +24,7 @@ class Record:
         ``"key=attribute"`` another, which may have dots, and ``"*attribute"`` adds all keys of a record or mapping.
     """
 
-    KEYS: ClassVar[tuple[str, ...]] = ()
+    KEYS: ClassVar[Keys] = ()
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -30,8 +32,12 @@ class Record:
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of the record, SI units; null where a number does not exist or is not resolved."""
         kind: Any = type(self)
+        return self.encoded(self.KEYS or field_names(kind))
+
+    def encoded(self, keys: Iterable[str]) -> dict[str, Any]:
+        """Return some keys of the JSON, each as in :attr:`KEYS`."""
         found: dict[str, Any] = {}
-        for entry in self.KEYS or field_names(kind):
+        for entry in keys:
             key, _, attribute = entry.partition("=")
             value = encode(attrgetter(attribute or key.lstrip("*"))(self))
             found |= value if key.startswith("*") else {key: value}

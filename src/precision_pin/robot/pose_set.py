@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal, final
+from typing import Any, Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.render.tables import pose_labels
+from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.chain import Chain
 
 PoseStatus = Literal["reached", "unreachable", "limit", "singular"]
@@ -114,6 +115,19 @@ class PoseSet:
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def entries(self, joints: Sequence[str]) -> list[dict[str, Any]]:
+        """Return each pose as results have it in their JSON: name, joint values, approach and time as far as known."""
+        approaches = np.zeros(self.q.shape, dtype=np.int8) if self.approaches is None else self.approaches
+        return [
+            {
+                "name": name,
+                "q": dict(zip(joints, self.q[:, pose].tolist(), strict=True)),
+                **approach_entry(written_approach(joints, tuple(approaches[:, pose].tolist()))),
+                **({} if self.times is None else {"time": float(self.times[pose])}),
+            }
+            for pose, name in enumerate(self.names)
+        ]
 
     @property
     def known(self) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
 from precision_pin.base.errors import UnknownNameError
+from precision_pin.base.record import Keys
 from precision_pin.render.notebook import Table
 from precision_pin.render.tables import (
     data_frame,
@@ -246,6 +247,18 @@ class BudgetResult(Result):
     """
 
     schema: ClassVar[str] = "precision-pin/budget/1"
+    KEYS: ClassVar[Keys] = (
+        "*head",
+        "samples",
+        "confidence",
+        "k",
+        "bound_at=k",
+        "marked",
+        "assumptions",
+        "warnings",
+        "findings",
+        "poses",
+    )
 
     k: float
     marked: float
@@ -260,10 +273,6 @@ class BudgetResult(Result):
     def bound_at(self) -> float:
         """Former name of ``k``."""
         return self.k
-
-    def settings(self) -> dict[str, Any]:
-        """Return the settings, as in the JSON."""
-        return {**super().settings(), "k": self.k, "bound_at": self.k, "marked": self.marked}
 
     def to_pandas(self, lines: Literal["draws", "sources", "places"] = "draws") -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose, line and quantity.

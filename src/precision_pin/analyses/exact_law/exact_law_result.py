@@ -15,6 +15,7 @@ from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
+from precision_pin.base.record import Keys
 from precision_pin.render.notebook import Table
 from precision_pin.render.tables import MOST_POSES, data_frame, milli, number, symbol, unit
 from precision_pin.statistics.digits import round_end
@@ -188,6 +189,8 @@ class ExactLawResult(Result):
     """Exact laws at one or several poses; samples and confidence are those of the agreement."""
 
     schema: ClassVar[str] = "precision-pin/exact-law/1"
+    KEYS: ClassVar[Keys] = ("*head", "model", "samples", "confidence", "assumptions", "warnings", "findings", "poses")
+    model: ClassVar[str] = "tangent"
 
     poses: tuple[PoseLaws, ...]
 
@@ -201,10 +204,6 @@ class ExactLawResult(Result):
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of the laws, one sentence each."""
         return ASSUMPTIONS
-
-    def settings(self) -> dict[str, Any]:
-        """Return the settings, as in the JSON."""
-        return {"model": "tangent", **super().settings()}
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.

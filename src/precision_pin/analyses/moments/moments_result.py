@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, final
 
 import numpy as np
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
-from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
+from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table
 from precision_pin.render.tables import (
     data_frame,
@@ -43,7 +43,7 @@ _WORDS: Final[dict[str, str]] = {
 
 @final
 @dataclass(frozen=True, eq=False)
-class Measured:
+class Measured(Record):
     """Numbers with their standard errors.
 
     Attributes
@@ -60,9 +60,6 @@ class Measured:
     standard_error: Array | None = None
     half_width: Array | None = None
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     def interval(self, *index: int) -> tuple[float, float] | None:
         """Return the interval of one of the numbers; ``None`` for a closed form and where not resolved."""
         if self.half_width is None or not np.isfinite(self.half_width[index]):
@@ -70,25 +67,10 @@ class Measured:
         middle, half = float(self.value[index]), float(self.half_width[index])
         return middle - half, middle + half
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the numbers as in the JSON; null where not available or not resolved."""
-        return {
-            "value": _to_lists(self.value),
-            "standard_error": None if self.standard_error is None else _to_lists(self.standard_error),
-            "half_width": None if self.half_width is None else _to_lists(self.half_width),
-        }
-
-
-def _to_lists(values: Array) -> Any:
-    """Return an array as nested lists, with None for NaN."""
-    known = values.astype(object)
-    known[~np.isfinite(values)] = None
-    return known.tolist()
-
 
 @final
 @dataclass(frozen=True, eq=False)
-class Remainder:
+class Remainder(Record):
     """Range of validity of a closed form.
 
     Attributes
@@ -107,21 +89,10 @@ class Remainder:
     last_mean: Array
     last_covariance: Array | None
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the terms as in the JSON; null where not available."""
-        return {
-            "order": self.order,
-            "last_mean": self.last_mean.tolist(),
-            "last_covariance": None if self.last_covariance is None else self.last_covariance.tolist(),
-        }
-
 
 @final
 @dataclass(frozen=True, eq=False)
-class PoseMoments:
+class PoseMoments(Record):
     """Moments at one pose, base axes.
 
     Attributes
@@ -144,6 +115,11 @@ class PoseMoments:
         One line each.
     """
 
+    KEYS: ClassVar[Keys] = (
+        *("pose", "nominal", "mean", "std", "covariance", "bias", "first_order"),
+        *("norm_mean", "norm_std", "norm_variance", "remainder", "warnings"),
+    )
+
     pose: PoseLabel
     nominal: Array
     mean: Measured
@@ -155,9 +131,6 @@ class PoseMoments:
     first_order_covariance: Array
     warnings: tuple[str, ...]
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @property
     def bias(self) -> Measured:
         """Mean of the exact error minus that of the first-order model, ``(6,)``."""
@@ -168,6 +141,11 @@ class PoseMoments:
         """Standard deviations of the first-order model, ``(6,)``."""
         result: Array = np.sqrt(np.maximum(np.diagonal(self.first_order_covariance), 0.0))
         return result
+
+    @property
+    def first_order(self) -> dict[str, Array]:
+        """Mean, standard deviations and covariance of the first-order model."""
+        return {"mean": self.first_order_mean, "std": self.first_order_std, "covariance": self.first_order_covariance}
 
     @property
     def variance(self) -> Measured:
@@ -189,27 +167,6 @@ class PoseMoments:
         """Standard deviations of |d| and |δ|, ``(2,)``."""
         return None if self.norm_variance is None else deviations(self.norm_variance)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry of ``poses`` in the JSON."""
-        return {
-            "pose": self.pose.to_dict(),
-            "nominal": self.nominal.tolist(),
-            "mean": self.mean.to_dict(),
-            "std": self.std.to_dict(),
-            "covariance": self.covariance.to_dict(),
-            "bias": self.bias.to_dict(),
-            "first_order": {
-                "mean": self.first_order_mean.tolist(),
-                "std": self.first_order_std.tolist(),
-                "covariance": self.first_order_covariance.tolist(),
-            },
-            "norm_mean": None if self.norm_mean is None else self.norm_mean.to_dict(),
-            "norm_std": None if self.norm_std is None else self.norm_std.to_dict(),
-            "norm_variance": None if self.norm_variance is None else self.norm_variance.to_dict(),
-            "remainder": None if self.remainder is None else self.remainder.to_dict(),
-            "warnings": list(self.warnings),
-        }
-
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -223,6 +180,18 @@ class MomentsResult(Result):
     """
 
     schema: ClassVar[str] = "precision-pin/moments/1"
+    KEYS: ClassVar[Keys] = (
+        "*head",
+        "model",
+        "method",
+        "samples",
+        "confidence",
+        "assumptions",
+        "warnings",
+        "findings",
+        "poses",
+    )
+    model: ClassVar[str] = "exact"
 
     method: Method
     poses: tuple[PoseMoments, ...]
@@ -231,10 +200,6 @@ class MomentsResult(Result):
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of the numbers, one sentence each."""
         return ASSUMPTIONS
-
-    def settings(self) -> dict[str, Any]:
-        """Return the settings, as in the JSON."""
-        return {"model": "exact", "method": self.method, **super().settings()}
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.

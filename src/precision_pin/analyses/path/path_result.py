@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.provenance import Provenance
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding
+from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
-from precision_pin.render.result_io import JsonResult
-from precision_pin.render.tables import data_frame, dataset, milli, symbol
-from precision_pin.robot.approach import approach_entry, written_approach
+from precision_pin.render.tables import data_frame, milli, symbol
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.statistics import (
     NO_GROUNDS,
@@ -31,8 +27,6 @@ from precision_pin.statistics import (
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-    import xarray
-    from matplotlib.figure import Figure
 
 LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
 """Probabilities of the quantiles of the largest error, besides that of the bands."""
@@ -60,7 +54,7 @@ class MaximumQuantile:
 
 @final
 @dataclass(frozen=True)
-class Band:
+class Band(Record):
     """Band below a curve that is to hold the whole error curve of a share of the robots.
 
     Attributes
@@ -80,14 +74,12 @@ class Band:
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class PathResult(JsonResult):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class PathResult(AnalysisResult):
     """Law of a robot's largest error along a path of P poses, and bands for its error over them; m and rad.
 
     Attributes
     ----------
-    provenance
-        Robot, seed and software versions.
     joints, poses
         Joints in chain order, and the points of the path.
     samples, model
@@ -114,13 +106,15 @@ class PathResult(JsonResult):
         Limits that are judged.
     grounds
         What keeps them from being judged, and what is taken as exact.
-    findings, warnings
-        Findings passed in, such as those of the sheet; one line each for them and for the warnings of the analysis.
     """
 
     schema: ClassVar[str] = "precision-pin/path/1"
 
-    provenance: Provenance
+    KEYS: ClassVar[Keys] = (
+        *("*head", "samples", "model", "probability", "confidence", "assumptions", "warnings", "findings"),
+        *("maximum=maxima", "band=bands", "spec=specification_results", "met", "poses=curves"),
+    )
+
     joints: tuple[str, ...]
     poses: PoseSet
     samples: int
@@ -139,11 +133,6 @@ class PathResult(JsonResult):
     varies: NDArray[np.bool_]
     specifications: tuple[Specification, ...] = ()
     grounds: Grounds = NO_GROUNDS
-    findings: tuple[Finding, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def maximum(self) -> Array:
@@ -222,74 +211,49 @@ class PathResult(JsonResult):
             *(("the path has no times: speeds of the joints are not looked at",) if self.poses.times is None else ()),
         )
 
-    def plot(self) -> Figure:
-        """Draw |d| and |δ| along the path: the quantile at each pose and the simultaneous band."""
-        # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.analyses.path.figure").figure(self)
-        return drawn
+    @property
+    def maxima(self) -> dict[str, Any]:
+        """Law of the largest |d| and |δ| along the path, as in the JSON."""
+        return {name: self._maximum(norm) for norm, name in enumerate(_NORMS)}
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in the ``precision-pin/path/1`` schema, SI units; null where not resolved."""
-        return self._head() | {
-            "maximum": {name: self._maximum_dict(norm) for norm, name in enumerate(_NORMS)},
-            "band": {name: self._band_dict(norm) for norm, name in enumerate(_NORMS)},
-            "spec": [result.to_dict() for result in self.specification_results],
-            "met": self.met,
-            "poses": [self._pose_dict(pose) for pose in range(len(self.poses))],
-        }
-
-    def _head(self) -> dict[str, Any]:
+    def _maximum(self, norm: int) -> dict[str, Any]:
+        quantiles = {one: self.maximum_quantile(norm, one) for one in self.levels}
         return {
-            **self.provenance.to_dict(self.schema),
-            "samples": self.samples,
-            "model": self.model,
-            "probability": self.probability,
-            "confidence": self.confidence,
-            "assumptions": list(self.assumptions),
-            "warnings": list(self.warnings),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
-
-    def _maximum_dict(self, norm: int) -> dict[str, Any]:
-        quantiles = [self.maximum_quantile(norm, level) for level in self.levels]
-        return {
-            "min": float(self._ordered[norm, 0]),
-            "max": float(self._ordered[norm, -1]),
-            "quantiles": {str(one.probability): one.value for one in quantiles},
-            "quantile_interval": {
-                str(one.probability): None if one.interval is None else list(one.interval) for one in quantiles
-            },
+            "min": self._ordered[norm, 0],
+            "max": self._ordered[norm, -1],
+            "quantiles": {level: one.value for level, one in quantiles.items()},
+            "quantile_interval": {level: one.interval for level, one in quantiles.items()},
             "most_often_at": self.poses.labels[self.worst_pose(norm)],
         }
 
-    def _band_dict(self, norm: int) -> dict[str, Any]:
-        band, pointwise = self.simultaneous(norm), self.pointwise(norm)
+    @property
+    def bands(self) -> dict[str, Any]:
+        """Both bands of |d| and |δ|, as in the JSON."""
         return {
-            "factor": band.factor,
-            "factor_interval": None if band.factor_interval is None else list(band.factor_interval),
-            "coverage": band.coverage,
-            "coverage_interval": list(band.coverage_interval),
-            "pointwise_coverage": pointwise.coverage,
-            "pointwise_coverage_interval": list(pointwise.coverage_interval),
+            name: {
+                **self.simultaneous(norm).to_dict(),
+                "pointwise_coverage": self.pointwise(norm).coverage,
+                "pointwise_coverage_interval": self.pointwise(norm).coverage_interval,
+            }
+            for norm, name in enumerate(_NORMS)
         }
 
-    def _pose_dict(self, pose: int) -> dict[str, Any]:
-        of = self.poses
-        approach = () if of.approaches is None else tuple(of.approaches[:, pose].tolist())
-        entry: dict[str, Any] = {
-            "name": of.names[pose],
-            "q": dict(zip(self.joints, of.q[:, pose].tolist(), strict=True)),
-            **approach_entry(written_approach(self.joints, approach)),
-            **({} if of.times is None else {"time": float(of.times[pose])}),
-        }
-        for norm, name in enumerate(_NORMS):
-            entry[name] = {
-                "quantile": float(self.curve[norm, pose]),
-                "quantile_interval": self.curve_interval[:, norm, pose].tolist(),
-                "band": float(self.band[norm, pose]),
-                "share_of_maximum": float(self.share_of_maximum[norm, pose]),
+    @property
+    def curves(self) -> list[dict[str, Any]]:
+        """What is known at each pose, as in the JSON."""
+        errors = [
+            {
+                name: {
+                    "quantile": self.curve[norm, pose],
+                    "quantile_interval": self.curve_interval[:, norm, pose],
+                    "band": self.band[norm, pose],
+                    "share_of_maximum": self.share_of_maximum[norm, pose],
+                }
+                for norm, name in enumerate(_NORMS)
             }
-        return entry
+            for pose in range(len(self.poses))
+        ]
+        return [{**of, **entry} for of, entry in zip(self.poses.entries(self.joints), errors, strict=True)]
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the curves as a data frame, m and rad: a row for each pose, with its time where it has one.
@@ -311,17 +275,7 @@ class PathResult(JsonResult):
                     f"{name}_share_of_maximum": float(self.share_of_maximum[norm, pose]),
                 }
             rows.append(((label,), columns))
-        return data_frame(["pose"], rows, self._head())
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Return the curves of :meth:`to_pandas` as a dataset over the poses.
-
-        Raises
-        ------
-        InputError
-            xarray is not installed.
-        """
-        return dataset(self.to_pandas())
+        return data_frame(["pose"], rows, self.settings())
 
     def __repr__(self) -> str:
         one, of = self.maximum_quantile(0, self.probability), self.provenance

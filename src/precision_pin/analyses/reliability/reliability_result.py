@@ -16,6 +16,7 @@ from precision_pin.analyses.result import Result, name_pose
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import UnknownNameError
+from precision_pin.base.record import Keys
 from precision_pin.render.notebook import Table
 from precision_pin.render.tables import (
     absolute,
@@ -221,6 +222,8 @@ class ReliabilityResult(Result):
     """Reliability at one or several poses; ``samples`` is the number of plain samples."""
 
     schema: ClassVar[str] = "precision-pin/reliability/1"
+    KEYS: ClassVar[Keys] = ("*head", "model", "samples", "confidence", "assumptions", "warnings", "findings", "poses")
+    model: ClassVar[str] = "exact"
 
     poses: tuple[PoseReliability, ...]
 
@@ -233,10 +236,6 @@ class ReliabilityResult(Result):
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of the numbers, one sentence each."""
         return ASSUMPTIONS
-
-    def settings(self) -> dict[str, Any]:
-        """Return the settings, as in the JSON."""
-        return {"model": "exact", **super().settings()}
 
     def to_pandas(self, lines: Literal["specifications", "methods"] = "specifications") -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and specification, or method.

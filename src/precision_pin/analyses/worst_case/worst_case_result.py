@@ -13,6 +13,7 @@ from precision_pin.analyses.result import Result, name_pose
 from precision_pin.analyses.worst_case.largest_norm import Farthest
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
+from precision_pin.base.record import Keys
 from precision_pin.render.notebook import Table
 from precision_pin.render.tables import data_frame, milli, symbol, unit
 from precision_pin.statistics import QUANTITIES, Distribution
@@ -225,6 +226,19 @@ class WorstCaseResult(Result):
     """
 
     schema: ClassVar[str] = "precision-pin/worst-case/1"
+    KEYS: ClassVar[Keys] = (
+        "*head",
+        "samples",
+        "model",
+        "confidence",
+        "k",
+        "cut",
+        "assumptions",
+        "warnings",
+        "findings",
+        "poses",
+    )
+    model: ClassVar[str] = "exact"
 
     k: float
     cut: tuple[str, ...]
@@ -245,16 +259,6 @@ class WorstCaseResult(Result):
             "the exact maximum is the largest that a local search found, a lower bound of the largest there is",
             cut,
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the settings, as in the JSON."""
-        return {
-            "samples": self.samples,
-            "model": "exact",
-            "confidence": self.confidence,
-            "k": self.k,
-            "cut": list(self.cut),
-        }
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
