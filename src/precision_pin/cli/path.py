@@ -91,10 +91,7 @@ def command(**options: Unpack[_Options]) -> int:
     A specification is met if enough robots keep it at every pose. Besides, bands for the error over the path: the quantile at
     each pose, and a band that holds the whole error curve of that share of the robots or more.
     """
-    from precision_pin.analyses.path.path_law import count_steps, path_law
     from precision_pin.draws.space import check_seed
-    from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.path.table import path_table
     from precision_pin.statistics.specification import specification
 
     check_poses(options)
@@ -105,8 +102,13 @@ def command(**options: Unpack[_Options]) -> int:
     outputs.check()
     outputs.refuse_inputs(pose_files(options))
     sheet = read_sheet(options, outputs)
-    error_model = ErrorModel.from_sheet(sheet)
     poses = read_pose_set(sheet, options)
+    # late: these take as long to import as all before, and the reading of a large file is to be seen soon
+    from precision_pin.analyses.path.path_law import count_steps, path_law
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.path.table import path_table
+
+    error_model = ErrorModel.from_sheet(sheet)
     if len(poses) < 2:
         message = "a path has two poses or more: --trajectory, --grid, --all-poses, or --pose or --q repeated; analyze is for one"
         raise InputError([Finding("error", "E_POSE", message)])
