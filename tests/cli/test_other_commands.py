@@ -13,6 +13,7 @@ import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
+from cli.conftest import GANTRY
 from precision_pin.base.versions import _version
 from precision_pin.cli.commands import list_commands, load_command
 from precision_pin.robot.examples import PAPER_SHEET
@@ -81,6 +82,32 @@ def test_check_lists_every_finding_of_a_sheet_with_its_line(run, folder):
     printed = run("check", "bad.yaml").out.splitlines()
     assert any(line.startswith("bad.yaml:7: error ") and "'joint_offset'" in line for line in printed)
     assert any(line.startswith("bad.yaml:8: error ") and "0.1" in line and "mm" in line for line in printed)
+
+
+def test_a_broken_mesh_is_one_warning_of_check_and_no_hindrance_of_view(run, folder):
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    cases = {
+        "far.obj": (f"{corners}f 1 2 99999999999\n", "face indices outside its 3 vertices"),
+        "zero.obj": (f"{corners}f 0 1 2\n", "face indices outside its 3 vertices"),
+        "huge.obj": ("v 1e308 0 0\nv -1e308 0 0\nv 0 1e308 0\nf 1 2 3\n", "vertices farther than 1e+30"),
+        "cut.stl": ("\0" * 83 + "\1" + "\0" * 50, "claims 16777216 triangles"),
+        "text.dae": ("no XML", "not well-formed XML"),
+        "empty.stl": ("", "is empty"),
+        "missing.stl": (None, "does not exist"),
+    }
+    for name, (content, words) in cases.items():
+        if content is not None:
+            (folder / name).write_text(content)
+        mesh = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        robot = GANTRY.replace('<link name="tool"/>', f'<link name="tool">\n    {mesh}\n  </link>')
+        (folder / "gantry.urdf").write_text(robot, encoding="utf-8")
+        line = robot[: robot.index("<mesh")].count("\n") + 1
+        outcome = run("check", "gantry.urdf")
+        assert (outcome.code, outcome.err) == (0, "no errors, 1 warning\n"), name
+        assert re.fullmatch(rf"gantry\.urdf:{line}: warning W_MESH_[A-Z]+: .*{re.escape(words)}.*\n", outcome.out), name
+        if name in ("far.obj", "huge.obj"):
+            drawn = run("view", "gantry.errors.yaml", "--samples", "100", "--out", "page.html")
+            assert (drawn.code, "Traceback" in drawn.err, (folder / "page.html").exists()) == (0, False, True), name
 
 
 def test_check_as_json(run, folder):

@@ -79,12 +79,32 @@ def test_many_plain_rows_are_those_of_the_file_and_their_reading_is_in_view(tmp_
     read = pp.read_trajectory(tmp_path / "many.csv", chain, progress=read_at.append)
     np.testing.assert_array_equal(read.values, values[:, ::-1] * [0.01, 1])
     np.testing.assert_allclose(read.times, np.arange(20) / 1000, rtol=1e-15)
-    assert len(read_at) == 3
+    # 20 rows between blank lines, seven lines at a time; of the header nothing is said
+    assert len(read_at) == 6
+    assert sum(read_at) == len("\n\n".join(lines).replace("\r\n", "\n")) - len(lines[0]) - 1
     assert read.pose_set(posed.append).status == read.poses.status
     assert posed == [6, 6, 6, 2]
     np.testing.assert_allclose(read.poses.position[0], values[:, 1] / 100, atol=1e-12)
     with pytest.raises(InputError, match=r"way.csv:3: .* 'nan' is not a finite number"):
         way(tmp_path, chain, "t,swing [old],rail\n0,0,0\n1,nan,0\n")
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ({17: "17,nan,0"}, r"way.csv:18: .* 'nan' is not a finite number"),
+        ({14: "13,0,0"}, r"way.csv:15: .* the time stands still at 13 s"),  # the first row of a part
+        ({17: "16,0,0"}, r"way.csv:18: .* the time stands still at 16 s"),
+        ({21: "21,0,0"}, r"way.csv:22: .* more than 20 poses"),
+        ({9: '"9",0,"\n0"', 12: "12,0"}, r"way.csv:14: .* 2 values for 3 columns"),  # a row of two lines before it
+    ],
+)
+def test_a_wrong_row_far_down_is_named_by_its_line(tmp_path, chain, monkeypatch, rows, message):
+    """Rows are read seven lines at a time."""
+    monkeypatch.setattr("precision_pin.robot.pose_sources.trajectory._AT_ONCE", 7)
+    text = {0: "t,swing [old],rail", **{k: f"{k},0,0" for k in range(1, 21)}, **rows}
+    with pytest.raises(InputError, match=message):
+        way(tmp_path, chain, "\n".join(text.values()), most=20)
 
 
 @pytest.mark.parametrize(

@@ -105,11 +105,21 @@ def read_text_file(path: str | os.PathLike[str], most_bytes: int) -> str:
     UnreadableFileError
         As in :func:`read_regular_file`, or the file is not UTF-8.
     """
+    return decode(read_regular_file(path, most_bytes)).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def decode(data: bytes) -> str:
+    """Return the text of a file's bytes, UTF-8 with or without a byte order mark.
+
+    Raises
+    ------
+    UnreadableFileError
+        They are not UTF-8.
+    """
     try:
-        text = read_regular_file(path, most_bytes).decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UnreadableFileError("text", f"is not UTF-8 text (byte {error.start})") from None
-    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def is_regular(status: os.stat_result) -> bool:

@@ -86,10 +86,7 @@ def command(**options: Unpack[_Options]) -> int:
     The numbers are in closed form, with limits that hold whatever the laws. A specification is judged by robots sampled with
     the exact model at every pose that can be reached, as many as it takes; it is met only if it is met at all of them.
     """
-    from precision_pin.analyses.map.map_poses import count_steps, map_poses
-    from precision_pin.analyses.map.table import map_table
     from precision_pin.draws.space import check_seed
-    from precision_pin.model.error_model import ErrorModel
     from precision_pin.statistics.specification import specification
 
     check_seed(options["seed"])
@@ -105,6 +102,11 @@ def command(**options: Unpack[_Options]) -> int:
     outputs.refuse_inputs(pose_files(options))
     sheet = read_sheet(options, outputs)
     poses = read_pose_set(sheet, options)
+    # late: these take as long to import as all before, and the reading of a large file is to be seen soon
+    from precision_pin.analyses.map.map_poses import count_steps, map_poses
+    from precision_pin.analyses.map.table import map_table
+    from precision_pin.model.error_model import ErrorModel
+
     reference = reference_pose(sheet, options["relative_to"])
     steps = count_steps(len(poses), options["samples"], options["verify"], judged=bool(specifications))
     with working(options) as workers, progress_bar(steps, "mapping", "steps") as progress:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Unpack
 
 import click
+from click.core import ParameterSource
 
 from precision_pin.base.errors import Finding, InputError, UnitError
 from precision_pin.base.files import whole_folder, write_text
@@ -40,6 +42,10 @@ if TYPE_CHECKING:
     from precision_pin.statistics import Specification
 
 SAMPLES: Final = 10_000
+_LONG: Final = 2 * 10**9
+"""Steps of progress, robots at poses, from which the number of robots is to be chosen by the user: about ten minutes."""
+_LOOKED: Final = 3.0
+"""Seconds of sampling after which the time of the whole is known."""
 
 
 class _Options(ChainOptions, PoseOptions):
@@ -89,10 +95,7 @@ def command(**options: Unpack[_Options]) -> int:
     A specification is met if enough robots keep it at every pose. Besides, bands for the error over the path: the quantile at
     each pose, and a band that holds the whole error curve of that share of the robots or more.
     """
-    from precision_pin.analyses.path.path_law import count_steps, path_law
-    from precision_pin.analyses.path.table import path_table
     from precision_pin.draws.space import check_seed
-    from precision_pin.model.error_model import ErrorModel
     from precision_pin.statistics.specification import specification
 
     check_poses(options)
@@ -103,13 +106,20 @@ def command(**options: Unpack[_Options]) -> int:
     outputs.check()
     outputs.refuse_inputs(pose_files(options))
     sheet = read_sheet(options, outputs)
-    error_model = ErrorModel.from_sheet(sheet)
     poses = read_pose_set(sheet, options)
+    # late: these take as long to import as all before, and the reading of a large file is to be seen soon
+    from precision_pin.analyses.path.path_law import count_steps, path_law
+    from precision_pin.analyses.path.table import path_table
+    from precision_pin.model.error_model import ErrorModel
+
+    error_model = ErrorModel.from_sheet(sheet)
     if len(poses) < 2:
         message = "a path has two poses or more: --trajectory, --grid, --all-poses, or --pose or --q repeated; analyze is for one"
         raise InputError([Finding("error", "E_POSE", message)])
     compile_sampler(error_model.space, options["model"])
-    with progress_bar(count_steps(len(poses), max(options["samples"], 0)), "sampling") as progress, unwinding():
+    steps = count_steps(len(poses), max(options["samples"], 0))
+    is_default = click.get_current_context().get_parameter_source("samples") is ParameterSource.DEFAULT
+    with progress_bar(steps, "sampling") as progress, unwinding():
         result = path_law(
             error_model,
             poses,
@@ -120,7 +130,7 @@ def command(**options: Unpack[_Options]) -> int:
             specifications=specifications,
             findings=sheet.findings,
             threads=options["threads"],
-            progress=progress,
+            progress=_refusing(progress, len(poses)) if is_default and steps > _LONG else progress,
         )
         raise_if_interrupted()
     echo_warning_lines(result.warnings[len(sheet.findings) :])
@@ -140,6 +150,30 @@ def command(**options: Unpack[_Options]) -> int:
             save(figure(result), stage / "path")
         echo_note(f"wrote {out}: path.json, path as PNG and SVG")
     return 0 if result.met else EXIT_SPEC
+
+
+def _refusing(progress: Callable[[int], None], poses: int) -> Callable[[int], None]:
+    """Return what takes the steps and, once it is known how long all of them take, refuses a run that nobody asked for."""
+    began, done = 0.0, 0
+
+    def advance(count: int) -> None:
+        nonlocal began, done
+        progress(count)
+        if not began:  # before the first poses come many are laid out together
+            began = time.monotonic()
+            return
+        done += count
+        passed = time.monotonic() - began
+        if passed < _LOOKED:
+            return
+        minutes = passed / 60 * 2 * poses * SAMPLES / done
+        message = (
+            f"{poses:,} poses with {SAMPLES:,} robots each take about {minutes:,.0f} minutes here; --samples {SAMPLES // 10} "
+            f"takes about {minutes / 10:,.0f}, fewer rows take less, and --samples {SAMPLES} does it all the same"
+        )
+        raise InputError([Finding("error", "E_USAGE", message)])
+
+    return advance
 
 
 def _probability(text: str) -> float:

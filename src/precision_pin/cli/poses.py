@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 MOST_ROWS: Final = 2**20 - 1
 """The most poses of a trajectory or a grid where a command sets no lower bound: draws of pose scope can be made at no more."""
+_LARGE: Final = 2**20
+"""Bytes of a trajectory from which its reading is shown at once, without waiting whether it takes long."""
 
 
 @final
@@ -224,7 +226,7 @@ def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROW
     from precision_pin.robot.pose_sources.trajectory import read_trajectory
 
     size = os.path.getsize(file) if os.path.isfile(file) else 0
-    with progress_bar(size, "reading", "B") as progress:
+    with progress_bar(size, "reading", "B", 0 if size > _LARGE else 0.7) as progress:
         way = read_trajectory(file, sheet.chain, most, progress)
     kinds = {"time_step": units.TIME, "angle_step": units.ANGLE, "length_step": units.LENGTH}
     steps: dict[str, float] = {}

@@ -32,14 +32,14 @@ def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -
 
 
 @contextmanager
-def progress_bar(total: int, what: str, unit: str = "samples") -> Iterator[Callable[[int], None]]:
-    """Show progress on a terminal, unless quiet; yield a function that takes the steps and stops at an interrupt."""
+def progress_bar(total: int, what: str, unit: str = "samples", delay: float = 0.7) -> Iterator[Callable[[int], None]]:
+    """Show progress on a terminal after ``delay`` s, unless quiet; yield what takes the steps and stops at an interrupt."""
     if is_quiet():
         yield lambda _: raise_if_interrupted()
         return
     from precision_pin.base.progress import progress
 
-    with progress(total, what, unit=unit) as step:
+    with progress(total, what, delay=delay, unit=unit) as step:
 
         def advance(count: int) -> None:
             raise_if_interrupted()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final, Literal, final
 
 import numpy as np
@@ -149,7 +150,11 @@ class PoseSet:
     @property
     def labels(self) -> list[str]:
         """A label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
-        return pose_labels(self.names)
+        return list(self._labels)
+
+    @cached_property
+    def _labels(self) -> tuple[str, ...]:
+        return tuple(pose_labels(self.names))
 
     def of(self, mask: NDArray[np.bool_]) -> PoseSet:
         """Return the poses that a mask ``(P,)`` selects, in order."""

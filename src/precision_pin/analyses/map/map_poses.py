@@ -138,7 +138,7 @@ def map_poses(
     names, lines = source_lines(error_model)
     labels = given.labels
     known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
-    approaches = given.of(given.known).approaches
+    approaches = None if given.approaches is None else given.approaches[:, given.known]
     found = (
         *limit_findings(error_model.chain, values, known_labels),
         *exact_findings(error_model, values, approaches),

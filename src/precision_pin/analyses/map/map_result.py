@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
@@ -129,7 +130,7 @@ class MapResult(JsonResult):
         """Root mean square of |d| and |δ|, ``(2, P)``."""
         return _rms(self.mean, self.covariance)
 
-    @property
+    @cached_property
     def dominant_source(self) -> tuple[str, ...]:
         """Name of the source with the largest share in the variance of the position; empty where it does not vary."""
         if not self.sources:
@@ -162,7 +163,9 @@ class MapResult(JsonResult):
             sampled = (self.judged.probability[chosen] - required).min(axis=0)
             keys += [(self.probability[chosen] - required).min(axis=0), sampled, self.judged.order[chosen].min(axis=0)]
         known = self.poses.known
-        return [int(pose) for pose in np.lexsort((*keys, ~verified)) if known[pose]]
+        order = np.lexsort((*keys, ~verified))
+        worst: list[int] = order[known[order]].tolist()
+        return worst
 
     @property
     def unknown(self) -> int:

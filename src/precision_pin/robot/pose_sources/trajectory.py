@@ -7,7 +7,7 @@ import io
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -20,7 +20,7 @@ from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.csv_columns import NUMBER, numbers
 from precision_pin.base.errors import Finding, InputError, UnitError, nearest
-from precision_pin.base.input_files import UnreadableFileError, read_text_file
+from precision_pin.base.input_files import UnreadableFileError, decode, read_regular_file
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
@@ -29,8 +29,10 @@ from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
 _TIMES: Final = ("t", "time")
 _LONGEST: Final = 40
 _LARGEST_FILE: Final = 256 * 2**20
-_AT_ONCE: Final = 2**15
+_AT_ONCE: Final = 2**13
 """Lines that are read together."""
+_Wrong = Callable[[str, int], InputError]
+"""Makes the error of a line."""
 _ROUNDING: Final = 1e-9
 """Share of a step by which an interval may be longer than a whole number of steps, for rounding."""
 
@@ -95,8 +97,8 @@ class Trajectory:
     def names(self) -> tuple[str, ...]:
         """A name for each pose: its time, or its row."""
         if self.times is None:
-            return tuple(f"row {row:.10g}" for row in self.rows)
-        return tuple(f"t = {time:g} s" for time in self.times)
+            return tuple(f"row {row:.10g}" for row in self.rows.tolist())
+        return tuple(f"t = {time:g} s" for time in self.times.tolist())
 
     @property
     def poses(self) -> PoseSet:
@@ -137,6 +139,8 @@ class Trajectory:
             poses than allowed.
         """
         check_whole("the most poses", most, 1, MOST_POSES)
+        if time_step is angle_step is length_step is None:
+            return self
         slides = self.chain.prismatic
         moved = np.abs(np.diff(self.values, axis=0))
         parts = np.ones(len(moved))
@@ -202,74 +206,85 @@ def read_trajectory(
         return InputError([Finding("error", "E_TRAJECTORY", message, file, line)])
 
     try:
-        text = read_text_file(file, _LARGEST_FILE)
-        plain = _plain(text, chain, most, progress)
-        if plain is not None:
-            return plain
-        reader = csv.reader(io.StringIO(text))
-        # the line a row ends on, which is its only one unless it holds line breaks in quotes
-        filled = ((reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row)))
-        rows = list(itertools.islice(filled, most + 2))
+        data = read_regular_file(file, _LARGEST_FILE)
+        if not data.isascii():
+            decode(data)  # what is not UTF-8 is refused
+        # a line at a time, since decoding and dividing a large file takes a part of a second in which nothing is seen
+        lines = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig")
+        line, header = next(_rows(lines, 0), (0, []))
+        if not line:
+            raise wrong("the file is empty; it begins with a row of joint names")
+        try:
+            columns = _columns(header, chain)
+        except InputError as error:
+            raise wrong(error.findings[0].message, line) from None
+        # what is in quotes may go on over several lines
+        together = None if b'"' in data else _AT_ONCE
+        parts: list[Array] = []
+        count, before, first = 0, -math.inf, line
+        while some := list(itertools.islice(lines, together)):
+            part = _plain([plain for one in some if (plain := one.strip())], columns, before)
+            if part is None or len(part) > most - count:
+                part = _row_by_row(_rows(some, first), columns, before, count, most, wrong)
+            parts.append(part)
+            count, before = count + len(part), part[-1, 0] if len(part) else before
+            first += len(some)
+            progress(sum(map(len, some)))
     except UnreadableFileError as problem:
         raise wrong(f"the file {problem.reason}") from None
-    except (csv.Error, ValueError) as problem:
+    except csv.Error as problem:
         raise wrong(f"no CSV: {problem}") from None
-    if not rows:
-        raise wrong("the file is empty; it begins with a row of joint names")
-    line, header = rows[0]
-    try:
-        columns = _columns(header, chain)
-    except InputError as error:
-        raise wrong(error.findings[0].message, line) from None
-    if len(rows) < 2:
+    if not count:
         raise wrong("no poses: no row follows the joint names", line)
-    if len(rows) - 1 > most:
-        raise wrong(f"more than {most} poses; leave rows out", rows[most + 1][0])
-    timed = not columns[0].joint
-    values = np.empty((len(rows) - 1, len(header)))
-    for row, (line, cells) in enumerate(rows[1:]):
-        if len(cells) != len(header):
-            raise wrong(f"{len(cells)} values for {len(header)} columns", line)
-        for column, cell in enumerate(cells):
-            values[row, column] = _number(cell) * columns[column].factor
-            if not math.isfinite(values[row, column]):
-                raise wrong(f"{header[column]}: {shown(cell, _LONGEST)} is not a finite number", line)
-        if timed and row and not values[row, 0] > values[row - 1, 0]:
-            before, after = values[row - 1 : row + 1, 0].tolist()
-            goes = (
-                f"stands still at {after:.10g} s" if after == before else f"goes back from {before:g} s to {after:g} s"
-            )
-            raise wrong(f"the time {goes}; it must increase from row to row", line)
-    return _trajectory(chain, values, columns)
-
-
-def _trajectory(chain: Chain, values: Array, columns: Sequence[Column]) -> Trajectory:
+    values = np.concatenate(parts)
     joints = [column.joint for column in columns]
     order = [joints.index(name) for name in chain.joint_names]
     times = None if columns[0].joint else values[:, 0]
-    return Trajectory(chain, values[:, order], times, np.arange(1.0, len(values) + 1), tuple(columns))
+    return Trajectory(chain, values[:, order], times, np.arange(1.0, count + 1), tuple(columns))
 
 
-def _plain(text: str, chain: Chain, most: int, progress: Callable[[int], object]) -> Trajectory | None:
-    """Return a trajectory of plain numbers, many lines at once; ``None`` where reading row by row finds what is wrong."""
-    lines = [line for line in text.replace("\r\n", "\n").split("\n") if line.strip()]
-    if not 2 <= len(lines) <= most + 1 or '"' in lines[0]:
+def _rows(lines: Iterable[str], first: int) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows that are not blank, each with the line on which it ends, of lines that follow the line ``first``."""
+    reader = csv.reader(lines)
+    for row in reader:
+        cells = [cell.strip() for cell in row]
+        if any(cells):
+            yield first + reader.line_num, cells
+
+
+def _plain(lines: Sequence[str], columns: Sequence[Column], before: float) -> Array | None:
+    """Return the values of lines of plain numbers, all at once; ``None`` where reading row by row finds what is wrong."""
+    part = numbers(lines, len(columns))
+    if part is None:
         return None
-    try:
-        columns = _columns([cell.strip() for cell in lines[0].split(",")], chain)
-    except InputError:
-        return None
-    parts: list[Array] = []
-    for first in range(1, len(lines), _AT_ONCE):
-        together = lines[first : first + _AT_ONCE]
-        part = numbers(together, len(columns))
-        if part is None:
-            return None
-        parts.append(part)
-        progress(sum(map(len, together)) + len(together))
-    values: Array = np.concatenate(parts) * [column.factor for column in columns]
-    increasing = columns[0].joint or (np.diff(values[:, 0]) > 0).all()
-    return _trajectory(chain, values, columns) if increasing and np.isfinite(values).all() else None
+    values: Array = part * [column.factor for column in columns]
+    increasing = columns[0].joint or (np.diff(values[:, 0], prepend=before) > 0).all()
+    return values if increasing and np.isfinite(values).all() else None
+
+
+def _row_by_row(
+    rows: Iterable[tuple[int, list[str]]], columns: Sequence[Column], before: float, count: int, most: int, wrong: _Wrong
+) -> Array:  # fmt: skip
+    """Return the values of rows after ``count`` others, the last of them at the time ``before``; refuse the first wrong one."""
+    found: list[list[float]] = []
+    for line, cells in rows:
+        if count + len(found) == most:
+            raise wrong(f"more than {most} poses; leave rows out", line)
+        if len(cells) != len(columns):
+            raise wrong(f"{len(cells)} values for {len(columns)} columns", line)
+        values = [_number(cell) * column.factor for cell, column in zip(cells, columns, strict=True)]
+        for value, cell, column in zip(values, cells, columns, strict=True):
+            if not math.isfinite(value):
+                raise wrong(f"{column.heading}: {shown(cell, _LONGEST)} is not a finite number", line)
+        if not columns[0].joint and not values[0] > before:
+            goes = (
+                f"stands still at {before:.10g} s" if values[0] == before
+                else f"goes back from {before:g} s to {values[0]:g} s"
+            )  # fmt: skip
+            raise wrong(f"the time {goes}; it must increase from row to row", line)
+        found.append(values)
+        before = values[0]
+    return np.array(found).reshape(-1, len(columns))
 
 
 def _columns(header: Sequence[str], chain: Chain) -> list[Column]:

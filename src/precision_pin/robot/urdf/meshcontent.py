@@ -38,6 +38,10 @@ PLY_SIZES = {
 WORD: Final = re.compile(rb"\S+")
 
 
+_FARTHEST: Final = 1e30
+"""Coordinate beyond which extents and squares of a mesh may overflow in single or double precision."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class MeshFile:
@@ -183,8 +187,11 @@ def _read_materials(name: str, companion: Companion) -> None:
 
 
 def _finite(words: list[str], count: int) -> None:
-    if len(words) < count or not all(math.isfinite(float(word)) for word in words):
+    values = [abs(float(word)) for word in words]
+    if len(words) < count or not all(map(math.isfinite, values)):
         raise BrokenMeshError("holds vertices that are not finite")
+    if max(values) > _FARTHEST:
+        raise BrokenMeshError(f"holds vertices farther than {_FARTHEST:g} from its origin")
 
 
 def _check_ply(data: bytes, companion: Companion) -> None:
