@@ -36,7 +36,7 @@ _MARGIN: Final = 0.05
 _STARTS: Final = 24
 _PUSHES: Final = 20
 _ROUNDS: Final = 200
-_BORDERS: Final = 40
+_BORDERS: Final = 80
 """Most points of the border that are sought in a round."""
 _HALVINGS: Final = 16
 _BRANCHES: Final = 8
