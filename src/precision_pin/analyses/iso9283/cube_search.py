@@ -13,16 +13,17 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from precision_pin.base.arrays import Array
 
-Reach = Callable[[Array], NDArray[np.bool_]]
-"""Which of the points ``(3, P)`` are reached, ``(P,)``."""
+Solver = Callable[..., Array]
+"""Joint values ``(n, P)`` of points ``(3, P)``, NaN where out of reach; with values to start from, of the branch of these."""
 
 LATTICE: Final = 13
 """Points along an edge of the lattice on which a cube is looked at."""
+_ON_FACE: Final = 37
+"""Points along an edge of the finer lattice on the faces, where the border of the workspace comes in between."""
 
 _GRID: Final = 17
 """Points of the grid along an axis."""
@@ -36,6 +37,8 @@ _ROUNDS: Final = 200
 _BORDERS: Final = 80
 """Most points of the border that are sought in a round."""
 _HALVINGS: Final = 16
+_BRANCHES: Final = 8
+"""Most branches that are followed towards a point out of reach."""
 _COARSE, _FINE = 2e-3, 2e-4
 """Share of the edge that is kept clear of points out of reach: more than halving leaves open."""
 _PREFERENCE: Final = 1e-2
@@ -48,13 +51,13 @@ _SMALLEST: Final = 0.02
 """Smallest edge by the longest of the box; what is smaller slips through the grid."""
 
 
-def largest_cube(reach: Reach, low: Array, high: Array) -> tuple[float, Array]:
+def largest_cube(solve: Solver, low: Array, high: Array) -> tuple[float, Array]:
     """Return edge and centre ``(3,)`` of the largest cube found; an edge of zero where there is none.
 
     Parameters
     ----------
-    reach
-        Which points are reached.
+    solve
+        Solutions of points.
     low, high
         A box that holds all points within reach, ``(3,)``.
     """
@@ -63,7 +66,7 @@ def largest_cube(reach: Reach, low: Array, high: Array) -> tuple[float, Array]:
     grid = _grid(low, high, _GRID)
     # the grid's outermost points are beyond the workspace
     at_edge = ((grid <= low[:, None]) | (grid >= high[:, None])).any(axis=0)
-    blocked = grid[:, at_edge | ~reach(grid)]
+    blocked = grid[:, at_edge | np.isnan(solve(grid)[0])]
     centres = _grid(low, high, _CENTRES)
     room: Array = cKDTree(blocked.T).query(centres.T, p=np.inf)[0]
     along = np.array([1.0, 0.1, 0.01]) @ ((centres - low[:, None]) / (high - low)[:, None])
@@ -76,13 +79,16 @@ def largest_cube(reach: Reach, low: Array, high: Array) -> tuple[float, Array]:
             if edge < _SMALLEST * size:
                 return 0.0, (low + high) / 2
             lattice = lattice_of(edge, centre)
-            within = reach(lattice)
-            outside = lattice[:, ~within]
+            q = solve(lattice)
+            start = q[:, lattice.shape[1] // 2]
+            outside = lattice[:, np.isnan(q[0])]
+            if clearance == _FINE and not outside.size:
+                faces = _faces(edge, centre)
+                outside = faces[:, np.isnan(solve(faces)[0])]
             if not outside.size:
                 break
-            centre_is_within = within[lattice.shape[1] // 2]
             found = outside[:, :: -(-outside.shape[1] // _BORDERS)]
-            found = _border(reach, centre, found) if centre_is_within else np.column_stack([centre, found])
+            found = np.column_stack([centre, found]) if np.isnan(start[0]) else _border(solve, centre, start, found)
             blocked = np.concatenate([blocked, found], axis=1)
             for point in found.T:
                 room = np.minimum(room, np.abs(centres - point[:, None]).max(axis=0))
@@ -96,6 +102,12 @@ def largest_cube(reach: Reach, low: Array, high: Array) -> tuple[float, Array]:
 def lattice_of(edge: float, centre: Array) -> Array:
     """Return the points of the lattice over a cube, its corners among them, ``(3, LATTICE³)``."""
     return _grid(centre - edge / 2, centre + edge / 2, LATTICE)
+
+
+def _faces(edge: float, centre: Array) -> Array:
+    """Return the points of a finer lattice that lie on the faces of a cube, ``(3, P)``."""
+    points = _grid(np.full(3, -1.0), np.ones(3), _ON_FACE)
+    return centre[:, None] + edge / 2 * points[:, np.abs(points).max(axis=0) == 1]
 
 
 def _grid(low: Array, high: Array, count: int) -> Array:
@@ -138,13 +150,27 @@ def _pushed(blocked: Array, centre: Array) -> tuple[float, Array]:
     return best, at_best
 
 
-def _border(reach: Reach, inside: Array, outside: Array) -> Array:
-    """Return points ``(3, P)`` out of reach, next to the border, between a point within reach and others out of reach."""
-    near, far = np.zeros(outside.shape[1]), np.ones(outside.shape[1])
+def _border(solve: Solver, inside: Array, start: Array, outside: Array) -> Array:
+    """Return points ``(3, P)`` out of reach, next to the border, between a point within reach and others out of reach.
+
+    Steps from a solution follow one branch of the inverse kinematics. Where it ends all are asked: what another branch
+    reaches is followed from there. `start` is the solution ``(n,)`` of the point within reach.
+    """
     ways = outside - inside[:, None]
-    for _ in range(_HALVINGS):
-        middle = (near + far) / 2
-        within = reach(inside[:, None] + middle * ways)
-        near, far = np.where(within, middle, near), np.where(within, far, middle)
+    near, far = np.zeros(outside.shape[1]), np.ones(outside.shape[1])
+    q, left = np.repeat(start[:, None], outside.shape[1], axis=1), np.arange(outside.shape[1])
+    for _ in range(_BRANCHES):
+        for _ in range(_HALVINGS):
+            middle = (near[left] + far[left]) / 2
+            found = solve(inside[:, None] + middle * ways[:, left], q[:, left])
+            within = np.isfinite(found[0])
+            near[left], far[left] = np.where(within, middle, near[left]), np.where(within, far[left], middle)
+            q[:, left[within]] = found[:, within]
+        found = solve(inside[:, None] + far[left] * ways[:, left])
+        within = np.isfinite(found[0])
+        left = left[within]
+        near[left], far[left], q[:, left] = far[left], 1.0, found[:, within]
+        if not left.size:
+            break
     border: Array = inside[:, None] + far * ways
     return border

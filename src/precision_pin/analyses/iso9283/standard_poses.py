@@ -82,7 +82,7 @@ def standard_poses(chain: Chain, reference: Array, target: Array) -> tuple[PoseS
     """
     tool = ToolPoses(chain, chain.at(reference).pose[:3, :3], target)
     centre, radius = tool.ball
-    side, middle = largest_cube(tool.reaches, centre - radius, centre + radius)
+    side, middle = largest_cube(tool.solve, centre - radius, centre + radius)
     turned = "with the tool turned as at the first pose" if tool.keeps_orientation else "with the tool turned as it may"
     if not side > 0:
         raise InputError(
