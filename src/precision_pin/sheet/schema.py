@@ -25,6 +25,7 @@ from precision_pin.draws.laws import Law, laws_of_sheets
 from precision_pin.errors import InputError
 from precision_pin.sheet.measurement_entry import MeasurementEntry
 from precision_pin.sheet.settings import (
+    NAME,
     TOLERANCE_PATTERN,
     NamedParameter,
     SettingError,
@@ -43,8 +44,10 @@ __all__ = [
     "Context",
     "Document",
     "SettingReason",
+    "StatedNumber",
     "json_schema",
     "source_model",
+    "stated_numbers",
     "used_quantities",
 ]
 
@@ -227,6 +230,34 @@ def used_quantities(kinds: tuple[type, ...]) -> tuple[Quantity, ...]:
             for note in entry.notes if entry.may_be_random else ():
                 found |= dict.fromkeys(_either(note))
     return tuple(found)
+
+
+@final
+@dataclass(frozen=True)
+class StatedNumber:
+    """A number that the sheet gives for a setting: the units it may have, whether it has a law."""
+
+    units: frozenset[str]
+    is_random: bool
+
+
+def stated_numbers(kind: type, settings: Mapping[str, Any]) -> dict[str, StatedNumber]:
+    """Return the numbers and laws that the settings of a source state, by their paths below it; entries of lists one by one."""
+    found: dict[str, StatedNumber] = {}
+    for entry in setting_fields(kind):
+        stated = settings.get(entry.name)
+        listed = enumerate(stated) if isinstance(stated, list) else ()
+        values = {f"{entry.name}[{k}]": one for k, one in listed} or {entry.name: stated}
+        quantities = [quantity for note in entry.notes for quantity in _either(note)]
+        for path, value in values.items():
+            if entry.part is not None and isinstance(value, dict):
+                found |= {f"{path}.{below}": one for below, one in stated_numbers(entry.part, value).items()}
+            elif quantities and value not in (None, []):
+                is_law = isinstance(value, dict) or tolerance_law(value) is not None
+                is_name = isinstance(value, str) and NAME.fullmatch(value.strip()) is not None
+                units = frozenset(unit for quantity in quantities for unit in quantity.units)
+                found[path] = StatedNumber(units, entry.may_be_random and (is_law or is_name))
+    return found
 
 
 def _either(note: object) -> tuple[Quantity, ...]:

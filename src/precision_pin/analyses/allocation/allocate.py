@@ -12,23 +12,30 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult, Basis, tightest_of
 from precision_pin.analyses.allocation.choices import SAMPLES, Judge, Judged, Walk, walk
+from precision_pin.analyses.allocation.costs import Tolerance
 from precision_pin.analyses.allocation.error_parts import ErrorParts, error_parts
 from precision_pin.analyses.allocation.front import MOST_POINTS, pareto_front, solve
 from precision_pin.analyses.allocation.problem import (
     Bound,
     Problem,
-    Tolerance,
+    beside,
     common_grades,
     read_problem,
 )
 from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
-from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions, in_deviations
+from precision_pin.analyses.allocation.scaling import (
+    Contributions,
+    NoScaleError,
+    changed_model,
+    contributions,
+    in_deviations,
+)
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.arrays import Array
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import check_seed
-from precision_pin.errors import Finding
+from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_number, check_whole
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
@@ -115,7 +122,10 @@ def _allocate(
     advance: Callable[[int], None],
 ) -> AllocationResult:
     bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
-    parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
+    try:
+        parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
+    except NoScaleError as error:
+        raise InputError(f"{error.findings[0].message}{beside(model, error.path)}") from None
     members = _members(task.tolerances)
     judge = Judge(model, task, seed)
     choices = [common_grades(_own(task, members, g)) for g in range(int(members.max()) + 1)]

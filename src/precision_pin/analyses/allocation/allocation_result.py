@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
+from precision_pin.analyses.allocation.costs import Tolerance
 from precision_pin.analyses.allocation.error_parts import ErrorParts
 from precision_pin.analyses.allocation.front import FrontPoint
-from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.arrays import Array
 from precision_pin.display.html import preformatted

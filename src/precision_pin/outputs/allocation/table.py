@@ -61,13 +61,13 @@ def tolerance_rows(result: AllocationResult) -> list[list[str]]:
     rows = [["tolerance", "before", "after", "cost", "held by"]]
     columns = (result.after.tolist(), result.costs.tolist(), result.shadow_prices.tolist())
     for one, after, cost, price in zip(result.tolerances, *columns, strict=True):
-        before = one.written(one.before).removeprefix("±")
+        before = one.number(one.before)
         held = "max" if after >= one.high * (1 - 1e-7) else "min" if after <= one.low * (1 + 1e-7) else "-"
         if held != "-" and price:
             held += f", {abs(price) / 1e3:.3g} per {'mm' if one.unit in LENGTH.units else 'mrad'}"
         if one.grades is not None:
             held = f"grade {one.grade(after)}".rstrip()
-        number, unit = one.written(after).removeprefix("±").split(" ", 1)
+        number, unit = one.number(after).split(" ", 1)
         path = shortened(visible(one.path), _MOST_LETTERS)
         rows.append([path, before, f"{float(number):.4g} {unit}", f"{cost:.4g}", held])
     return rows
