@@ -158,7 +158,6 @@ def test_tolerances_come_back_to_what_the_samples_need(tmp_path: Path) -> None:
     assert 0.95 <= bare.limits[0].interval[0] <= 0.952
     # by another way: what the tolerances without a margin cost less
     assert result.margin_cost == pytest.approx(result.cost - bare.cost, abs=0.01 * bare.cost)
-    assert result.lower_bound == pytest.approx(bare.lower_bound, rel=0.01)
     assert bare.margin_cost is None
 
 
@@ -195,7 +194,7 @@ def test_front_is_the_closed_form_at_every_limit(tmp_path: Path) -> None:
 def test_a_limit_that_holds_nothing_costs_no_rounds(tmp_path: Path) -> None:
     """The second limit is kept by far, which is no reason to try again."""
     specs = ["0.3 mm @ 95 %", "2 mm @ 99 %"]
-    one, both = (pp.allocate(slide_model(tmp_path), _problem(*specs[:count])) for count in (1, 2))
+    one, both = (pp.allocate(slide_model(tmp_path), _problem(*specs[:count]), for_samples=0) for count in (1, 2))
     assert both.after == pytest.approx(one.after)
     assert both.limits[1].aimed == pytest.approx(0.99)
     assert both.met
