@@ -69,7 +69,7 @@ class _Options(ChainOptions):
     type=int,
     default=100_000,
     show_default=True,
-    help="Keep a margin with which analyze of the new sheet shows with N samples that it is met; 0 for none.",
+    help="Keep a margin that N samples of analyze will show; 0 for none.",
 )
 @output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @output_option("--out", metavar="DIR", help="Write the sheet with the chosen tolerances, a plot and the result there.")
