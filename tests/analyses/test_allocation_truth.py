@@ -245,7 +245,8 @@ def test_met_is_what_holds_where_the_other_law_is_far_from_normal(
         "tolerances": [{"path": "parameters.a", "cost": cost, "min": "0.02 mm", "max": "1 mm"}],
         "specs": [f"x {LIMIT} mm @ {100 * required} %"],
     }
-    result = pp.allocate(model, problem)
+    # without a margin, which passes over a choice that keeps the limit by less
+    result = pp.allocate(model, problem, for_samples=0)
     holds = share_within(other, 1e3 * float(result.after[0]) / 3) >= required
     assert result.met <= holds
     kept = [price for width, price in grades if share_within(other, width / 3) >= required]

@@ -177,13 +177,23 @@ def test_poses_without_a_correction_are_named():
     assert pp.compensate(model, grid).correction.status == ("corrected", "limit", "unreachable")
 
 
-def three_joints(limit: str = ""):
+def test_the_other_elbow_corrects_where_a_limit_forbids_the_near_one():
+    """The lift would have to go 10 mrad back and may go 5; with the elbow the other way it has room (closed form)."""
+    limit = '<limit lower="0.295" upper="3" effort="1" velocity="1"/>'
+    offset = JointOffset(joint="lift", offset=Normal(1e-6, mean=MEAN))
+    result = pp.compensate(ErrorModel(three_joints(lift=limit), Space(), [offset]), [[0.0, 0.3, 0.7]])
+    assert result.correction.status == ("corrected",)
+    turned = 0.3 + 2 * np.arctan2(0.3 * np.sin(0.7), 0.4 + 0.3 * np.cos(0.7)) - MEAN
+    assert result.corrected[:, 0] == pytest.approx([0.0, turned, -0.7], abs=1e-8)
+
+
+def three_joints(limit: str = "", lift: str = ""):
     """Return an arm that turns about z and bends twice about y; straight, it is singular."""
     return chain_of(
         robot(
             link("base"), link("column"), link("upper"), link("lower"), link("tool"),
             joint("shoulder", "revolute", "base", "column", extra=limit),
-            joint("lift", "revolute", "column", "upper", axis=(0, 1, 0)),
+            joint("lift", "revolute", "column", "upper", axis=(0, 1, 0), extra=lift),
             joint("elbow", "revolute", "upper", "lower", (0.4, 0, 0), axis=(0, 1, 0)),
             joint("flange", "fixed", "lower", "tool", (0.3, 0, 0)),
         ),

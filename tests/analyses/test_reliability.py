@@ -178,7 +178,7 @@ def test_nothing_found_is_said():
     stricter = replace(found, specification=Specification("position.x", 2e-3, 0.9999))
     assert not stricter.met
     pose = replace(result.poses[0], specifications=(stricter,))
-    assert "UNDECIDED - P(failure) NOT RESOLVED, below 0.00369" in table(replace(result, poses=(pose,)))
+    assert "UNDECIDED - P(failure) not resolved, below 0.00369" in table(replace(result, poses=(pose,)))
 
 
 def test_what_methods_differ_in_begins_with_what_it_means_for_the_verdict():

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 import precision_pin as pp
 from precision_pin.base.errors import InputError
+from precision_pin.draws.laws import Fixed
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sheet.changes import parse_value
 from support.plain_robot import joint, link, robot
 
 PAPER = pp.ErrorModel.load(PAPER_SHEET)
@@ -107,11 +111,16 @@ def test_names_with_dots_and_laws_of_settings(model):
         ({"axis_install[joint1].radius": "1 kg"}, "'kg' in '1 kg' is not a unit of length"),
         ({"axis_install[joint1].radius": 5}, "'5' has no unit"),
         ({"axis_install[joint1].radius.uniform": "1 mm"}, "radius is '0.1 mm', which has no 'uniform'"),
-        ({"axis_install[joint1]": "1 mm"}, "no value of it is named"),
+        (
+            {"axis_install[joint1]": "1 mm"},
+            "has 2 numbers; name one: axis_install[joint1].radius, axis_install[joint1].span",
+        ),
+        ({"beam[link2]": "1 N*m^2"}, "has 2 numbers; name one: beam[link2].EI, beam[link2].GI"),
         ({"parameters.a9": "±1 mm"}, "no key named 'a9'"),
-        ({"parameters": "±1 mm"}, "parameters holds several values"),
+        ({"parameters": "±1 mm"}, "parameters holds several values; name one: parameters.a0, parameters.a1, "),
+        ({"a1": "±1 mm"}, "a1 is a parameter: its path is parameters.a1"),
         ({"length[*].parameters[7]": "a1"}, "parameters has 2 entries, counted from 0; there is no 7"),
-        ({"gravit": "moon"}, "paths are such as parameters.a1"),
+        ({"gravit": "moon"}, "no source named 'gravit'; did you mean 'gravity'?"),
         ({"statics": "funny"}, "input should be 'nominal' or 'equilibrium'"),
         ({"payload.mass": object()}, "text, a number, a list or a mapping is expected"),
         ({"payload.mass": {1: "2 kg"}}, "a key must be text"),
@@ -124,6 +133,35 @@ def test_wrong_changes_are_one_line_that_names_the_path(changes, message):
     assert "\n" not in line
     assert next(iter(changes)) in line
     assert message in line
+
+
+def test_the_path_of_a_source_is_that_of_its_only_number(model):
+    for path in ("joint_offset[a.b]", "joint_offset", "joint_offset[*]", "*[a.b]"):
+        changed = model.with_({path: "±2 mrad"})
+        assert changed.sources == model.with_({"joint_offset[a.b].offset": "±2 mrad"}).sources
+        # what the first change made of it does not matter
+        again = changed.with_({path: "0 deg"}).with_({path: "±2 mrad"})
+        assert again.sources == changed.sources
+    # of several numbers, the only one with a law where no other has its unit
+    compliances = PAPER.with_({"joint_compliance[*]": "2e-5 rad/(N*m)"})
+    assert compliances.sources == PAPER.with_({"joint_compliance[*].compliance": "2e-5 rad/(N*m)"}).sources
+    heavy = PAPER.with_({"payload.mass": "1 ± 0.1 kg"})
+    assert heavy.with_({"payload": "3 kg"}).sources == PAPER.with_({"payload.mass": "3 kg"}).sources
+    soft = PAPER.with_({"beam[link2].EI": {"uniform": "10 N*m^2", "mean": "7000 N*m^2"}})
+    with pytest.raises(InputError, match=r"name one: beam\[link2\].EI, beam\[link2\].GI"):
+        soft.with_({"beam[link2]": "7000 N*m^2"})
+
+
+@pytest.mark.filterwarnings("ignore:.*W_TAKEN_AS_EXACT")
+def test_a_number_for_a_parameter_is_refused_with_both_spellings_that_work():
+    with pytest.raises(InputError) as refused:
+        PAPER.with_({"parameters.a1": "0.07 mm"})
+    assert str(refused.value).count("\n") == 0
+    named = [one.split("=", 1) for one in re.findall(r"'([^']*=[^']*)'", str(refused.value))]
+    uniform, fixed = (PAPER.with_({path: parse_value(value, "")}).space.draws[1].law for path, value in named)
+    assert (uniform.half_width, uniform.mean) == (pytest.approx(7e-5), 0)
+    assert isinstance(fixed, Fixed)
+    assert fixed.mean == pytest.approx(7e-5)
 
 
 def test_a_model_without_a_sheet_cannot_be_changed():

@@ -36,6 +36,7 @@ class _Options(ChainOptions):
     seed: int
     seconds: float
     pareto: int
+    for_samples: int
     json_path: str | None
     out: str | None
 
@@ -59,6 +60,14 @@ class _Options(ChainOptions):
     type=int,
     default=0,
     help="Find N points of the front of cost against accuracy: all limits wider or narrower by a factor.",
+)
+@click.option(
+    "--for-samples",
+    metavar="N",
+    type=int,
+    default=100_000,
+    show_default=True,
+    help="Keep a margin that N samples of analyze will show; 0 for none.",
 )
 @output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @output_option("--out", metavar="DIR", help="Write the sheet with the chosen tolerances, a plot and the result there.")
@@ -88,6 +97,7 @@ def command(**options: Unpack[_Options]) -> int:
             seed=options["seed"],
             seconds=options["seconds"],
             pareto=options["pareto"],
+            for_samples=options["for_samples"],
             findings=sheet.findings,
             progress=progress,
         )

@@ -12,9 +12,10 @@ from typing import Any, Final, final
 
 import numpy as np
 
+from precision_pin.base import units
 from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError
 from precision_pin.base.text_escape import shown
-from precision_pin.sheet.schema import ASSUMED, PROVENANCE, source_model
+from precision_pin.sheet.schema import ASSUMED, PROVENANCE, StatedNumber, source_model, stated_numbers
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.terms.source import Source
 from precision_pin.terms.source_set import labels
@@ -35,7 +36,8 @@ class Change:
     Attributes
     ----------
     path
-        Where: ``parameters.a1``, ``KIND[joint2].KEY``, ``payload.mass``; ``*`` stands for anything.
+        Where: ``parameters.a1``, ``KIND[joint2].KEY``, ``payload.mass``; ``*`` stands for anything. ``KIND[joint2]`` is the
+        only number of the source, or the only one with a law where the units of no other fit it.
     value
         Text, or lists and mappings of it, as in a sheet.
     origin
@@ -132,6 +134,14 @@ def change_text(
     for change in changes:
         paths = list(_paths(data, change, known, kinds))
         for path in paths:
+            if path[0] == "parameters" and len(path) == 2 and _is_quantity(change.value):
+                # a setting of a source would be a constant, but a parameter is there for its law
+                raise _wrong(
+                    change,
+                    f"{shown(change.value)} may be a tolerance or a constant; write '{change.path}=±{change.value}' or "
+                    f"'{change.path}={{fixed: {change.value}}}'",
+                    "E_INPUT",
+                )
             holder = data
             for key in path[:-1]:
                 holder = holder[key]
@@ -141,19 +151,37 @@ def change_text(
     return replace(text, data=data, changes={**text.changes, **changed})
 
 
-def values_at(text: Text, path: str, sources: Sequence[Source], kinds: Mapping[str, type[Source]]) -> list[Any]:
-    """Return the values of a sheet that the path of a change names; arguments and errors as for :func:`change_text`."""
+def values_at(text: Text, path: str, sources: Sequence[Source], kinds: Mapping[str, type[Source]]) -> dict[str, Any]:
+    """Return the values of a sheet that the path of a change names, by their full paths.
+
+    The path of a source alone names all its numbers; other arguments and errors are as for :func:`change_text`.
+    """
     data = copy.deepcopy(text.data)
-    values = []
-    for keys in _paths(data, Change(path, None, path), labels(sources), kinds):
+    known = labels(sources)
+    values = {}
+    for keys in _paths(data, Change(path, None, path), known, kinds, one_number=False):
         value: Any = data
         for key in keys:
             value = value.get(key) if isinstance(value, dict) else value[key]
-        values.append(value)
+        values[_written(keys, known)] = value
     return values
 
 
-def _paths(data: Any, change: Change, known: Sequence[str], kinds: Mapping[str, type[Source]]) -> Iterator[Path]:
+def source_of(path: str) -> str:
+    """Return the part of a path that names sources, as far as a setting of theirs; empty for one that names none."""
+    found = _SOURCE.fullmatch(path)
+    return "" if found is None or path.partition(".")[0] in _SECTIONS else found["label"]
+
+
+def _written(keys: Path, known: Sequence[str]) -> str:
+    """Return the path of a change for keys of the contents."""
+    first, *others = (known[int(keys[1])], *keys[3:]) if keys[0] == "sources" else keys
+    return str(first) + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in others)
+
+
+def _paths(
+    data: Any, change: Change, known: Sequence[str], kinds: Mapping[str, type[Source]], *, one_number: bool = True
+) -> Iterator[Path]:
     section, _, rest = change.path.partition(".")
     if section in _SECTIONS:
         if rest:
@@ -163,29 +191,65 @@ def _paths(data: Any, change: Change, known: Sequence[str], kinds: Mapping[str, 
         elif section in _SINGLE:
             yield (section,)
         else:
-            raise _wrong(change, f"{section} holds several values; name one, as in {section}.NAME")
+            raise _wrong(change, f"{section} holds several values; name one: {_several(section, data.get(section))}")
         return
     found = _SOURCE.fullmatch(change.path)
-    if found is None or not found["rest"]:
-        ends = "no value of it is named" if found is not None else "this is no path"
-        raise _wrong(change, f"{ends}; paths are such as parameters.a1, KIND[joint2].KEY, payload.mass")
-    yield from _source_paths(data, change, found["label"], found["rest"], known, kinds)
+    if found is None:
+        raise _wrong(change, "this is no path; paths are such as parameters.a1, KIND[joint2].KEY, payload.mass")
+    chosen = _sources_of(data, change, found["label"], known)
+    if found["rest"]:
+        yield from _source_paths(data, change, chosen, found["rest"], kinds)
+        return
+    for k in chosen:
+        kind, values = next(iter(data["sources"][k].items()))
+        stated = stated_numbers(kinds[kind], values)
+        for path in [_only_number(change, known[k], stated)] if one_number else stated:
+            yield from _walk(values, path, ("sources", k, kind), change, may_add=False)
 
 
-def _source_paths(
-    data: Any, change: Change, pattern: str, rest: str, known: Sequence[str], kinds: Mapping[str, type[Source]]
-) -> Iterator[Path]:
-    """Yield the paths in the sources that a pattern of labels names; without brackets it must name one source only."""
+def _several(section: str, entries: object) -> str:
+    names = list(entries) if isinstance(entries, dict) else []
+    return ", ".join(f"{section}.{name}" for name in names) or f"{section}.NAME"
+
+
+def _only_number(change: Change, label: str, stated: Mapping[str, StatedNumber]) -> str:
+    """Return the path of the number that the path of a source alone means, below the source.
+
+    It is the only number, or the only one with a law where the units of no other fit it.
+    """
+    laws = [path for path, one in stated.items() if one.is_random]
+    if len(laws) == 1:
+        others = {unit for path, one in stated.items() if path != laws[0] for unit in one.units}
+        if not others & stated[laws[0]].units:
+            return laws[0]
+    if len(stated) != 1:
+        named = ", ".join(f"{label}.{path}" for path in stated)
+        numbers = f"{len(stated)} numbers; name one: {named}" if stated else "no number; name a setting of it"
+        raise _wrong(change, f"{label} has {numbers}")
+    return next(iter(stated))
+
+
+def _sources_of(data: Any, change: Change, pattern: str, known: Sequence[str]) -> list[int]:
+    """Return the positions of the sources that a pattern of labels names; without brackets it must name one source only."""
     is_kind = "[" not in pattern
     names = [next(iter(entry)) for entry in data["sources"]] if is_kind else list(known)
     chosen = [k for k, name in enumerate(names) if matches(pattern, name)]
     if not chosen:
+        if pattern in data.get("parameters", {}):
+            raise _wrong(change, f"{pattern} is a parameter: its path is parameters.{change.path}")
         error = UnknownNameError("source", pattern, {*known, *_SECTIONS, *(names if is_kind else ())})
         raise _wrong(change, error.findings[0].message, error.code)
     if is_kind and len(chosen) > 1 and "*" not in pattern:
         of = ", ".join(known[k] for k in chosen[:4])
         more = ", …" if len(chosen) > 4 else ""
         raise _wrong(change, f"{len(chosen)} sources are a {pattern}: {of}{more}; {pattern}[*] names all of them")
+    return chosen
+
+
+def _source_paths(
+    data: Any, change: Change, chosen: Sequence[int], rest: str, kinds: Mapping[str, type[Source]]
+) -> Iterator[Path]:
+    """Yield the paths in some sources."""
     settings = [next(iter(data["sources"][k].items())) for k in chosen]
     field = rest[: _STEP.search(rest).start()]  # type: ignore[union-attr]
     has = [field in (ASSUMED, PROVENANCE) or field in source_model(kinds[kind]).model_fields for kind, _ in settings]
@@ -227,6 +291,13 @@ def _below(value: Any, rest: str, path: Path, change: Change) -> Iterator[Path]:
         yield from _walk(value, rest.removeprefix("."), path, change, may_add=True)
     else:
         yield path
+
+
+def _is_quantity(value: object) -> bool:
+    try:
+        return isinstance(value, str) and bool(units.split(value)[1])
+    except InputError:
+        return False
 
 
 def matches(pattern: str, name: str) -> bool:

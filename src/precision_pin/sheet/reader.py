@@ -144,8 +144,8 @@ class Contents:
     kinds: tuple[type[Source], ...]
     overrides: Overrides
 
-    def values_at(self, sheet: Sheet, path: str) -> list[Any]:
-        """Return the values that a path of :meth:`read_changed` names, as they are written."""
+    def values_at(self, sheet: Sheet, path: str) -> dict[str, Any]:
+        """Return the values that a path of :meth:`read_changed` names, as they are written, by their full paths."""
         return values_at(self.text, path, sheet.sources, catalogue() | {kind.kind(): kind for kind in self.kinds})
 
     def read_changed(self, sheet: Sheet, changes: Sequence[Change]) -> Sheet:

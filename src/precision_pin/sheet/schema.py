@@ -26,7 +26,14 @@ from precision_pin.base.units import PerEntry, PerJoint, Quantity, parse_vector
 from precision_pin.draws.laws import Law, laws_of_sheets
 from precision_pin.sheet.law_reader import SettingError
 from precision_pin.sheet.measurement_entry import MeasurementEntry
-from precision_pin.sheet.settings import TOLERANCE_PATTERN, NamedParameter, parse_number, parse_setting, tolerance_law
+from precision_pin.sheet.settings import (
+    NAME,
+    TOLERANCE_PATTERN,
+    NamedParameter,
+    parse_number,
+    parse_setting,
+    tolerance_law,
+)
 from precision_pin.sheet.text import Path
 from precision_pin.sources import catalogue
 from precision_pin.terms.source import SettingField, Source, setting_fields, setting_meanings, takes_law
@@ -210,6 +217,34 @@ def used_quantities(kinds: tuple[type, ...]) -> tuple[Quantity, ...]:
             for note in entry.notes if entry.may_be_random else ():
                 found |= dict.fromkeys(_either(note))
     return tuple(found)
+
+
+@final
+@dataclass(frozen=True)
+class StatedNumber:
+    """A number that the sheet gives for a setting: the units it may have, whether it has a law."""
+
+    units: frozenset[str]
+    is_random: bool
+
+
+def stated_numbers(kind: type, settings: Mapping[str, Any]) -> dict[str, StatedNumber]:
+    """Return the numbers and laws that the settings of a source state, by their paths below it; entries of lists one by one."""
+    found: dict[str, StatedNumber] = {}
+    for entry in setting_fields(kind):
+        stated = settings.get(entry.name)
+        listed = enumerate(stated) if isinstance(stated, list) else ()
+        values = {f"{entry.name}[{k}]": one for k, one in listed} or {entry.name: stated}
+        quantities = [quantity for note in entry.notes for quantity in _either(note)]
+        for path, value in values.items():
+            if entry.part is not None and isinstance(value, dict):
+                found |= {f"{path}.{below}": one for below, one in stated_numbers(entry.part, value).items()}
+            elif quantities and value not in (None, []):
+                is_law = isinstance(value, dict) or tolerance_law(value) is not None
+                is_name = isinstance(value, str) and NAME.fullmatch(value.strip()) is not None
+                units = frozenset(unit for quantity in quantities for unit in quantity.units)
+                found[path] = StatedNumber(units, entry.may_be_random and (is_law or is_name))
+    return found
 
 
 def _either(note: object) -> tuple[Quantity, ...]:

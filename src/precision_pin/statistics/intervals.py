@@ -88,6 +88,16 @@ def clopper_pearson(inside: int, samples: int, confidence: float) -> tuple[float
     return lower, float(upper_ends(np.array(inside), samples, tail))
 
 
+def share_to_show(required: float, samples: int, confidence: float, chance: float) -> float | None:
+    """Return the least probability of which so many samples show, with this chance, that it is at least ``required``.
+
+    It is shown where the lower end of its Clopper-Pearson interval reaches ``required``; None where that of no number of
+    samples inside does.
+    """
+    least = _smallest_rank_above(samples, required, (1 - confidence) / 2)
+    return float(betaincinv(least, samples - least + 1, chance)) if least <= samples else None
+
+
 def upper_ends(inside: ArrayLike, samples: int, tail: float) -> Array:
     """Return one-sided upper ends (Clopper-Pearson) of probabilities, which are missed with the probability ``tail``.
 

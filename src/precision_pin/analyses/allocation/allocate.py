@@ -13,21 +13,28 @@ from numpy.typing import NDArray
 from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult, Basis, tightest_of
 from precision_pin.analyses.allocation.choices import Judge, Judged, Walk, walk
 from precision_pin.analyses.allocation.convex_program import Limit, Programme, Solution
+from precision_pin.analyses.allocation.costs import Tolerance
 from precision_pin.analyses.allocation.error_parts import ErrorParts, error_parts
 from precision_pin.analyses.allocation.pareto_front import MOST_POINTS, pareto_front, solve
 from precision_pin.analyses.allocation.problem import (
     Bound,
     Problem,
-    Tolerance,
+    beside,
     common_grades,
     read_problem,
 )
-from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions, in_deviations
+from precision_pin.analyses.allocation.scaling import (
+    Contributions,
+    NoScaleError,
+    changed_model,
+    contributions,
+    in_deviations,
+)
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.arguments import check_instance, check_items, check_number, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import warns_at_end
-from precision_pin.base.errors import Finding
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
@@ -41,6 +48,9 @@ _HOLDS: Final = 0.9
 _SAME: Final = 1e-6
 _SPARE: Final = 0.002
 """Probability that may be left between the lower end of an interval and what is required."""
+SHOWN_BY: Final = 100_000
+"""Samples that `analyze` takes where nothing else is asked."""
+_MOST_SHOWN: Final = 10**9
 _SHAPE_SAMPLES: Final = 8_192
 _MOST_SKEWED, _MOST_CURVED = 0.3, 1.35
 """Skewness and excess kurtosis (of a uniform law -1.2) up to which a law is about normal."""
@@ -55,14 +65,16 @@ def allocate(
     seed: int = 0,
     seconds: float = 60.0,
     pareto: int = 0,
+    for_samples: int = SHOWN_BY,
     findings: Sequence[Finding] = (),
     progress: Callable[[int], None] | bool | None = None,
 ) -> AllocationResult:
     """Return the cheapest tolerances that keep every limit at every pose.
 
     The least cost is that of the first-order model with a normal error. The exact model with these tolerances is then
-    sampled; where the lower end of an interval misses the required probability, or has much to spare, another one is aimed at
-    and the tolerances are found anew, verified with fresh samples. The intervals of all rounds hold together.
+    sampled; specifications are held with a margin, so that ``for_samples`` other samples will show them too. Where the lower
+    end of an interval misses the probability with its margin, or has much to spare, another one is aimed at and the tolerances
+    are found anew, verified with fresh samples. The intervals of all rounds hold together.
 
     Parameters
     ----------
@@ -76,6 +88,9 @@ def allocate(
         Time for the choice of grades, and again for the front; then the best found is returned, with the gap that is left.
     pareto
         How many points of the front of cost against accuracy to find: 0, or 2 to 1000.
+    for_samples
+        Number of samples that are to show, with a chance of 95 %, that all specifications are met: as many as ``analyze``
+        takes. 0 for no margin.
     findings
         Warnings to include in the result, such as those of the sheet.
     progress
@@ -93,10 +108,11 @@ def allocate(
     check_number("the seconds of an allocation", seconds, "a number above zero", lambda value: value > 0)
     if isinstance(pareto, bool) or not isinstance(pareto, int) or pareto != 0:
         check_whole("the number of points of the front", pareto, 2, MOST_POINTS, f"of 0, or from 2 to {MOST_POINTS}")
+    check_whole("the samples that a margin is for", for_samples, 0, _MOST_SHOWN)
     known = check_items("findings", findings, Finding)
     task = read_problem(error_model, problem)
     with steps_to(progress, allocation_steps(task, pareto), "steps") as advance:
-        return _allocate(error_model, task, int(seed), (seconds, pareto), known, advance)
+        return _allocate(error_model, task, int(seed), (seconds, pareto, int(for_samples)), known, advance)
 
 
 def allocation_steps(problem: Problem, pareto: int = 0) -> int:
@@ -108,24 +124,31 @@ def _allocate(
     model: ErrorModel,
     task: Problem,
     seed: int,
-    effort: tuple[float, int],
+    effort: tuple[float, int, int],
     findings: tuple[Finding, ...],
     advance: Callable[[int], None],
 ) -> AllocationResult:
     bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
-    parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
+    try:
+        parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
+    except NoScaleError as error:
+        raise InputError(f"{error.findings[0].message}{beside(model, error.path)}") from None
     members = _members(task.tolerances)
-    judge = Judge(model, task, seed)
     choices = [common_grades(_own(task, members, g)) for g in range(int(members.max()) + 1)]
-    seconds, pareto = effort
+    seconds, pareto, for_samples = effort
+    judge = Judge(model, task, seed, for_samples)
     end = monotonic() + seconds
-    programme = _programme(task, parts, members, judge.required.tolist())
+    programme = _programme(task, parts, members, judge.aimed.tolist())
     walked = walk(programme, choices, members, parts, judge, seed, end)
     if walked is not None and walked.is_complete:
         found = _walked(programme, members, walked, judge)
         advance(_ROUNDS)
     else:
         rounds = _rounds(task, parts, members, choices, judge, end, advance)
+        if (rounds[-1].solution is None or not rounds[-1].is_met) and (judge.aimed > judge.required).any():
+            # what can be kept, but not with a margin
+            judge.aimed = judge.required
+            rounds += _rounds(task, parts, members, choices, judge, end, lambda _: None)
         found = rounds[-1]
         bound, basis = _bound(task, parts, members, choices, rounds, judge, end)
         if walked is not None:
@@ -133,7 +156,13 @@ def _allocate(
         if found.solution is not None:
             known = None if bound is None else min(bound, found.cost)
             found = replace(found, solution=replace(found.solution, lower_bound=known), basis=basis)
-    result = _result(model, task, found, seed, findings)
+            if found.is_clear and (margin := judge.aimed - judge.required).any():
+                held = [one.probability for one in found.programme.limits if one.kind == "quantile"]
+                without = _programme(task, parts, members, (np.array(held) - margin).tolist())
+                near = None if found.solution is None else found.solution.t
+                cheaper = solve(without, choices, end - monotonic(), lambda _: None, near)
+                found = replace(found, least_met=np.inf if cheaper is None else cheaper.cost)
+    result = _result(model, task, found, judge, seed, findings)
     if not pareto:
         return result
     return replace(result, front=pareto_front(found.programme, choices, members, pareto, seconds, advance))
@@ -142,13 +171,18 @@ def _allocate(
 @final
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """Tolerances of one round, what the samples say, and what the lower bound of the cost rests on."""
+    """Tolerances of one round, what the samples say, what the bound of the cost rests on, and the cost without a margin."""
 
     programme: Programme
     solution: Solution | None
     chosen: Array
     judged: Judged | None = None
     basis: Basis = "proof"
+    least_met: float = np.inf
+
+    @property
+    def is_clear(self) -> bool:
+        return self.judged is not None and self.judged.is_clear
 
     @property
     def is_met(self) -> bool:
@@ -165,7 +199,7 @@ def _walked(programme: Programme, members: NDArray[np.intp], walked: Walk, judge
         chosen = programme.least[members]
         return _Attempt(programme, None, chosen, judge.look(chosen), "samples")
     solution = replace(programme.priced(walked.chosen), lower_bound=walked.lower_bound)
-    return _Attempt(programme, solution, walked.chosen[members], walked.judged, "samples")
+    return _Attempt(programme, solution, walked.chosen[members], walked.judged, "samples", walked.least_met)
 
 
 def _rounds(
@@ -178,7 +212,7 @@ def _rounds(
     advance: Callable[[int], None],
 ) -> list[_Attempt]:
     """Return the rounds by the first order, each aimed at what the samples of the one before say; the best is the last."""
-    aims = judge.required.tolist()
+    aims = judge.aimed.tolist()
     rounds: list[_Attempt] = []
     found: _Attempt | None = None
     for _ in range(_ROUNDS):
@@ -189,7 +223,7 @@ def _rounds(
         chosen = (programme.least if solution is None else solution.t)[members]
         made = _Attempt(programme, solution, chosen)
         if not judge.chances or (
-            found is not None and found.is_met and np.allclose(chosen, found.chosen, rtol=_SAME, atol=0)
+            found is not None and found.is_clear and np.allclose(chosen, found.chosen, rtol=_SAME, atol=0)
         ):
             rounds += [] if judge.chances else [made]
             found = found or made
@@ -198,8 +232,10 @@ def _rounds(
         rounds.append(made)
         advance(1)
         assert made.judged is not None
-        spare = made.judged.sampled[1].min(axis=1) - judge.required
-        if found is None or not found.is_met or (made.is_met and made.cost < found.cost):
+        spare = made.judged.sampled[1].min(axis=1) - judge.aimed
+        # with the margin before without, then the cheaper; the last one where none is met
+        better = found is not None and (made.is_clear, -made.cost) > (found.is_clear, -found.cost)
+        if found is None or not found.is_met or (made.is_met and better):
             found = made
         # of several limits only those that hold the choice have something to give back
         holds = [
@@ -209,10 +245,10 @@ def _rounds(
             if one.kind == "quantile"
         ]
         # the first order may refuse what the samples show to be kept
-        if (solution is None and not made.is_met) or (made.is_met and not (holds & (spare > _SPARE)).any()):
+        if (solution is None and not made.is_clear) or (made.is_clear and not (holds & (spare > _SPARE)).any()):
             break
         aims = [
-            _next_aim(aim, float(one), made.is_met) if held or not made.is_met else aim
+            _next_aim(aim, float(one), made.is_clear) if held or not made.is_clear else aim
             for aim, one, held in zip(aims, spare, holds, strict=True)
         ]
     assert found is not None
@@ -261,9 +297,9 @@ def _near_normal(judge: Judge, parts: Contributions) -> bool:
     return bool((np.abs(skewness) < _MOST_SKEWED).all() and (np.abs(excess) < _MOST_CURVED).all())
 
 
-def _next_aim(aim: float, spare: float, is_met: bool) -> float:
+def _next_aim(aim: float, spare: float, is_clear: bool) -> float:
     """Return the probability to aim at after a round in which the lower end of the interval had this much to spare."""
-    if is_met:
+    if is_clear:
         return max(aim - max(spare - _SPARE / 2, 0.0), 0.5 * aim)
     return min(aim + max(-spare, 0.0) * 1.25, (1 + aim) / 2)
 
@@ -318,7 +354,7 @@ def _programme(task: Problem, parts: Contributions, members: NDArray[np.intp], a
 
 
 def _result(
-    model: ErrorModel, task: Problem, found: _Attempt, seed: int, findings: tuple[Finding, ...]
+    model: ErrorModel, task: Problem, found: _Attempt, judge: Judge, seed: int, findings: tuple[Finding, ...]
 ) -> AllocationResult:
     values, _ = model.configurations(list(task.poses))
     grounds = grounds_at(model, values, task.poses)
@@ -341,14 +377,19 @@ def _result(
             shadow_price=None if solution is None else solution.prices[k],
             probability=None,
             interval=None,
-            met=bool(measure.max() <= one.limit * (1 + 1e-9)),
+            grounds=grounds,
         )
         if isinstance(one, Specification):
             assert found.judged is not None
             place = int(found.judged.sampled[1, row].argmin())
             share, low, high = (float(value) for value in found.judged.sampled[:, row, place])
             made = replace(
-                made, probability=share, interval=(low, high), met=low >= one.required, worst_pose=task.poses[place]
+                made,
+                probability=share,
+                interval=(low, high),
+                varies=bool(found.judged.varies[row, place]),
+                margin=float(judge.aimed[row] - judge.required[row]) if found.is_clear else 0.0,
+                worst_pose=task.poses[place],
             )
             row += 1
         judged.append(made)
@@ -365,10 +406,12 @@ def _result(
         shadow_prices=np.where(graded, 0.0, width[members]),
         lower_bound=None if solution is None else solution.lower_bound,
         bound_basis=found.basis,
-        limits=tuple(replace(one, met=one.met and not grounds.not_judged) for one in judged),
+        limits=tuple(judged),
+        for_samples=judge.for_samples,
+        margin_cost=max(float(cost.sum()) - found.least_met, 0.0) if np.isfinite(found.least_met) else None,
         parts=_parts(model, task, found, places[tightest_of(judged)], tightest_of(judged)),
         poses=task.poses,
-        feasible=solution is not None or all(one.met for one in judged),
+        feasible=solution is not None or all(one.is_kept for one in judged),
         grounds=grounds,
         findings=(
             *findings,

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
+from precision_pin.analyses.allocation.costs import Tolerance
 from precision_pin.analyses.allocation.error_parts import ErrorParts
 from precision_pin.analyses.allocation.pareto_front import FrontPoint
-from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
@@ -19,6 +19,7 @@ from precision_pin.base.errors import Finding
 from precision_pin.render.notebook import preformatted
 from precision_pin.render.result_io import JsonResult
 from precision_pin.statistics import NO_GROUNDS, Grounds
+from precision_pin.statistics.verdicts import Verdict, judge
 
 Basis = Literal["proof", "samples", "normal law"]
 """What a lower bound of the cost rests on."""
@@ -46,8 +47,12 @@ class AllocatedLimit:
         What the least cost would fall for each m or rad of a wider limit, summed over the poses; ``None`` if infeasible.
     probability, interval
         Share of fresh samples of the exact model inside, and its 95 % interval; ``None`` of a limit without probability.
-    met
-        Whether the lower end of the interval reaches the required probability; else whether the first order keeps the limit.
+    varies
+        Whether the quantity differs from robot to robot.
+    margin
+        Probability beyond the required one that the interval keeps, so that as many samples as were asked for will show it.
+    grounds
+        What keeps it from being judged, and what it takes as exact.
     """
 
     kind: str
@@ -60,15 +65,32 @@ class AllocatedLimit:
     shadow_price: float | None
     probability: float | None
     interval: tuple[float, float] | None
-    met: bool
+    varies: bool = True
+    margin: float = 0.0
+    grounds: Grounds = NO_GROUNDS
 
     @property
-    def verdict(self) -> str:
-        """``met``, ``NOT MET`` or, where the interval holds the required probability, ``NOT RESOLVED``."""
-        if self.met:
-            return "met"
-        is_open = self.interval is not None and self.required is not None and self.interval[1] >= self.required
-        return "NOT RESOLVED" if is_open else "NOT MET"
+    def is_kept(self) -> bool:
+        """Whether it is kept, whether it may be judged or not."""
+        return self._judged == "met"
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of the interval of the samples; of a limit without probability, whether the first order keeps it."""
+        return "not judged" if self.grounds.not_judged else self._judged
+
+    @property
+    def met(self) -> bool:
+        """True if the verdict is ``"met"``."""
+        return self.verdict == "met"
+
+    @property
+    def _judged(self) -> Verdict:
+        if self.interval is None or self.required is None:
+            keeps = self.first_order <= self.limit * (1 + 1e-9)
+            return judge(holds=keeps, fails=not keeps)
+        low, high = self.interval
+        return judge(holds=low >= self.required, fails=high < self.required, varies=self.varies)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of the result's JSON."""
@@ -84,6 +106,8 @@ class AllocatedLimit:
             "probability": self.probability,
             "interval": None if self.interval is None else list(self.interval),
             "met": self.met,
+            "verdict": self.verdict,
+            "margin": self.margin,
         }
 
 
@@ -118,6 +142,11 @@ class AllocationResult(JsonResult):
         quantile of a norm form a convex set.
     limits
         The limits with the tolerances chosen.
+    for_samples
+        Number of samples that are to show that the specifications are met; 0 for no margin.
+    margin_cost
+        What the margin costs: by samples of the cheapest choice without one, else by the first order; ``None`` without margin,
+        and where that is not known.
     parts
         What causes the error at the worst pose of the tightest limit, before and after.
     poses
@@ -142,6 +171,8 @@ class AllocationResult(JsonResult):
     lower_bound: float | None
     bound_basis: Basis
     limits: tuple[AllocatedLimit, ...]
+    for_samples: int
+    margin_cost: float | None
     parts: ErrorParts
     poses: tuple[str, ...]
     feasible: bool
@@ -164,7 +195,7 @@ class AllocationResult(JsonResult):
 
     @property
     def gap(self) -> float | None:
-        """Largest share of the cost that could still be saved, by the lower bound; ``None`` where limits are not met."""
+        """Largest share of the cost that could still be saved, the margin's included; ``None`` where limits are not met."""
         if self.lower_bound is None or not self.met:
             return None
         return max(self.cost - self.lower_bound, 0.0) / max(abs(self.cost), 1e-300)
@@ -206,6 +237,8 @@ class AllocationResult(JsonResult):
             "lower_bound_is_proven": self.bound_basis == "proof",
             "lower_bound_basis": self.bound_basis,
             "gap": self.gap,
+            "for_samples": self.for_samples,
+            "margin_cost": self.margin_cost,
             "specs": [one.to_dict() for one in self.limits],
             "parts": self.parts.to_dict(),
             "poses": list(self.poses),

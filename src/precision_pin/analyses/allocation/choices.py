@@ -23,7 +23,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.statistics import Specification
-from precision_pin.statistics.intervals import upper_ends
+from precision_pin.statistics.intervals import share_to_show, upper_ends
 
 SAMPLES: Final = 50_000
 """Fresh samples of a verification."""
@@ -32,7 +32,9 @@ _MORE: Final = (4, 16, 64)
 _ROBOTS: Final = 1_000_000
 """Robots times poses of a round that no other choice follows; at least `SAMPLES` and at most four times as many robots."""
 CONFIDENCE: Final = 0.95
-"""Of all statements of one allocation together."""
+"""Of all statements of one allocation together, and of the intervals of the samples that the margin is for."""
+_CHANCE: Final = 0.95
+"""With which the samples that the margin is for show every limit at every pose."""
 _OF_SCREENS: Final = 0.01
 """Probability of a wrong statement that is left to the first-order samples; the rest is left to those of the exact model."""
 _MOST_CHOICES: Final = 20_000
@@ -56,26 +58,49 @@ class Judged:
     ----------
     sampled
         Shares inside and the ends of their intervals, ``(3, limits, poses)``.
+    varies
+        Whether the quantity differs from robot to robot, ``(limits, poses)``.
     is_met, is_failed
         Whether the lower ends reach what is required everywhere; whether an upper end stays below it somewhere. Neither where
         the samples do not decide.
+    is_clear, is_short
+        The same with the margin.
     """
 
     sampled: Array
+    varies: NDArray[np.bool_]
     is_met: bool
     is_failed: bool
+    is_clear: bool
+    is_short: bool
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether more samples would change nothing."""
+        return self.is_clear or self.is_failed or (self.is_met and self.is_short)
 
 
 @final
 class Judge:
-    """Samples the exact model with tolerances, afresh each time; the n-th look has 1/(n(n+1)) of what may go wrong."""
+    """Samples the exact model with tolerances, afresh each time; the n-th look has 1/(n(n+1)) of what may go wrong.
 
-    def __init__(self, model: ErrorModel, task: Problem, seed: int) -> None:
+    ``aimed`` are the required probabilities with the margin with which ``for_samples`` samples will show that they are kept.
+    There is none where no number of samples inside shows that, or where the samples taken here could not show the margin.
+    """
+
+    def __init__(self, model: ErrorModel, task: Problem, seed: int, for_samples: int) -> None:
         self.model, self.task = model, task
         self.chances = tuple(one for one in task.limits if isinstance(one, Specification))
         self.required = np.array([one.required for one in self.chances])
         self.many = int(np.clip(_ROBOTS // len(task.poses), SAMPLES, 4 * SAMPLES))
         self._seed, self._looks = seed, 0
+        self.for_samples = for_samples
+        chance = 1 - (1 - _CHANCE) / max(len(self.chances) * len(task.poses), 1)
+        most = ((1 - CONFIDENCE - _OF_SCREENS) / 4) ** (1 / self.many)
+        shown = [for_samples and share_to_show(one, for_samples, CONFIDENCE, chance) for one in self.required.tolist()]
+        self.aimed = np.array(
+            [share if share and share < most else one for share, one in zip(shown, self.required, strict=True)]
+        )
 
     def look(self, chosen: Array, samples: int = SAMPLES) -> Judged:
         """Return what fresh samples say of tolerances ``(n,)``."""
@@ -93,14 +118,22 @@ class Judge:
         shares, ends = found.probability, np.moveaxis(found.probability_interval, 1, 0)
         # one place is enough to fail, so that a wrong one must be ruled out at all of them
         most = upper_ends(np.round(shares * samples), samples, wrong / (2 * max(shares.size, 1)))
-        required = self.required[:, None]
-        return Judged(np.stack([shares, *ends]), bool((ends[0] >= required).all()), bool((most < required).any()))
+        required, aimed = self.required[:, None], self.aimed[:, None]
+        varies = [[one.varies for one in each.results] for each in found.specification_results]
+        return Judged(
+            np.stack([shares, *ends]),
+            np.array(varies, dtype=np.bool_),
+            is_met=bool((ends[0] >= required).all()),
+            is_failed=bool((most < required).any()),
+            is_clear=bool((ends[0] >= aimed).all()),
+            is_short=bool((most < aimed).any()),
+        )
 
     def decide(self, chosen: Array, end: float) -> Judged:
         """Return what samples say, with more of them while they do not decide and there is time."""
         found = self.look(chosen)
         for times in _MORE:
-            if found.is_met or found.is_failed or monotonic() > end:
+            if found.is_decided or monotonic() > end:
                 break
             found = self.look(chosen, times * SAMPLES)
         return found
@@ -120,7 +153,10 @@ class Walk:
     Attributes
     ----------
     chosen, judged
-        The cheapest choice that is met, ``(n,)``; else the cheapest that the samples leave open; ``None`` if there is none.
+        The cheapest choice that is met with the margin, ``(n,)``; else the cheapest that is met, else the cheapest that the
+        samples leave open; ``None`` if there is none.
+    least_met
+        Cost of the cheapest choice that is met, with the margin or without; infinite if none is.
     lower_bound
         Cost of the cheapest choice that was not shown to fail, infinite if all were.
     is_complete
@@ -129,6 +165,7 @@ class Walk:
 
     chosen: Array | None
     judged: Judged | None
+    least_met: float
     lower_bound: float
     is_complete: bool
 
@@ -167,26 +204,33 @@ def walk(
     costs = programme.cost_of(grid).sum(axis=0)
     order = np.argsort(costs, kind="stable")
     screen = _Screen(judge, parts, members, seed, grid.shape[1])
-    open_at, left_open = np.inf, None
+    open_at, least_met = np.inf, np.inf
+    left_open: tuple[Array, Judged] | None = None
+
+    def stop_at(cost: float, *, is_complete: bool) -> Walk:
+        chosen, judged = left_open or (None, None)
+        return Walk(chosen, judged, least_met, min(open_at, cost), is_complete)
+
     for first in range(0, len(order), _AT_ONCE):
         some = order[first : first + _AT_ONCE]
         possible = screen.possible(grid[:, some])
         for k in some[possible]:
+            cost = float(costs[k])
             if monotonic() > end:
-                return Walk(*_choice(left_open), min(open_at, float(costs[k])), is_complete=False)
+                return stop_at(cost, is_complete=False)
             judged = judge.decide(grid[members, k], end)
-            if judged.is_met:
-                return Walk(grid[:, k], judged, min(open_at, float(costs[k])), is_complete=True)
-            if not judged.is_failed:
-                open_at = min(open_at, float(costs[k]))
-                left_open = left_open or (grid[:, k], judged)
+            if judged.is_failed:
+                continue
+            is_first_met = judged.is_met and np.isinf(least_met)
+            least_met = min(least_met, cost) if judged.is_met else least_met
+            if left_open is None or is_first_met or judged.is_clear:
+                left_open = grid[:, k], judged
+            if judged.is_clear:
+                return stop_at(cost, is_complete=True)
+            open_at = min(open_at, cost)
         if monotonic() > end and first + _AT_ONCE < len(order):
-            return Walk(*_choice(left_open), min(open_at, float(costs[order[first + _AT_ONCE]])), is_complete=False)
-    return Walk(*_choice(left_open), open_at, is_complete=True)
-
-
-def _choice(found: tuple[Array, Judged] | None) -> tuple[Array | None, Judged | None]:
-    return found or (None, None)
+            return stop_at(float(costs[order[first + _AT_ONCE]]), is_complete=False)
+    return stop_at(np.inf, is_complete=True)
 
 
 @final

@@ -1,4 +1,4 @@
-"""Costs of a tolerance as functions of its width, or of its grade."""
+"""A tolerance to choose, and its cost as a function of its width, or of its grade."""
 
 from __future__ import annotations
 
@@ -107,6 +107,55 @@ class Grades:
 
     def _places(self, t: Array) -> Array:
         return np.maximum(np.searchsorted(self.widths, t * (1 + 1e-9), side="right") - 1, 0)
+
+
+@final
+@dataclass(frozen=True)
+class Tolerance:
+    """A tolerance to choose.
+
+    Attributes
+    ----------
+    path
+        Where it stands in the sheet.
+    sign, unit
+        What stands before its number, up to a ±, and after it.
+    before, low, high
+        Its value in the sheet and its bounds, m or rad.
+    cost
+        Its cost.
+    group
+        Tolerances of one group are equal; empty without one.
+    """
+
+    path: str
+    sign: str
+    unit: str
+    before: float
+    low: float
+    high: float
+    cost: Cost | Grades
+    group: str
+
+    @property
+    def grades(self) -> Array | None:
+        """Tolerances within the bounds that can be had, narrowest first; ``None`` where any can."""
+        if not isinstance(self.cost, Grades):
+            return None
+        widths = self.cost.widths
+        return widths[(widths >= self.low * (1 - 1e-9)) & (widths <= self.high * (1 + 1e-9))]
+
+    def grade(self, value: float) -> str:
+        """Return the name of a value's grade; empty where it has none."""
+        return self.cost.name_of(value) if isinstance(self.cost, Grades) else ""
+
+    def number(self, value: float) -> str:
+        """Return a value with its unit."""
+        return f"{value / units.parse(f'1 {self.unit}', units.LENGTH, units.ANGLE):.9g} {self.unit}"
+
+    def written(self, value: float) -> str:
+        """Return a value as the sheet writes it."""
+        return self.sign + self.number(value)
 
 
 def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> Cost | Grades:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -9,13 +10,18 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin.analyses.allocation.costs import Cost, Grades, read_cost
+from precision_pin.analyses.allocation.costs import Cost, Grades, Tolerance, read_cost
+from precision_pin.analyses.allocation.scaling import contributions
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
 from precision_pin.base.arrays import Array
+from precision_pin.base.call_warnings import unheard
 from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.sheet.changes import source_of
 from precision_pin.sheet.reader import Contents
+from precision_pin.sheet.settings import TOLERANCE_PATTERN
 from precision_pin.statistics import Specification
 from precision_pin.statistics.specification import specification
 
@@ -23,53 +29,7 @@ _RANGE: Final = 100.0
 """Bounds of a tolerance without its own: this much narrower and wider than it is."""
 _KEYS: Final = ("path", "cost", "min", "max", "group")
 _BOUNDS: Final = ("rms", "worst_case")
-_NO_TOLERANCES: Final = ("mean", "truncated", "scope", "along", "com")
-"""Keys below which no tolerance stands."""
-
-
-@final
-@dataclass(frozen=True)
-class Tolerance:
-    """A tolerance to choose.
-
-    Attributes
-    ----------
-    path
-        Where it stands in the sheet.
-    sign, unit
-        What stands before and after its number.
-    before, low, high
-        Its value in the sheet and its bounds, m or rad.
-    cost
-        Its cost.
-    group
-        Tolerances of one group are equal; empty without one.
-    """
-
-    path: str
-    sign: str
-    unit: str
-    before: float
-    low: float
-    high: float
-    cost: Cost | Grades
-    group: str
-
-    @property
-    def grades(self) -> Array | None:
-        """Tolerances within the bounds that can be had, narrowest first; ``None`` where any can."""
-        if not isinstance(self.cost, Grades):
-            return None
-        widths = self.cost.widths
-        return widths[(widths >= self.low * (1 - 1e-9)) & (widths <= self.high * (1 + 1e-9))]
-
-    def grade(self, value: float) -> str:
-        """Return the name of a value's grade; empty where it has none."""
-        return self.cost.name_of(value) if isinstance(self.cost, Grades) else ""
-
-    def written(self, value: float) -> str:
-        """Return a value as the sheet writes it."""
-        return f"{self.sign}{value / units.parse(f'1 {self.unit}', units.LENGTH, units.ANGLE):.9g} {self.unit}"
+_SIGN: Final = re.compile(TOLERANCE_PATTERN)
 
 
 @final
@@ -206,29 +166,35 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
     if not isinstance(entry, Mapping) or "path" not in entry or "cost" not in entry:
         raise InputError(f"allocate: {where}: a tolerance has a path and a cost, got {shown(entry)}")
     _check_keys(entry, _KEYS, where)
-    path, values = str(entry["path"]), values_of(model, str(entry["path"]))
-    if values and not isinstance(values[0], str):
-        # a law with one tolerance may be named as a whole
-        inside = tolerances_below(path, values[0])
-        if len(inside) != 1:
-            named = f"name one of its tolerances: {', '.join(inside)}" if inside else "it has no tolerance"
-            raise InputError(f"allocate: {path}: one length or angle is expected; {named}")
-        path, values = inside[0], values_of(model, inside[0])
-    if any(value != values[0] for value in values) or not isinstance(values[0], str):
-        raise InputError(
-            f"allocate: {path}: its values differ, {shown(values[0])} and others; name each, in one group if they are to be equal"
-        )
-    text = values[0].strip()
-    sign = "±" if text.startswith("±") else ""
+    path, text = _chosen(model, str(entry["path"]))
     try:
-        before = units.parse(text.removeprefix("±"), units.LENGTH, units.ANGLE)
-        unit = units.split(text.removeprefix("±"))[1]
-        quantity = units.LENGTH if unit in units.LENGTH.units else units.ANGLE
+        return _read(entry, path, text)
+    except _NoToleranceError as error:
+        raise InputError(f"{error.findings[0].message}{beside(model, path)}") from None
+
+
+@final
+class _NoToleranceError(InputError):
+    """What a path names is no positive length or angle."""
+
+
+def _read(entry: Mapping[str, Any], path: str, text: str) -> Tolerance:
+    """Return the tolerance of an entry, whose path and text in the sheet are known."""
+    sign, number = _split(text)
+    try:
+        before = units.parse(number, units.LENGTH, units.ANGLE)
+    except InputError as error:
+        raise _NoToleranceError(f"allocate: {path}: {error.findings[0].message}") from None
+    unit = units.split(number)[1]
+    quantity = units.LENGTH if unit in units.LENGTH.units else units.ANGLE
+    try:
         low, high = (units.parse(str(entry[key]), quantity) if key in entry else None for key in ("min", "max"))
     except InputError as error:
-        raise InputError(f"allocate: {path}: {error.findings[0].message}{beside(model, path)}") from None
+        raise InputError(f"allocate: {path}: {error.findings[0].message}") from None
     if not before > 0:
-        raise InputError(f"allocate: {path} is {shown(text)} in the sheet; give it a positive value to begin with")
+        raise _NoToleranceError(
+            f"allocate: {path} is {shown(text)} in the sheet; give it a positive value to begin with"
+        )
     cost = read_cost(entry["cost"], f"allocate: {path}", quantity, path.rpartition(".")[2])
     least, most = before / _RANGE, before * _RANGE
     if isinstance(cost, Grades):
@@ -249,35 +215,99 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
     return tolerance
 
 
-def values_of(model: ErrorModel, path: str) -> list[Any]:
-    """Return the values of the sheet at a path; errors as for ``--set``."""
+def _chosen(model: ErrorModel, path: str) -> tuple[str, str]:
+    """Return the path of the tolerance that a path means, and its text in the sheet."""
+    values = values_of(model, path)
+    given = list(values.values())
+    is_alike, is_source = all(value == given[0] for value in given), source_of(path) == path
+    if is_source or not is_alike:
+        below = [one for full, value in values.items() for one in _tolerances_below(model, full, value)]
+        below = [one for one in below if _can_be_chosen(model, one)]
+    else:
+        below = _tolerances_below(model, path, given[0])
+    own = [one for one in below if one.startswith(path)]
+    if len(own) == len(below) == 1 and (is_alike or is_source):
+        # a law, or a source, with one tolerance may be named as a whole
+        return own[0], next(iter(values_of(model, own[0]).values()))
+    if is_alike and not is_source and not below and isinstance(given[0], str):
+        return path, given[0]
+    working = ", ".join(one for one in dict.fromkeys(below) if _can_be_chosen(model, one))
+    if not working:
+        said = f"one length or angle is expected; it has no tolerance{beside(model, path)}"
+    elif not is_alike and not is_source:
+        said = f"its values differ, {shown(given[0])} and others; name each, in one group if they are to be equal: {working}"
+    elif not own:
+        said = f"it is a parameter, which other sources may share; name its tolerance: {working}"
+    else:
+        said = f"one length or angle is expected; name one of its tolerances: {working}"
+    raise InputError(f"allocate: {path}: {said}")
+
+
+def values_of(model: ErrorModel, path: str) -> dict[str, Any]:
+    """Return the values of the sheet at a path, by their full paths; errors as for ``--set``."""
     sheet = model.sheet
-    return [] if sheet is None or sheet.contents is None else sheet.contents.values_at(sheet, path)
+    return {} if sheet is None or sheet.contents is None else sheet.contents.values_at(sheet, path)
 
 
-def tolerances_below(path: str, value: object) -> list[str]:
-    """Return the paths of positive lengths and angles in a value of the sheet, those of means left out."""
+def _split(text: str) -> tuple[str, str]:
+    """Return what stands up to a ±, and the number."""
+    sign = _SIGN.search(text)
+    end = 0 if sign is None else sign.end()
+    return text[:end], text[end:].strip()
+
+
+def _tolerances_below(model: ErrorModel, path: str, value: object) -> list[str]:
+    """Return the paths of positive lengths and angles in a value of the sheet: of a law its width, of a name the parameter's."""
     if isinstance(value, Mapping):
-        entries = [(f"{path}.{key}", one) for key, one in value.items() if key not in _NO_TOLERANCES]
+        widths = [key for key in value if key in laws_of_sheets()]
+        entries = [(f"{path}.{key}", value[key]) for key in widths or value]
     elif isinstance(value, list):
         entries = [(f"{path}[{k}]", one) for k, one in enumerate(value)]
     else:
+        text = str(value).strip()
+        named = _parameter(model, text)
+        if named:
+            return [] if path.startswith("parameters.") else _tolerances_below(model, *named)
         try:
-            return [path] if units.parse(str(value).strip().removeprefix("±"), units.LENGTH, units.ANGLE) > 0 else []
+            return [path] if units.parse(_split(text)[1], units.LENGTH, units.ANGLE) > 0 else []
         except InputError:
             return []
-    return [found for below, one in entries for found in tolerances_below(below, one)]
+    return [found for below, one in entries for found in _tolerances_below(model, below, one)]
+
+
+def _parameter(model: ErrorModel, text: str) -> tuple[str, object] | None:
+    """Return path and value of the parameter that a name, or that of one of its numbers, is; ``None`` for anything else."""
+    contents = None if model.sheet is None else model.sheet.contents
+    stated = {} if contents is None else contents.text.data.get("parameters") or {}
+    name = next((one for one in (text, text.rpartition(".")[0]) if one in stated), None)
+    return None if name is None else (f"parameters.{name}", stated[name])
+
+
+def _can_be_chosen(model: ErrorModel, path: str) -> bool:
+    """Return whether the error at the first pose scales with a number of the sheet."""
+    try:
+        one = _read({"path": path, "cost": {"reciprocal": 1}}, path, next(iter(values_of(model, path).values())))
+        with unheard():
+            contributions(model, [one], list(model.poses)[:1], worst_case=False, advance=_ignore)
+    except InputError:
+        return False
+    return True
+
+
+def _ignore(count: int) -> None:
+    del count
 
 
 def beside(model: ErrorModel, path: str) -> str:
-    """Return a hint at the tolerances that stand beside a path, for a message that refuses it; empty where there are none."""
-    above = path.rpartition(".")[0]
+    """Return which tolerances of the same source or parameter can be chosen instead of a path, for the end of a message."""
+    above = source_of(path) or path.rpartition(".")[0]
     try:
-        values = values_of(model, above) if "." in above else []
+        values = values_of(model, above) if above else {}
     except InputError:
         return ""
-    found = [one for one in (tolerances_below(above, values[0]) if values else []) if one != path]
-    return f"; {' or '.join(found[:3])} can" if found else ""
+    below = [one for full, value in values.items() for one in _tolerances_below(model, full, value)]
+    found = [one for one in dict.fromkeys(below) if one != path and _can_be_chosen(model, one)]
+    return f"; {' or '.join(found)} can be chosen" if found else f"; nothing of {above} can be chosen" if above else ""
 
 
 def _limit(entry: object, where: str) -> Specification | Bound:

@@ -10,7 +10,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.allocation.problem import Tolerance, beside
+from precision_pin.analyses.allocation.costs import Tolerance
 from precision_pin.analyses.worst_case.convex_bodies import Supports
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
@@ -31,6 +31,15 @@ _WIDTH: Final = 3.0
 """Standard deviations of a normal law at which a worst case ends."""
 _FEW: Final = 64
 """Samples that show whether a law keeps its shape."""
+
+
+@final
+class NoScaleError(InputError):
+    """The error does not follow a tolerance in proportion; ``path`` is that of the tolerance."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(f"allocate: {reason}")
+        self.path = path
 
 
 @final
@@ -71,11 +80,15 @@ class Contributions:
 @final
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """First-order error of one model: mean ``(6, P)``, slopes by standard deviation ``(6, d, P)``, largest deviations."""
+    """First-order error of one model: mean ``(6, P)``, slopes by standard deviation ``(6, d, P)``, largest deviations.
+
+    ``deviations`` are the standard deviations of the components, ``(d,)``.
+    """
 
     mean: Array
     slopes: Array
     reach: Array
+    deviations: Array
     correlation: BlockCovariance
     numbers: Array
     """A few samples of the components, in standard deviations from their means."""
@@ -105,12 +118,13 @@ def contributions(
     for one in tolerances:
         wide = _at_factor(model, [one], _WIDE, poses, worst_case)
         if wide.slopes.shape != whole.slopes.shape:
-            raise InputError(f"allocate: {one.path} changes which numbers are drawn; only a tolerance can be chosen")
+            raise NoScaleError(one.path, f"{one.path} changes which numbers are drawn; only a tolerance can be chosen")
         if np.abs(wide.mean - whole.mean).max() > _LEAST * size:
-            raise InputError(
-                f"allocate: {one.path} changes the mean of the error and cannot be chosen{beside(model, one.path)}"
-            )
-        parts.append(_without_rounding((wide.slopes - whole.slopes) / (_WIDE - 1), scale))
+            raise NoScaleError(one.path, f"{one.path} changes the mean of the error and cannot be chosen")
+        part = _without_rounding((wide.slopes - whole.slopes) / (_WIDE - 1), scale)
+        if not part.any() and np.array_equal(wide.deviations, whole.deviations):
+            raise NoScaleError(one.path, f"{one.path} changes neither a law nor the error and cannot be chosen")
+        parts.append(part)
         reaches.append((wide.reach - whole.reach) / (_WIDE - 1))
         advance(1)
     largest = max(float(whole.reach.max(initial=0.0)), 1e-300)
@@ -120,8 +134,9 @@ def contributions(
         for one, part in zip(tolerances, parts, strict=True):
             own = max(float(np.abs(part).max(initial=0.0)), 1e-300)
             if not _follows(_at_factor(model, [one], _NARROW, poses, worst_case), whole, part, own):
-                raise InputError(
-                    f"allocate: the error does not scale with {one.path}; its law has other numbers, or it is no tolerance"
+                raise NoScaleError(
+                    one.path,
+                    f"the error does not scale with {one.path}; its law has other numbers, or it is no tolerance",
                 )
         raise InputError("allocate: tolerances change one random number together; choose one of them")
     rest = _without_rounding(whole.slopes - sum(parts), scale)
@@ -276,4 +291,6 @@ def _errors(model: ErrorModel, poses: Sequence[str], worst_case: bool) -> _Error
         slopes = np.moveaxis(jacobian, -1, 0)
         up, down = (np.stack([supports.heights(way * one).sum(axis=0) for one in slopes], axis=-1) for way in (1, -1))
         reach = np.maximum(up, down)
-    return _Errors(mean, jacobian * deviations[:, None], reach, correlation, in_deviations(model.space, 0, _FEW))
+    return _Errors(
+        mean, jacobian * deviations[:, None], reach, deviations, correlation, in_deviations(model.space, 0, _FEW)
+    )

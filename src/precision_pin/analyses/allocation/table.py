@@ -49,13 +49,13 @@ def tolerance_rows(result: AllocationResult) -> list[list[str]]:
     rows = [["tolerance", "before", "after", "cost", "held by"]]
     columns = (result.after.tolist(), result.costs.tolist(), result.shadow_prices.tolist())
     for one, after, cost, price in zip(result.tolerances, *columns, strict=True):
-        before = one.written(one.before).removeprefix("±")
+        before = one.number(one.before)
         held = "max" if after >= one.high * (1 - 1e-7) else "min" if after <= one.low * (1 + 1e-7) else "-"
         if held != "-" and price:
             held += f", {abs(price) / 1e3:.3g} per {'mm' if one.unit in LENGTH.units else 'mrad'}"
         if one.grades is not None:
             held = f"grade {one.grade(after)}".rstrip()
-        number, unit = one.written(after).removeprefix("±").split(" ", 1)
+        number, unit = one.number(after).split(" ", 1)
         path = shortened(visible(one.path), _MOST_LETTERS)
         rows.append([path, before, f"{float(number):.4g} {unit}", f"{cost:.4g}", held])
     return rows
@@ -73,10 +73,24 @@ def verdict_lines(result: AllocationResult) -> list[str]:
     if grounds.not_judged:
         return [f"{cost}; {grounds.said('not judged')}"]
     if not result.met:
-        failed = any(one.verdict == "NOT MET" for one in result.limits)
-        return [f"{cost}; {'NOT MET' if failed else 'NOT RESOLVED'} by the samples"]
+        verdicts = [one.verdict for one in result.limits if not one.met]
+        return [f"{cost}; {('not met' if 'not met' in verdicts else verdicts[0]).upper()} by the samples"]
     met = f"; {grounds.said('met')}" if grounds.exact else ""
-    return [f"{cost}; {_above_least(result)}{met}"]
+    return [f"{cost}; {_above_least(result)}{met}", *_margin(result)]
+
+
+def _margin(result: AllocationResult) -> list[str]:
+    """Return what the margin is for and what it costs; nothing without one."""
+    given = [one for one in result.limits if one.required is not None]
+    if not given or not result.for_samples:
+        return []
+    shown = f"{result.for_samples:,} samples"
+    if not all(one.margin for one in given):
+        return [f"  kept without a margin: {shown} may leave it UNDECIDED"]
+    named = ", ".join(f"{100 * ((one.required or 0.0) + one.margin):.5g} %" for one in given)
+    price = result.margin_cost
+    costs = "" if price is None else f"; the margin costs {price:.3g}, which counts as above the least"
+    return [f"  chosen for {named}, so that {shown} show it{costs}"]
 
 
 def _above_least(result: AllocationResult) -> str:
@@ -172,10 +186,10 @@ def _unit(one: AllocatedLimit) -> str:
 
 def limit_lines(result: AllocationResult) -> list[str]:
     """Return a line or two for each limit."""
-    return [_limit(one, is_judged=not result.grounds.not_judged) for one in result.limits]
+    return [_limit(one) for one in result.limits]
 
 
-def _limit(one: AllocatedLimit, *, is_judged: bool) -> str:
+def _limit(one: AllocatedLimit) -> str:
     unit = _unit(one)
     price = f", {one.shadow_price / 1e3:.4g} saved for each {unit} more" if one.shadow_price else ""
     if one.interval is None or one.required is None or one.probability is None:
@@ -184,8 +198,7 @@ def _limit(one: AllocatedLimit, *, is_judged: bool) -> str:
             f"{visible(one.worst_pose)}, first order{price}"
         )
     low, high = (100 * end for end in one.interval)
-    said = one.verdict if is_judged else "not judged"
     return (
         f"{one.quantity} within {1e3 * one.limit:.4g} {unit}: {100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) of "
-        f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {said}{price}"
+        f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {one.verdict.upper()}{price}"
     )

@@ -53,7 +53,7 @@ def population_sheet(result: Population, folder: Path) -> str:
     for one in result.tolerances:
         for name in one.names:
             path = f"parameters.{name}" if name in parameters else name
-            found = _scaled(sheet.contents.values_at(sheet, path), one) if _has_limit(one) else None
+            found = _scaled(list(sheet.contents.values_at(sheet, path).values()), one) if _has_limit(one) else None
             if found is not None:
                 changes[path] = found
             kept = "" if found is not None else "; kept as it was"

@@ -141,6 +141,8 @@ def _with_laws(
 
     status = np.array(poses.status, dtype="<U11")
     status[known] = correction.status
+    least = np.ones(len(poses), dtype=bool)
+    least[known] = correction.is_least
     iterations = np.zeros(len(poses), dtype=np.int64)
     iterations[known] = correction.iterations
     return CompensationResult(
@@ -157,6 +159,7 @@ def _with_laws(
             after=spread(correction.after),
             iterations=iterations,
             status=tuple(status.tolist()),
+            is_least=least,
         ),
         within_before=spread(_within(before.mean, before.covariance)),
         within_after=spread(within),

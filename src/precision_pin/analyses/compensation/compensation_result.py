@@ -144,6 +144,7 @@ class CompensationResult(JsonResult):
             "dominant_source": dominant or None,
             "iterations": int(made.iterations[pose]),
             "status": made.status[pose],
+            "is_least": bool(made.is_least[pose]) if known else None,
         }
 
     def to_pandas(self) -> pandas.DataFrame:

@@ -16,6 +16,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import SINGULAR_BELOW
+from precision_pin.robot.solution_search import spread_points
 
 CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
 """``corrected``; ``limit``: none was found within the joint limits; ``singular``: the arm is near a singularity and cannot
@@ -30,6 +31,13 @@ _MOST_SETTLING: Final = 200
 """Steps of a redundant arm."""
 _LARGEST_STEP: Final = 0.3
 """Largest change of a joint in one step: rad, or lengths of the chain."""
+_SCATTERED: Final = 64
+"""Starts of the search for a pose that has no correction near it."""
+_MOST_SEARCHING: Final = 100
+_NEAREST, _FARTHEST = 0.03, np.pi
+"""Reach of the scattered starts about the pose: rad, or lengths of the chain."""
+_ENDS: Final = 8
+"""Ends of the search, the nearest first, from which the smallest change is sought."""
 _DIFFERENCE: Final = 1e-5
 """Half of the step of the central differences: rad, or lengths of the chain."""
 
@@ -50,6 +58,9 @@ class Correction:
         Newton steps, ``(P,)``.
     status
         A status for each pose.
+    is_least
+        Whether the change of the joints was shown to be the smallest near it, ``(P,)``; not so of some that a search from
+        scattered joint values found.
     """
 
     q: Array
@@ -58,6 +69,7 @@ class Correction:
     after: Array
     iterations: NDArray[np.int64]
     status: tuple[CorrectionStatus, ...]
+    is_least: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -77,7 +89,8 @@ def correct(
     with the joint values, and the Jacobian is that of the arm with its errors, by central differences. Of a redundant arm the
     sum of squares of the changes of the joints is the smallest, a sliding joint counted in lengths of the chain: each step goes
     to the smallest change that the Jacobian allows. A joint that would pass its limit stays there, and the others correct; it
-    leaves the limit again where that makes the change smaller.
+    leaves the limit again where that makes the change smaller. Where that finds nothing within the limits, joint values scattered
+    between them are tried, and the correction that moves the joints least is taken; none may be found though there is one.
 
     Parameters
     ----------
@@ -108,6 +121,7 @@ def correct(
     after = before.copy()
     iterations = np.zeros(poses, dtype=np.int64)
     status = np.full(poses, "unreachable", dtype="<U11")
+    is_least = np.ones(poses, dtype=bool)
     outside = error_model.chain.configurations.outside(values).any(axis=0)
     status[outside] = "limit"
     singular = ~outside & (smallest < SINGULAR_BELOW) & is_exact
@@ -116,12 +130,18 @@ def correct(
     for begin in range(0, len(chosen), _AT_ONCE):
         part = chosen[begin : begin + _AT_ONCE]
         found[:, part], after[:, part], iterations[part], status[part] = arm.solve(values[:, part], part)
+        for pose in part[status[part] != "corrected"] if is_exact else ():
+            elsewhere = arm.search(values[:, pose], int(pose))
+            if elsewhere is not None:
+                found[:, pose], after[:, pose], steps, is_least[pose] = elsewhere
+                iterations[pose] += steps
+                status[pose] = "corrected"
         advance(len(part))
     advance(poses - len(chosen))
     failed = status != "corrected"
     found[:, failed] = np.nan
     after[:, failed] = np.nan
-    return Correction(found, before, first_order, after, iterations, tuple(status.tolist()))
+    return Correction(found, before, first_order, after, iterations, tuple(status.tolist()), is_least)
 
 
 _AT_ONCE: Final = 256
@@ -204,11 +224,76 @@ class _Arm:
         smallest = sizes[:, -1] if len(self.rows) <= len(moved) else np.zeros(moved.shape[1])
         return step * self.units, smallest
 
-    def solve(self, start: Array, poses: NDArray[np.intp]) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.str_]]:
-        """Return corrected joint values ``(n, P)``, errors ``(6, P)``, numbers of steps and statuses ``(P,)``."""
+    def search(self, start: Array, pose: int) -> tuple[Array, Array, int, bool] | None:
+        """Return the correction of a pose that is nearest of those found from scattered starts; ``None`` if none is.
+
+        These are joint values ``(n,)``, error ``(6,)``, number of steps, and whether the change is the smallest near it.
+        """
+        ends, errors = self._descend(self._scattered(start), pose)
+        change = ((ends - start[:, None]) / self.units) ** 2
+        order = np.argsort(change.sum(axis=0), kind="stable")[:_ENDS]
+        if not len(order):
+            return None
+        nearest = ends[:, order]
+        poses = np.full(len(order), pose)
+        values, error, steps, status = self.solve(np.repeat(start[:, None], len(order), axis=1), poses, nearest)
+        settled = np.flatnonzero(status == "corrected")
+        sizes = (((values - start[:, None]) / self.units) ** 2).sum(axis=0)
+        best = int(settled[sizes[settled].argmin()]) if len(settled) else -1
+        if best >= 0 and sizes[best] <= change.sum(axis=0)[order[0]] * (1 + _SETTLED):
+            return values[:, best], error[:, best], int(steps[best]), True
+        return nearest[:, 0], errors[:, order[0]], int(steps.sum()), False
+
+    def _scattered(self, start: Array) -> Array:
+        """Return joint values within the limits ``(n, S)``, from near the pose to half a turn away, the same every time."""
         low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
-        values = start.copy()
-        free = np.ones(values.shape, dtype=bool)
+        points = spread_points(len(start) + 1, _SCATTERED)
+        reach = _NEAREST * (_FARTHEST / _NEAREST) ** np.sqrt(points[-1]) * self.units
+        bottom, top = np.maximum(low, start[:, None] - reach), np.minimum(high, start[:, None] + reach)
+        scattered: Array = bottom + (top - bottom) * points[:-1]
+        return scattered
+
+    def _descend(self, values: Array, pose: int) -> tuple[Array, Array]:
+        """Return where damped steps within the limits end without an error, from values ``(n, S)``, and the errors there.
+
+        The Jacobian is that of the nominal arm, which is near enough to descend by; a joint that would pass its limit stays.
+        """
+        low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
+        scale = np.where(self.rows < 3, 1 / _length(self.error_model.chain), 1.0)[:, None]
+        values = values.copy()
+        poses = np.full(values.shape[1], pose)
+        error = self.error(values, poses)
+        damping = np.full(values.shape[1], 1e-2)
+        for _ in range(_MOST_SEARCHING):
+            at = np.flatnonzero(~self._is_done(error, None) & (damping < 1e6))
+            if not len(at):
+                break
+            slopes = self.nominal_slopes(values[:, at])[self.rows] * scale[:, None]
+            residual = error[self.rows][:, at] * scale
+            gradient = np.einsum("rjp,rp->jp", slopes, residual)
+            held = ((values[:, at] <= low) & (gradient > 0)) | ((values[:, at] >= high) & (gradient < 0))
+            slopes = np.where(held, 0.0, slopes)
+            normal = np.einsum("rjp,rkp->pjk", slopes, slopes) + damping[at, None, None] * np.eye(len(values))
+            step = -np.linalg.solve(normal, np.where(held, 0.0, gradient).T[..., None])[..., 0].T
+            step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=0), _LARGEST_STEP))
+            tried = np.clip(values[:, at] + step * self.units, low, high)
+            missed = self.error(tried, poses[at])
+            better = ((missed[self.rows] * scale) ** 2).sum(axis=0) < (residual**2).sum(axis=0)
+            values[:, at[better]], error[:, at[better]] = tried[:, better], missed[:, better]
+            damping[at] = np.where(better, np.maximum(damping[at] * 0.2, 1e-12), damping[at] * 4)
+        done = self._is_done(error, None)
+        return values[:, done], error[:, done]
+
+    def solve(
+        self, start: Array, poses: NDArray[np.intp], begin: Array | None = None
+    ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.str_]]:
+        """Return corrected joint values ``(n, P)``, errors ``(6, P)``, numbers of steps and statuses ``(P,)``.
+
+        The change is from ``start``, the first step from ``begin``, which is the same if left out.
+        """
+        low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
+        values = start.copy() if begin is None else begin.copy()
+        free = np.ones(values.shape, dtype=bool) if begin is None else (values > low) & (values < high)
         iterations = np.zeros(values.shape[1], dtype=np.int64)
         error = self.error(values, poses)
         remaining = np.arange(values.shape[1])

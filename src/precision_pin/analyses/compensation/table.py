@@ -21,9 +21,9 @@ _ZERO: Final = 1e-9
 """Errors (m and rad) below which nothing is left to correct."""
 _CORRECTED: Final = {"position": "position", "pose": "position and attitude"}
 _REASONS: Final = {
-    "limit": "no correction was found within the joint limits",
+    "limit": "no correction was found within the joint limits, which does not show that there is none",
     "singular": "near a singularity, where not every direction can be corrected",
-    "unreachable": "no joint values found",
+    "unreachable": "no joint values found, which does not show that there are none",
 }
 
 
@@ -38,6 +38,8 @@ def compensation_table(result: CompensationResult) -> str:
     lines += [f"{hidden:,} more poses are in the JSON"] if hidden else []
     refused = [reason for reason in _REASONS if reason in result.correction.status]
     lines += [f"{reason}: {_REASONS[reason]}" for reason in refused]
+    farther = int((~result.correction.is_least).sum())
+    lines += [f"at {farther:,} of the poses a smaller change of the joints may do"] if farther else []
     of = result.provenance
     lines += ["", EXPLANATION, *resting_on(of.assumed, of.sources, of.origins, of.origins_at)]
     return "\n".join(lines)

@@ -67,7 +67,7 @@ def _verdict(entry: SpecificationReliability) -> str:
         said = f"P(failure) {entry.best.probability:.3g} ({in_words(entry.best.interval)}, {entry.best.method})"
     else:
         span = in_words(interval) if interval[0] else f"below {rounded(interval[1], interval)}"
-        said = f"P(failure) {span} by sampling" if entry.met else f"P(failure) NOT RESOLVED, {span}"
+        said = f"P(failure) {span} by sampling" if entry.met else f"P(failure) not resolved, {span}"
     verdict = f"{demanded(entry.specification)}: {entry.said}"
     return verdict if entry.verdict == "not judged" else f"{verdict} - {said}"
 
