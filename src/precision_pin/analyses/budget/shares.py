@@ -255,7 +255,7 @@ def _divided(draw: Draw, owners: Mapping[str, Sequence[str]]) -> dict[str, list[
             if len(owners[name]) == 1:
                 (line,) = owners[name]
                 place = line.partition("[")[2].rpartition("]")[0]
-                line = line if is_by_source or not place else f"{draw.name}: {place}"
+                line = line if is_by_source or not place else f"{place}, {draw.name}"
             groups.setdefault(line, []).append(k)
         if len(groups) <= shapley.MOST_PLAYERS:
             return groups
