@@ -58,6 +58,16 @@ def test_groups_are_players():
     np.testing.assert_allclose(shapley.effects(SLOPES, COVARIANCE, groups), expected, rtol=0, atol=1e-12)
 
 
+def test_forms_are_the_effects_of_any_slopes():
+    groups = [[2], [0, 3], [1]]
+    expected = by_orders(
+        3, lambda members: conditional(SLOPES, COVARIANCE, sorted(k for member in members for k in groups[member]))
+    )
+    forms = shapley.effect_forms(COVARIANCE, groups)
+    np.testing.assert_allclose(np.einsum("ij,gjk,ik->gi", SLOPES, forms, SLOPES), expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forms.sum(axis=0), COVARIANCE, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("rho", [-0.9, 0.0, 0.35, 1.0])
 def test_two_normal_inputs_have_the_published_effects(rho):
     """Owen and Prieur (2017), equation for two inputs; at ρ = 1 the two share evenly."""

@@ -45,12 +45,20 @@ def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
 
 def draw_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return for each draw the labels of the sources that use it, in the order of the sources."""
-    draw_of = {name: draw.name for draw in space.draws for name in draw.components}
-    found: dict[str, list[str]] = {draw.name: [] for draw in space.draws}
+    found, rank = number_owners(space, sources, labels), {label: k for k, label in enumerate(labels)}
+    return tuple(
+        tuple(sorted({label for name in draw.components for label in found[name]}, key=rank.__getitem__))
+        for draw in space.draws
+    )
+
+
+def number_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> dict[str, list[str]]:
+    """Return for each number of a space the labels of the sources that use it, in the order of the sources."""
+    found: dict[str, list[str]] = {name: [] for draw in space.draws for name in draw.components}
     for source, label in zip(sources, labels, strict=True):
-        for name in {draw_of[number] for number in source.numbers(label) if number in draw_of}:
+        for name in source.numbers(label).keys() & found.keys():
             found[name].append(label)
-    return tuple(tuple(found[draw.name]) for draw in space.draws)
+    return found
 
 
 def draw_words(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from precision_pin.analyses.budget.budget_result import (
 from precision_pin.analyses.budget.sampled_budget import MARKED, NORMS, SAMPLED, SampledBudget, list_random_draws
 from precision_pin.analyses.budget.shares import (
     COMPONENTS,
+    SourceLine,
     by_draw,
     by_place,
     component_shares,
@@ -28,6 +29,7 @@ from precision_pin.analyses.budget.shares import (
     deviations_of,
     reaches,
     shares_of,
+    source_lines,
     source_shares,
     worst_case_shares,
 )
@@ -106,7 +108,8 @@ def budget(
     check_number(f"{name}, in standard deviations,", k, "positive and finite", lambda value: value > 0)
     _check_cost(error_model.space, samples)
     with steps_to(progress, count_steps(error_model.space, len(chosen), samples), "robots") as step:
-        found = tuple(_at_pose(error_model, one, seed, samples, confidence, k, step) for one in chosen)
+        lines = source_lines(error_model)
+        found = tuple(_at_pose(error_model, lines, one, seed, samples, confidence, k, step) for one in chosen)
     return BudgetResult(
         provenance=Provenance.of(error_model, seed),
         samples=int(samples),
@@ -186,6 +189,7 @@ def check_quantities(quantities: Sequence[str]) -> tuple[str, ...]:
 
 def _at_pose(
     error_model: ErrorModel,
+    lines: Sequence[SourceLine],
     pose: Pose,
     seed: int,
     samples: int,
@@ -231,7 +235,7 @@ def _at_pose(
             for k, name in enumerate(names)
         ),
         groups=sampled.groups(shares, variances),
-        sources=source_shares(error_model, shares, variances),
+        sources=source_shares(at, lines, shares, variances),
         places=tuple(
             PlaceShare(name, shares_of(part, variances)) for name, part in by_place(at, error_model.chain).items()
         ),

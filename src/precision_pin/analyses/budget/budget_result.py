@@ -28,7 +28,7 @@ VECTORS: Final = ("position", "attitude")
 
 ASSUMPTIONS: Final = (
     "share: closed form, tangent model at the means; of position and attitude: share of the trace of the covariance",
-    "share of correlated draws or components: Shapley effects of the linear model",
+    "share of correlated draws or components, and of a source or joint in them: Shapley effects of the linear model",
     "first, total: Sobol indices of the exact model; intervals are for each number by itself",
     "a draw that several sources use has its own line among the sources",
     "joints and links: covariance of their part with the whole, negative where one compensates others",
@@ -141,8 +141,9 @@ class Group:
 @final
 @dataclass(frozen=True)
 class SourceShare:
-    """Share of a source's own draws, or of one draw that several sources (or none) use."""
+    """Share of a source's own draws, of one draw that several sources (or none) use, or of a part of a joint draw."""
 
+    name: str
     sources: tuple[str, ...]
     draws: tuple[str, ...]
     share: Shares
@@ -351,10 +352,8 @@ def _draw_rows(pose: PoseBudget) -> _Rows:
 
 def _source_rows(pose: PoseBudget) -> _Rows:
     for line in pose.sources:
-        # a draw that several sources use has its own line
-        name = line.sources[0] if len(line.sources) == 1 else line.draws[0]
         for quantity, share in line.share.items():
-            yield (name, quantity), {"share": number(share)}
+            yield (line.name, quantity), {"share": number(share)}
 
 
 def _place_rows(pose: PoseBudget) -> _Rows:

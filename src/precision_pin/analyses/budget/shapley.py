@@ -47,26 +47,24 @@ def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
     """
     if players > MOST_PLAYERS:
         raise InputError(f"{players} players for a Shapley value; at most {MOST_PLAYERS} are allowed")
-    everybody = range(players)
-    known = {
-        coalition: worth(coalition)
-        for size in range(players + 1)
-        for coalition in itertools.combinations(everybody, size)
-    }
-    result = np.zeros((players, *np.shape(known[()])))
-    for coalition, alone in known.items():
-        if len(coalition) == players:
-            continue
-        weight = 1 / (players * math.comb(players - 1, len(coalition)))
-        for player in set(everybody) - set(coalition):
-            result[player] += weight * (known[tuple(sorted((*coalition, player)))] - alone)
+    result: Array = np.zeros((players, *np.shape(worth(()))))
+    for size in range(players + 1):
+        # v(S) stands once for each member, as that of S without it and with it
+        as_member, as_other = (
+            1 / (players * math.comb(players - 1, others)) if 0 <= others < players else 0.0
+            for others in (size - 1, size)
+        )
+        for coalition in itertools.combinations(range(players), size):
+            value = worth(coalition)
+            for player in range(players):
+                result[player] += value * (as_member if player in coalition else -as_other)
     return result
 
 
 def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
-    """Return the variance of linear outputs that some inputs explain.
+    """Return the covariance of linear outputs that some inputs explain.
 
-    v(S) = w Σ_·S Σ_SS⁺ Σ_S· wᵀ is the variance of the best linear prediction: Var(E[y | x_S]) for normal inputs.
+    v(S) = w Σ_·S Σ_SS⁺ Σ_S· wᵀ is the covariance of the best linear prediction: Cov(E[y | x_S]) for normal inputs.
 
     Parameters
     ----------
@@ -80,16 +78,16 @@ def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
     Returns
     -------
     NDArray
-        ``(m,)`` explained variances.
+        ``(m, m)`` explained covariance.
     """
     rows = [k for k in known if covariance[k, k] > 0]
     if not rows:
-        return np.zeros(slopes.shape[0])
+        return np.zeros((len(slopes),) * 2)
     scale = np.sqrt(np.diag(covariance)[rows])
     cross = slopes @ covariance[:, rows] / scale
     correlation = covariance[np.ix_(rows, rows)] / np.outer(scale, scale)
     inverse = np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
-    result: Array = np.einsum("ij,jk,ik->i", cross, inverse, cross)
+    result: Array = cross @ inverse @ cross.T
     return result
 
 
@@ -110,6 +108,28 @@ def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -
     InputError
         There are more than twelve groups.
     """
+    return values(
+        len(groups),
+        lambda coalition: explained(slopes, covariance, [k for member in coalition for k in groups[member]]).diagonal(),
+    )
+
+
+def effect_forms(covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
+    """Return the Shapley effects of groups of inputs as quadratic forms of any output's slopes, ``(groups, d, d)``.
+
+    With Φ_g that of a group, its effect on the variance of an output with slopes w is w Φ_g wᵀ. Their sum is the covariance.
+
+    Parameters
+    ----------
+    covariance, groups
+        As in :func:`effects`; every input is in one group.
+
+    Raises
+    ------
+    InputError
+        There are more than twelve groups.
+    """
+    slopes = np.eye(len(covariance))
     return values(
         len(groups),
         lambda coalition: explained(slopes, covariance, [k for member in coalition for k in groups[member]]),

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, final
 
 import numpy as np
 
 from precision_pin.analyses.budget import shapley
 from precision_pin.analyses.budget.budget_result import VECTORS, Shares, SourceShare
 from precision_pin.base.arrays import Array
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import QUANTITIES
+from precision_pin.terms.source_set import number_owners
 from precision_pin.terms.term import JointValue, Target
 
 ROUNDING: Final = 1e-14
@@ -176,18 +179,80 @@ def deviations_of(variances: Array) -> dict[str, float]:
     return {name: float(np.sqrt(max(square, 0.0))) for name, square in squares.items()}
 
 
-def source_shares(error_model: ErrorModel, shares: Array, variances: Array) -> tuple[SourceShare, ...]:
-    """Return one entry for each source with draws of its own, and one for each draw that several sources share."""
-    lines: dict[tuple[str, ...], list[int]] = {}
-    for k, labels in enumerate(error_model.owners):
-        name = error_model.space.draws[k].name
-        key = labels if len(labels) == 1 else (*labels, name)
-        lines.setdefault(key, []).append(k)
-    return tuple(
-        SourceShare(
-            sources=key if len(key) == 1 else key[:-1],
-            draws=tuple(error_model.space.draws[k].name for k in rows),
-            share=shares_of(shares[rows].sum(axis=0), variances),
-        )
-        for key, rows in lines.items()
-    )
+@final
+@dataclass(frozen=True, eq=False)
+class SourceLine:
+    """What the sources cause that is reported together: a source's own draws, a draw that several use, or a part of one.
+
+    Attributes
+    ----------
+    name, sources
+        Name of the line, and labels of the sources.
+    draws, columns
+        Rows of the draws that are in it as a whole, and their columns.
+    parts
+        Of each draw that is divided among lines: its row, its columns and the form ``(size, size)`` of this line, as of
+        :func:`shapley.effect_forms`.
+    """
+
+    name: str
+    sources: tuple[str, ...]
+    draws: list[int]
+    columns: list[int]
+    parts: list[tuple[int, slice, Array]]
+
+
+def source_lines(model: ErrorModel) -> tuple[SourceLine, ...]:
+    """Return the lines of the sources, in the order of their first draws.
+
+    The draws that only one source uses are in the line of this source; a draw that several use has its own line. A draw of
+    correlated numbers of several sources, as a calibration leaves it, is divided among the sources, or among the joints that
+    they are at if there are more than twelve.
+    """
+    space, owners = model.space, number_owners(model.space, model.sources, model.labels)
+    alone = {group[0] for group in correlated_groups(space) if len(group) == 1}
+    lines: dict[str, SourceLine] = {}
+    for row, (draw, labels, columns) in enumerate(zip(space.draws, model.owners, space.slices, strict=True)):
+        groups = _divided(draw, owners) if len(labels) > 1 and row in alone else {}
+        if len(groups) < 2:
+            name = labels[0] if len(labels) == 1 else draw.name
+            line = lines.setdefault(name, SourceLine(name, labels, [], [], []))
+            line.draws.append(row)
+            line.columns.extend(range(columns.start, columns.stop))
+            continue
+        forms = shapley.effect_forms(space.block_covariance.within(_columns(space, [row])), list(groups.values()))
+        for (name, numbers), form in zip(groups.items(), forms, strict=True):
+            used = tuple(dict.fromkeys(label for k in numbers for label in owners[draw.components[k]]))
+            lines.setdefault(name, SourceLine(name, used, [], [], [])).parts.append((row, columns, form))
+    return tuple(lines.values())
+
+
+def _divided(draw: Draw, owners: Mapping[str, Sequence[str]]) -> dict[str, list[int]]:
+    """Return the numbers of a draw by source, or by what stands in brackets in their labels; empty if that is too many."""
+    for is_by_source in (True, False):
+        groups: dict[str, list[int]] = {}
+        for k, name in enumerate(draw.components):
+            line = name
+            if len(owners[name]) == 1:
+                (line,) = owners[name]
+                place = line.partition("[")[2].rpartition("]")[0]
+                line = line if is_by_source or not place else f"{place}, {draw.name}"
+            groups.setdefault(line, []).append(k)
+        if len(groups) <= shapley.MOST_PLAYERS:
+            return groups
+    return {}
+
+
+def source_shares(
+    at: PoseModel, lines: Sequence[SourceLine], shares: Array, variances: Array
+) -> tuple[SourceShare, ...]:
+    """Return the shares of the lines of the sources."""
+    found = []
+    for line in lines:
+        part = shares[line.draws].sum(axis=0)
+        for _, columns, form in line.parts:
+            slopes = at.jacobian[:, columns]
+            part = part + np.einsum("ij,jk,ik->i", slopes, form, slopes)
+        draws = tuple(at.space.draws[row].name for row in (*line.draws, *(row for row, _, _ in line.parts)))
+        found.append(SourceShare(line.name, line.sources, draws, shares_of(part, variances)))
+    return tuple(found)

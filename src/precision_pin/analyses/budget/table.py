@@ -190,9 +190,9 @@ def _share_rows(
 
 def source_name(line: SourceShare) -> str:
     """Return the name of a source's line; a draw that several sources name gives its own name."""
-    if len(line.sources) == 1:
-        return line.sources[0]
-    return f"{line.draws[0]}: {', '.join(line.sources) if line.sources else 'no source'}"
+    if len(line.sources) == 1 or line.draws != (line.name,):
+        return line.name
+    return f"{line.name}: {', '.join(line.sources) if line.sources else 'no source'}"
 
 
 def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) -> list[str]:

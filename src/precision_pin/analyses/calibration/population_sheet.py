@@ -92,8 +92,12 @@ def _scaled(values: list[Any], one: MeasuredTolerance) -> object:
     if not isinstance(value, Mapping):
         return None
     key = next((key for key in _WIDTHS if key in value), None)
-    width = None if key is None else _times(value[key], one.scale)
-    return None if width is None else {**value, key: width}
+    if key is None:
+        return None
+    given = value[key]
+    is_std = isinstance(given, Mapping) and set(given) == {"std"}
+    width = _times(given["std"] if is_std else given, one.scale)
+    return None if width is None else {**value, key: {"std": width} if is_std else width}
 
 
 def _times(text: object, factor: float) -> str | None:

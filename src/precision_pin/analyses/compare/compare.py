@@ -9,10 +9,10 @@ from typing import Final, Literal
 
 import numpy as np
 
+from precision_pin.analyses.budget.shares import source_lines
 from precision_pin.analyses.compare.comparison_result import LEVELS, ComparisonResult, Paired, PoseComparison
 from precision_pin.analyses.compare.paired import Difference, mean_difference, quantile_difference, share_difference
 from precision_pin.analyses.map.first_order import first_order
-from precision_pin.analyses.map.map_poses import source_lines
 from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.base.arguments import check_instance, check_items, check_whole
 from precision_pin.base.arrays import Array
@@ -256,7 +256,7 @@ def _quantities(law: MonteCarloResult) -> Array:
 
 def _variances(model: ErrorModel, q: Array) -> Mapping[str, float]:
     """Return the part of each line of sources in the variance of the position, to first order, m²."""
-    names, lines = source_lines(model)
+    lines = source_lines(model)
     found = first_order(model, q[:, None], None, lines, None, lambda _: None)
     total = float(np.trace(found.covariance[:3, :3, 0]))
-    return {name: total * float(share) for name, share in zip(names, found.shares[:, 0], strict=True)}
+    return {line.name: total * float(share) for line, share in zip(lines, found.shares[:, 0], strict=True)}

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.analyses.budget.shares import source_lines
 from precision_pin.analyses.compensation.compensation_result import CompensationResult, Mode
 from precision_pin.analyses.compensation.correction import Correction, correct
 from precision_pin.analyses.map.first_order import first_order
-from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set, source_lines
+from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_numbers
@@ -120,7 +121,7 @@ def _with_laws(
 ) -> CompensationResult:
     """Return the result with the laws before and after, over all poses; NaN where nothing is known."""
     known = poses.known
-    names, lines = source_lines(error_model)
+    lines = source_lines(error_model)
     corrected = np.array(correction.status) == "corrected"
     approaches = poses.of(known).approaches
     before = first_order(error_model, poses.q[:, known], approaches, lines, None, _ignore)
@@ -129,7 +130,7 @@ def _with_laws(
         own = None if approaches is None else approaches[:, corrected]
         after = first_order(error_model, correction.q[:, corrected], own, lines, None, _ignore)
     within = np.full((2, len(corrected)), np.nan)
-    shares = np.full((len(names), len(corrected)), np.nan)
+    shares = np.full((len(lines), len(corrected)), np.nan)
     if corrected.any():
         within[:, corrected] = _within(correction.after[:, corrected], after.covariance)
         shares[:, corrected] = after.shares
@@ -163,7 +164,7 @@ def _with_laws(
         ),
         within_before=spread(_within(before.mean, before.covariance)),
         within_after=spread(within),
-        sources=names,
+        sources=tuple(line.name for line in lines),
         shares=spread(shares),
     )
 

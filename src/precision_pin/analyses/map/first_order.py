@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.budget.shares import SourceLine
 from precision_pin.analyses.map.law_bounds import LawShapes, Vectors
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
@@ -33,7 +34,8 @@ class FirstOrder:
         ``J Σ Jᵀ``, ``(6, 6, P)``.
     shares
         Share of each line of sources in the variance of the position, ``(lines, P)``: ``Cov(e_k, e)`` of its part of the
-        error, the Shapley value of the variance of a sum; zero where the position does not vary.
+        error, the Shapley value of the variance of a sum, and the Shapley effect of its numbers in a draw that is divided among
+        lines; zero where the position does not vary.
     relative_mean, relative_covariance
         Those of the error minus the error of the same robot at the reference, ``(6, P)`` and ``(6, 6, P)``; empty without one.
     vectors
@@ -61,7 +63,7 @@ def first_order(
     error_model: ErrorModel,
     values: Array,
     approaches: NDArray[np.int8] | None,
-    lines: Sequence[NDArray[np.intp]],
+    lines: Sequence[SourceLine],
     reference: PoseModel | None,
     step: Callable[[int], object],
     vectors: Sequence[tuple[int, ...]] = (),
@@ -74,7 +76,7 @@ def first_order(
         The model, joint values as :meth:`ErrorModel.configurations` returns them, and approaches as
         :meth:`ErrorModel.approaches_of` does.
     lines
-        Components of each line of the shares.
+        Lines of the shares.
     reference
         The model at the pose at which the robot is taught; ``None`` for absolute errors alone.
     step
@@ -99,7 +101,7 @@ def first_order(
         covariance = np.einsum("idp,djp->ijp", chunk.jacobian, spread)
         by_component = np.einsum("idp,dip->dp", chunk.jacobian[:3], spread[:, :3])
         total = np.einsum("iip->p", covariance[:3, :3])
-        shares = np.stack([by_component[line].sum(axis=0) for line in lines]) if lines else np.zeros((0, poses))
+        shares = np.array([_part(line, chunk.jacobian[:3], by_component) for line in lines]).reshape(-1, poses)
         shares = np.where(total > 0, shares / np.where(total > 0, total, 1.0), 0.0)
         relative_mean, relative_covariance = np.zeros((6, 0)), np.zeros((6, 6, 0))
         if at_reference is not None and reference is not None:
@@ -124,6 +126,15 @@ def first_order(
     arrays = (np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in fields)
     mean, covariance, shares, relative_mean, relative_covariance = arrays
     return FirstOrder(mean, covariance, shares, relative_mean, relative_covariance, joined)
+
+
+def _part(line: SourceLine, jacobian: Array, by_component: Array) -> Array:
+    """Return a line's part of the variance of the position ``(P,)``, for slopes ``(3, d, P)`` and the parts of components."""
+    part: Array = by_component[line.columns].sum(axis=0)
+    for _, columns, form in line.parts:
+        slopes = jacobian[:, columns]
+        part = part + np.einsum("idp,dip->p", slopes, np.tensordot(form, slopes, (1, 1)))
+    return part
 
 
 def _at_the_same_pose(space: Space, jacobian: Array, reference: Array) -> Array:

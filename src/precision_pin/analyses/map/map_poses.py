@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.analyses.budget.shares import source_lines
 from precision_pin.analyses.map.first_order import FirstOrder, first_order
 from precision_pin.analyses.map.map_result import MapResult, Relative
 from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, Sampled
@@ -135,7 +136,8 @@ def map_poses(
         raise InputError(f"none of the {len(given):,} poses has joint values: {_count_of(given)}")
     reference = None if relative_to is None else error_model.at(relative_to)
     values = given.q[:, given.known]
-    names, lines = source_lines(error_model)
+    lines = source_lines(error_model)
+    names = tuple(line.name for line in lines)
     labels = given.labels
     known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
     approaches = None if given.approaches is None else given.approaches[:, given.known]
@@ -246,16 +248,6 @@ def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
 def _count_of(poses: PoseSet) -> str:
     counts = {status: poses.status.count(status) for status in dict.fromkeys(poses.status)}
     return ", ".join(f"{count:,} {status}" for status, count in counts.items())
-
-
-def source_lines(error_model: ErrorModel) -> tuple[tuple[str, ...], list[NDArray[np.intp]]]:
-    """Return the names of lines of sources and the components of each: a source's own draws, or what several share."""
-    lines: dict[str, list[int]] = {}
-    space = error_model.space
-    for draw, labels, columns in zip(space.draws, error_model.owners, space.slices, strict=True):
-        name = labels[0] if len(labels) == 1 else draw.name
-        lines.setdefault(name, []).extend(range(columns.start, columns.stop))
-    return tuple(lines), [np.array(columns, dtype=np.intp) for columns in lines.values()]
 
 
 def _closed_form(

@@ -223,6 +223,7 @@ class MapResult(JsonResult):
         sampled = self.sampled
         return self._head() | {
             "levels": list(LEVELS),
+            "joints": list(self.joints),
             "sources": list(self.sources),
             "met": self.met,
             "spec": [
@@ -419,7 +420,8 @@ class MapResult(JsonResult):
             "mean, covariance, quantiles and shares inside are those of the first-order model with a normal error; their bounds "
             "hold for the exact model with the laws of the sheet",
             "a verdict is that of sampled robots of the exact model, with its confidence at each pose by itself",
-            "shares of sources are Cov(e_k, e) of their part of the position's error",
+            "shares of sources are Cov(e_k, e) of their part of the position's error; of correlated numbers that are those of "
+            "several sources, Shapley effects",
             "the sampled numbers are those of the exact model, the same robots at every pose",
         )
 
