@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.iso9283.cycles import iso9283_distance as iso9283_distance
     from precision_pin.analyses.iso9283.cycles import iso9283_of as iso9283_of
     from precision_pin.analyses.iso9283.forecast import iso9283 as iso9283
-    from precision_pin.analyses.map.between_poses import pose_covariance as pose_covariance
+    from precision_pin.analyses.map.first_order import pose_covariance as pose_covariance
     from precision_pin.analyses.map.map_poses import map_poses as map_poses
     from precision_pin.analyses.moments.moments import moments as moments
     from precision_pin.analyses.path.path_law import path_law as path_law

@@ -61,8 +61,8 @@ class AnalysisResult(Record, JsonResult):
         return self.provenance.to_dict(self.schema)
 
     @property
-    def met(self) -> bool:
-        """True if every specification is met, and for an analysis without specifications."""
+    def met(self) -> bool | None:
+        """True if every specification is met, and for an analysis without; ``None`` where none could be looked at."""
         return True
 
     @property

@@ -148,7 +148,7 @@ def _write(result: CompensationResult, columns: tuple[Column, ...], options: _Op
     OutputError
         Something cannot be written.
     """
-    from precision_pin.analyses.compensation.corrected_csv import corrected_csv
+    from precision_pin.analyses.compensation.table import corrected_csv
 
     csv_path, json_path, out = options["csv_path"], options["json_path"], options["out"]
     corrected = corrected_csv(result, columns) if result.is_complete else None

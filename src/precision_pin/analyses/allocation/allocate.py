@@ -10,11 +10,17 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult, Basis, tightest_of
+from precision_pin.analyses.allocation.allocation_result import (
+    AllocatedLimit,
+    AllocationResult,
+    Basis,
+    ErrorParts,
+    error_parts,
+    tightest_of,
+)
 from precision_pin.analyses.allocation.choices import Judge, Judged, Walk, walk
 from precision_pin.analyses.allocation.convex_program import Limit, Programme, Solution
 from precision_pin.analyses.allocation.costs import Tolerance
-from precision_pin.analyses.allocation.error_parts import ErrorParts, error_parts
 from precision_pin.analyses.allocation.pareto_front import MOST_POINTS, pareto_front, solve
 from precision_pin.analyses.allocation.problem import (
     Bound,

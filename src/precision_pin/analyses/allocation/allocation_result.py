@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, ClassVar, Literal, final
+from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
 
 from precision_pin.analyses.allocation.costs import Tolerance
-from precision_pin.analyses.allocation.error_parts import ErrorParts
 from precision_pin.analyses.allocation.pareto_front import FrontPoint
-from precision_pin.analyses.provenance import Provenance
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.analyses.budget.shares import by_draw, reaches
+from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding
+from precision_pin.base.record import Keys, Record
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.render.notebook import preformatted
-from precision_pin.render.result_io import JsonResult
 from precision_pin.statistics import NO_GROUNDS, Grounds
 from precision_pin.statistics.verdicts import Verdict, judge
 
@@ -27,7 +26,7 @@ Basis = Literal["proof", "samples", "normal law"]
 
 @final
 @dataclass(frozen=True)
-class AllocatedLimit:
+class AllocatedLimit(Record):
     """A limit with the tolerances chosen, at its worst pose.
 
     Attributes
@@ -54,6 +53,11 @@ class AllocatedLimit:
     grounds
         What keeps it from being judged, and what it takes as exact.
     """
+
+    KEYS: ClassVar[Keys] = (
+        *("kind", "quantity", "limit", "required", "aimed", "first_order", "worst_pose", "shadow_price"),
+        *("probability", "interval", "met", "verdict", "margin"),
+    )
 
     kind: str
     quantity: str
@@ -92,24 +96,6 @@ class AllocatedLimit:
         low, high = self.interval
         return judge(holds=low >= self.required, fails=high < self.required, varies=self.varies)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry of the result's JSON."""
-        return {
-            "kind": self.kind,
-            "quantity": self.quantity,
-            "limit": self.limit,
-            "required": self.required,
-            "aimed": self.aimed,
-            "first_order": self.first_order,
-            "worst_pose": self.worst_pose,
-            "shadow_price": self.shadow_price,
-            "probability": self.probability,
-            "interval": None if self.interval is None else list(self.interval),
-            "met": self.met,
-            "verdict": self.verdict,
-            "margin": self.margin,
-        }
-
 
 def tightest_of(limits: Sequence[AllocatedLimit]) -> int:
     """Return the number of the limit that is exceeded most, or has the least left, by the first-order model."""
@@ -117,14 +103,12 @@ def tightest_of(limits: Sequence[AllocatedLimit]) -> int:
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class AllocationResult(JsonResult):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class AllocationResult(AnalysisResult):
     """Cheapest tolerances that keep every limit, or the narrowest ones where none do.
 
     Attributes
     ----------
-    provenance
-        Robot, seed and software versions.
     tolerances
         What was to be chosen, with the values of the sheet.
     after, costs
@@ -157,13 +141,25 @@ class AllocationResult(JsonResult):
         Whether tolerances within the bounds keep the limits; if not, all numbers are those of the narrowest tolerances.
     front
         Points of the front of cost against accuracy, if asked for.
-    findings
-        Findings passed in, such as those of the sheet.
     """
 
     schema: ClassVar[str] = "precision-pin/allocation/1"
 
-    provenance: Provenance
+    KEYS: ClassVar[Keys] = (
+        *("*head", "tolerances=tolerance_entries", "cost", "cost_before", "lower_bound", "lower_bound_is_proven"),
+        *(
+            "lower_bound_basis=bound_basis",
+            "gap",
+            "for_samples",
+            "margin_cost",
+            "specs=limits",
+            "parts",
+            "poses",
+            "feasible",
+        ),
+        *("met", "*grounds", "pareto=front", "findings"),
+    )
+
     tolerances: tuple[Tolerance, ...]
     after: Array
     costs: Array
@@ -178,10 +174,6 @@ class AllocationResult(JsonResult):
     feasible: bool
     front: tuple[FrontPoint, ...] = ()
     grounds: Grounds = NO_GROUNDS
-    findings: tuple[Finding, ...] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def cost(self) -> float:
@@ -215,39 +207,27 @@ class AllocationResult(JsonResult):
         """The chosen tolerances by path, as :meth:`ErrorModel.with_` and ``--set`` take them."""
         return {one.path: one.written(value) for one, value in zip(self.tolerances, self.after.tolist(), strict=True)}
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in the ``precision-pin/allocation/1`` schema, SI units."""
-        rows = zip(self.tolerances, self.after.tolist(), self.costs.tolist(), self.shadow_prices.tolist(), strict=True)
-        return {
-            **self.provenance.to_dict(self.schema),
-            "tolerances": [
-                {
-                    "path": one.path,
-                    "before": one.before,
-                    "after": after,
-                    "grade": one.grade(after) or None,
-                    "cost": cost,
-                    "shadow_price": price,
-                }
-                for one, after, cost, price in rows
-            ],
-            "cost": self.cost,
-            "cost_before": self.cost_before,
-            "lower_bound": self.lower_bound,
-            "lower_bound_is_proven": self.bound_basis == "proof",
-            "lower_bound_basis": self.bound_basis,
-            "gap": self.gap,
-            "for_samples": self.for_samples,
-            "margin_cost": self.margin_cost,
-            "specs": [one.to_dict() for one in self.limits],
-            "parts": self.parts.to_dict(),
-            "poses": list(self.poses),
-            "feasible": self.feasible,
-            "met": self.met,
-            **self.grounds.to_dict(),
-            "pareto": [one.to_dict() for one in self.front],
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
+    @property
+    def lower_bound_is_proven(self) -> bool:
+        """Whether the lower bound rests on a proof."""
+        return self.bound_basis == "proof"
+
+    @property
+    def tolerance_entries(self) -> list[dict[str, Any]]:
+        """The tolerances as in the JSON."""
+        return [
+            {
+                "path": one.path,
+                "before": one.before,
+                "after": after,
+                "grade": one.grade(after) or None,
+                "cost": cost,
+                "shadow_price": price,
+            }
+            for one, after, cost, price in zip(
+                self.tolerances, self.after.tolist(), self.costs.tolist(), self.shadow_prices.tolist(), strict=True
+            )
+        ]
 
     def _repr_html_(self) -> str:
         """Return the notebook view: the table of the command."""
@@ -259,3 +239,100 @@ class AllocationResult(JsonResult):
         return (
             f"<AllocationResult of {self.provenance.robot!r}: {len(self.tolerances)} tolerances, cost {self.cost:.6g}>"
         )
+
+
+MEAN: Final = "constant part"
+"""Name of the error with every component at its mean."""
+TOGETHER: Final = "correlated draws"
+"""Name of more correlated draws than can be told apart."""
+_SAME: Final = 1e-9
+_DEVIATIONS: Final = 3.0
+
+
+@final
+@dataclass(frozen=True)
+class SourcePart(Record):
+    """Part of a source.
+
+    Attributes
+    ----------
+    source
+        Label of the source, or of those that share a draw; or `MEAN`.
+    before, after
+        Root mean square (worst case: largest deviation), m or rad.
+    is_chosen
+        Whether the allocation chooses any of its tolerances.
+    """
+
+    KEYS: ClassVar[Keys] = ("source", "before", "after", "chosen=is_chosen")
+
+    source: str
+    before: float
+    after: float
+    is_chosen: bool
+
+
+@final
+@dataclass(frozen=True)
+class ErrorParts(Record):
+    """Parts of the first-order error at the worst pose of the tightest limit, the largest first.
+
+    Attributes
+    ----------
+    pose, quantity
+        Where, and of what: ``position.norm``, ``attitude.x`` and so on.
+    kind
+        ``"rms"``: squares of the parts add to the mean square; ``"worst_case"``: the parts add.
+    sources
+        The parts.
+    """
+
+    pose: str
+    quantity: str
+    kind: str
+    sources: tuple[SourcePart, ...]
+
+    def shares(self) -> list[float]:
+        """Return the share of each part in the mean square or the worst case, with the tolerances chosen."""
+        powers = [one.after ** (1 if self.kind == "worst_case" else 2) for one in self.sources]
+        return [one / (sum(powers) or 1.0) for one in powers]
+
+
+def error_parts(
+    models: Sequence[ErrorModel], pose: str, rows: Sequence[int], quantity: str, *, worst_case: bool
+) -> ErrorParts:
+    """Return the parts of every source.
+
+    Parameters
+    ----------
+    models
+        The model before, after, and with every tolerance to be chosen changed.
+    pose, rows, quantity
+        Where, which of the six components together, and their name.
+    worst_case
+        Whether parts are largest deviations, of one component.
+    """
+    before, after, changed = (_parts(one, pose, list(rows), worst_case) for one in models)
+    rounding = _SAME * max(before.values())
+    found = [
+        SourcePart(name, before[name], after[name], abs(changed[name] - before[name]) > rounding)
+        for name in before
+        if max(before[name], after[name]) > rounding
+    ]
+    ordered = tuple(sorted(found, key=lambda one: (-one.after, one.source)))
+    return ErrorParts(pose, quantity, "worst_case" if worst_case else "rms", ordered)
+
+
+def _parts(model: ErrorModel, pose: str, rows: list[int], worst_case: bool) -> dict[str, float]:
+    at = model.at(pose)
+    each: Array = reaches(at, _DEVIATIONS)[:, rows[0]] if worst_case else by_draw(at)[:, rows].sum(axis=1)
+    result: dict[str, float] = {}
+    for owners, part in zip(model.owners, each.tolist(), strict=True):
+        # more than twelve correlated draws have no part each
+        name = ", ".join(owners) if np.isfinite(part) else TOGETHER
+        result[name] = result.get(name, 0.0) + (part if np.isfinite(part) else 0.0)
+    if not worst_case:
+        if TOGETHER in result:
+            result[TOGETHER] = float(np.diag(at.covariance)[rows].sum()) - sum(result.values())
+        result = {name: float(np.sqrt(max(part, 0.0))) for name, part in result.items()}
+    return {MEAN: float(np.linalg.norm(at.error_at_means[rows]))} | result

@@ -9,7 +9,12 @@ with more tangents until they meet (Duran, Grossmann, Mathematical Programming 3
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import ctypes
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from time import monotonic
 from typing import Any, Final, final
@@ -19,7 +24,6 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from precision_pin.analyses.allocation.convex_program import ROUNDING, Limit, Programme, Solution, last_kept
-from precision_pin.analyses.allocation.solver_output import without_solver_lines
 from precision_pin.base.arrays import Array
 
 _GAP: Final = 1e-6
@@ -283,3 +287,38 @@ def _worthwhile(programme: Programme, k: int, grades: Array) -> Array:
     t[k] = grades
     prices = programme.cost_of(t)[k]
     return np.asarray(grades[prices < np.minimum.accumulate(np.concatenate([[np.inf], prices[:-1]]))])
+
+
+_LINE: Final = b"HighsMipSolverData::transformNewIntegerFeasibleSolution"
+"""Begin of a line that HiGHS 1.12 (SciPy 1.17) leaves from its development."""
+_STDOUT: Final = 1
+
+
+@contextmanager
+def without_solver_lines() -> Iterator[None]:
+    """Hold back what is written to standard output during the block, and write it afterwards without the solver's line."""
+    _flush()
+    try:
+        kept = os.dup(_STDOUT)
+    except OSError:  # standard output is closed
+        yield
+        return
+    with tempfile.TemporaryFile() as held:
+        os.dup2(held.fileno(), _STDOUT)
+        try:
+            yield
+        finally:
+            _flush()
+            os.dup2(kept, _STDOUT)
+            os.close(kept)
+            held.seek(0)
+            others = b"".join(line for line in held if not line.startswith(_LINE))
+            with suppress(OSError):
+                os.write(_STDOUT, others)
+
+
+def _flush() -> None:
+    """Write the buffers of Python and of C."""
+    with suppress(OSError, ValueError, AttributeError):
+        sys.stdout.flush()
+    ctypes.CDLL(None).fflush(None)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import monotonic
-from typing import Any, Final, final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.convex_program import Programme, Solution
 from precision_pin.analyses.allocation.grades import solve_with_grades
-from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
+from precision_pin.base.record import Record
 
 MOST_POINTS: Final = 1000
 _REACH: Final = 3.0
@@ -23,7 +23,7 @@ _EDGE: Final = 1.001
 
 @final
 @dataclass(frozen=True, eq=False)
-class FrontPoint:
+class FrontPoint(Record):
     """The cheapest tolerances of the first-order model for limits that are multiplied by a factor.
 
     Attributes
@@ -40,18 +40,6 @@ class FrontPoint:
     cost: float
     lower_bound: float | None
     tolerances: Array
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry of the result's JSON."""
-        return {
-            "factor": self.factor,
-            "cost": self.cost,
-            "lower_bound": self.lower_bound,
-            "tolerances": self.tolerances.tolist(),
-        }
 
 
 def solve(

@@ -7,7 +7,8 @@ from typing import Final, final
 
 import numpy as np
 
-from precision_pin.analyses.budget import smooth_quantiles, sobol
+from precision_pin.analyses.budget import sobol
+from precision_pin.analyses.budget import sobol as smooth_quantiles
 from precision_pin.analyses.budget.budget_result import VECTORS, Estimate, Group, Halved, Sums
 from precision_pin.analyses.budget.shares import COMPONENTS, ROUNDING, deviations_of, group_part, shares_of
 from precision_pin.analyses.marginals import Marginals, law_breaks

@@ -3,39 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 
 import numpy as np
 
 from precision_pin.analyses.compensation.correction import Correction
-from precision_pin.analyses.provenance import Provenance
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding
+from precision_pin.base.record import Keys
 from precision_pin.render.notebook import Table, rendered
-from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import data_frame, milli
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-    from matplotlib.figure import Figure
 
 Mode = Literal["position", "pose"]
 """What is corrected: the position alone, or position and attitude."""
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class CompensationResult(JsonResult):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class CompensationResult(AnalysisResult):
     """Corrected joint values of P poses and what remains, base axes, m and rad.
 
     Attributes
     ----------
-    provenance
-        Robot and software versions.
     joints, prismatic, poses
         Joints in chain order, which of them slide, and the poses as they were asked for.
     mode, weights
@@ -47,13 +41,21 @@ class CompensationResult(JsonResult):
         order about the error at the means, normal; NaN where nothing was corrected.
     sources, shares
         Names of the sources, and their shares in the variance of the position that remains, ``(lines, P)``.
-    findings, warnings
-        Findings passed in, such as those of the sheet; one line each for them and for the warnings.
     """
 
     schema: ClassVar[str] = "precision-pin/compensation/1"
 
-    provenance: Provenance
+    KEYS: ClassVar[Keys] = (
+        "*head",
+        "mode",
+        "weights",
+        "sources",
+        "poses=entries",
+        "assumptions",
+        "warnings",
+        "findings",
+    )
+
     joints: tuple[str, ...]
     prismatic: tuple[bool, ...]
     poses: PoseSet
@@ -64,11 +66,6 @@ class CompensationResult(JsonResult):
     within_after: Array
     sources: tuple[str, ...]
     shares: Array
-    findings: tuple[Finding, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def corrected(self) -> Array:
@@ -98,49 +95,32 @@ class CompensationResult(JsonResult):
             "the controller moves each joint by exactly the correction, on top of its drive's errors in the sheet",
         )
 
-    def plot(self) -> Figure:
-        """Draw the error at the means and the 95 % quantile over the poses, before and after."""
-        # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.analyses.compensation.figure").figure(self)
-        return drawn
+    @property
+    def entries(self) -> list[dict[str, Any]]:
+        """The poses as in the JSON; null where nothing was corrected."""
+        return [self._entry(pose, dominant) for pose, dominant in enumerate(self.dominant_source)]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in the ``precision-pin/compensation/1`` schema, SI units; null where nothing was corrected."""
-        return {
-            **self.provenance.to_dict(self.schema),
-            "mode": self.mode,
-            "weights": None if self.weights is None else self.weights.tolist(),
-            "sources": list(self.sources),
-            "poses": [self._pose_dict(pose, dominant) for pose, dominant in enumerate(self.dominant_source)],
-            "assumptions": list(self.assumptions),
-            "warnings": list(self.warnings),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
-
-    def _pose_dict(self, pose: int, dominant: str) -> dict[str, Any]:
+    def _entry(self, pose: int, dominant: str) -> dict[str, Any]:
         of, made = self.poses, self.correction
         known = made.status[pose] == "corrected"
         approach = () if of.approaches is None else tuple(of.approaches[:, pose].tolist())
 
-        def split(error: Array) -> dict[str, Any] | None:
-            column = error[:, pose]
-            return {"position": column[:3].tolist(), "attitude": column[3:].tolist()}
-
-        def norms(values: Array) -> dict[str, float]:
-            return {"position": float(values[0, pose]), "attitude": float(values[1, pose])}
+        def split(values: Array) -> dict[str, Array]:
+            position, attitude = np.split(values[:, pose], 2)
+            return {"position": position.squeeze(), "attitude": attitude.squeeze()}
 
         return {
             "name": of.names[pose],
             **({} if of.times is None else {"time": float(of.times[pose])}),
-            "q": of.q[:, pose].tolist(),
+            "q": of.q[:, pose],
             **approach_entry(written_approach(self.joints, approach)),
-            "q_corrected": made.q[:, pose].tolist() if known else None,
+            "q_corrected": made.q[:, pose] if known else None,
             "before": split(made.before),
             "first_order": split(made.first_order),
             "after": split(made.after) if known else None,
-            "within_95_before": norms(self.within_before),
-            "within_95_after": norms(self.within_after) if known else None,
-            "shares": self.shares[:, pose].tolist() if known else None,
+            "within_95_before": split(self.within_before),
+            "within_95_after": split(self.within_after) if known else None,
+            "shares": self.shares[:, pose] if known else None,
             "dominant_source": dominant or None,
             "iterations": int(made.iterations[pose]),
             "status": made.status[pose],
@@ -168,7 +148,7 @@ class CompensationResult(JsonResult):
                 columns[f"{name} 0.95 after"] = float(self.within_after[norm, pose])
             columns |= {"dominant source": dominant[pose], "status": made.status[pose]}
             rows.append(((label,), columns))
-        return data_frame(["pose"], rows, self.provenance.to_dict(self.schema))
+        return data_frame(["pose"], rows, self.head)
 
     def __repr__(self) -> str:
         count = self.correction.status.count("corrected")

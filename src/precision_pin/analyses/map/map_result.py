@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 
 from precision_pin.analyses.map.map_verdicts import Judged, MapVerdict, Sampled, map_verdicts
-from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_path
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding
 from precision_pin.base.files import write_files
+from precision_pin.base.record import Keys
 from precision_pin.render.notebook import Table, rendered
-from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import data_frame, described, milli, optional, percent
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
@@ -61,8 +60,8 @@ class Relative:
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class MapResult(JsonResult):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class MapResult(AnalysisResult):
     """Law of the pose error at P poses, base axes, m and rad; NaN where no joint values are known.
 
     Moments, quantiles and shares are those of the first-order model, its error taken as normal; their bounds hold for the exact
@@ -70,8 +69,6 @@ class MapResult(JsonResult):
 
     Attributes
     ----------
-    provenance
-        Robot, seed and software versions.
     joints, poses
         Joints in chain order, and the poses.
     mean, covariance
@@ -96,13 +93,16 @@ class MapResult(JsonResult):
         Confidence of the intervals of what was sampled.
     grounds
         What keeps specifications from being judged, and what is taken as exact.
-    findings, warnings
-        Findings passed in, such as those of the sheet; one line each for them and for the warnings of the map.
     """
 
     schema: ClassVar[str] = "precision-pin/map/1"
 
-    provenance: Provenance
+    KEYS: ClassVar[Keys] = (
+        *("*head", "samples", "confidence", "relative_to", "assumptions", "warnings", "findings", "levels", "joints"),
+        *("sources", "met", "spec=specification_entries", "poses=entries", "sampled=sampled_entry"),
+    )
+    levels: ClassVar = LEVELS
+
     joints: tuple[str, ...]
     poses: PoseSet
     mean: Array
@@ -119,11 +119,6 @@ class MapResult(JsonResult):
     sampled: Sampled | None = None
     grounds: Grounds = NO_GROUNDS
     confidence: float = 0.95
-    findings: tuple[Finding, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def rms(self) -> Array:
@@ -218,64 +213,73 @@ class MapResult(JsonResult):
         drawn: Figure = import_module("precision_pin.analyses.map.figure").figure(self, quantity, level)
         return drawn
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in the ``precision-pin/map/1`` schema, SI units; null where nothing is known."""
-        sampled = self.sampled
-        return self._head() | {
-            "levels": list(LEVELS),
-            "joints": list(self.joints),
-            "sources": list(self.sources),
-            "met": self.met,
-            "spec": [
-                {
-                    **verdict.to_dict(self.poses.labels),
-                    "met": self._met(verdict),
-                    "verdict": self.verdict_of(verdict),
-                    "why_not_judged": self.grounds.not_judged or None,
-                    "taken_as_exact": list(self.grounds.exact),
-                }
-                for verdict in self.verdicts
-            ],
-            "poses": self._pose_dicts(),
-            "sampled": None if sampled is None else {"numbers": sampled.poses.tolist(), **sampled.result.to_dict()},
-        }
+    @property
+    def samples(self) -> int | None:
+        """Number of robots sampled at the worst pose; ``None`` where nothing was sampled."""
+        return None if self.sampled is None else self.sampled.result.samples
 
-    def _pose_dicts(self) -> list[dict[str, Any]]:
+    @property
+    def relative_to(self) -> dict[str, float] | None:
+        """Joint values of the reference pose; ``None`` without one."""
+        return None if self.relative is None else dict(zip(self.joints, self.relative.q.tolist(), strict=True))
+
+    @property
+    def specification_entries(self) -> list[dict[str, Any]]:
+        """Verdicts as in the JSON."""
+        return [
+            {
+                **verdict.to_dict(self.poses.labels),
+                "met": self._met(verdict),
+                "verdict": self.verdict_of(verdict),
+                "why_not_judged": self.grounds.not_judged or None,
+                "taken_as_exact": list(self.grounds.exact),
+            }
+            for verdict in self.verdicts
+        ]
+
+    @property
+    def sampled_entry(self) -> dict[str, Any] | None:
+        """What was sampled, as in the JSON."""
+        return self.sampled and {"numbers": self.sampled.poses, **self.sampled.result.to_dict()}
+
+    @property
+    def entries(self) -> list[dict[str, Any]]:
+        """The poses as in the JSON."""
         # for all poses at once: they take long
         rms, dominant = self.rms, self.dominant_source
-        return [self._pose_dict(pose, rms[:, pose], dominant[pose]) for pose in range(len(self.poses))]
+        return [self._entry(pose, rms[:, pose], dominant[pose]) for pose in range(len(self.poses))]
 
-    def _pose_dict(self, pose: int, rms: Array, dominant: str) -> dict[str, Any]:
+    def _entry(self, pose: int, rms: Array, dominant: str) -> dict[str, Any]:
         of = self.poses
         approach = () if of.approaches is None else tuple(of.approaches[:, pose].tolist())
         entry: dict[str, Any] = {
             "name": of.names[pose],
-            "q": _listed(of.q[:, pose]),
+            "q": of.q[:, pose],
             **approach_entry(written_approach(self.joints, approach)),
-            "position": _listed(of.position[:, pose]),
+            "position": of.position[:, pose],
             "status": of.status[pose],
             "branch": int(of.branch[pose]),
             **({} if of.times is None else {"time": float(of.times[pose])}),
-            "mean": _listed(self.mean[:, pose]),
-            "covariance": _listed(self.covariance[:, :, pose]),
-            "rms_position": _listed(rms[0]),
-            "rms_attitude": _listed(rms[1]),
-            "quantile_position": _listed(self.quantile[:, 0, pose]),
-            "quantile_attitude": _listed(self.quantile[:, 1, pose]),
-            "quantile_position_bounds": _listed(self.quantile_bounds[:, 0, :, pose]),
-            "quantile_attitude_bounds": _listed(self.quantile_bounds[:, 1, :, pose]),
-            "probability": _listed(self.probability[:, pose]),
-            "probability_bounds": _listed(self.probability_bounds[:, :, pose]),
+            "mean": self.mean[:, pose],
+            "covariance": self.covariance[:, :, pose],
+            "rms_position": rms[0],
+            "rms_attitude": rms[1],
+            "quantile_position": self.quantile[:, 0, pose],
+            "quantile_attitude": self.quantile[:, 1, pose],
+            "quantile_position_bounds": self.quantile_bounds[:, 0, :, pose],
+            "quantile_attitude_bounds": self.quantile_bounds[:, 1, :, pose],
+            "probability": self.probability[:, pose],
+            "probability_bounds": self.probability_bounds[:, :, pose],
             "judged": self.judged.to_dict(pose),
             "dominant_source": dominant or None,
-            "shares": _listed(self.shares[:, pose]),
+            "shares": self.shares[:, pose],
         }
         if self.relative is not None:
             entry["relative"] = {
-                "mean": _listed(self.relative.mean[:, pose]),
-                "covariance": _listed(self.relative.covariance[:, :, pose]),
-                "quantile_position": _listed(self.relative.quantile[:, 0, pose]),
-                "quantile_attitude": _listed(self.relative.quantile[:, 1, pose]),
+                "mean": self.relative.mean[:, pose],
+                "covariance": self.relative.covariance[:, :, pose],
+                "quantile_position": self.relative.quantile[:, 0, pose],
+                "quantile_attitude": self.relative.quantile[:, 1, pose],
             }
         return entry
 
@@ -304,7 +308,7 @@ class MapResult(JsonResult):
                 }
             columns |= dict(zip(specified, self.probability[:, pose].tolist(), strict=True))
             rows.append(((label,), columns | {"dominant source": dominant[pose]}))
-        return data_frame(["pose"], rows, self._head())
+        return data_frame(["pose"], rows, self.settings())
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the map as a dataset with the dimension ``pose``, m and rad, NaN where nothing is known.
@@ -365,7 +369,7 @@ class MapResult(JsonResult):
             "source": list(self.sources),
             **({} if of.times is None else {"time": ("pose", of.times)}),
         }
-        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._head()))
+        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self.settings()))
         return made
 
     def _sampled_variables(self) -> dict[str, Any]:
@@ -399,19 +403,6 @@ class MapResult(JsonResult):
             The file cannot be written.
         """
         write_files({check_path("the path of the map", path): bytes(self.to_xarray().to_netcdf())})
-
-    def _head(self) -> dict[str, Any]:
-        samples = None if self.sampled is None else self.sampled.result.samples
-        reference = None if self.relative is None else dict(zip(self.joints, self.relative.q.tolist(), strict=True))
-        return {
-            **self.provenance.to_dict(self.schema),
-            "samples": samples,
-            "confidence": self.confidence,
-            "relative_to": reference,
-            "assumptions": list(self.assumptions),
-            "warnings": list(self.warnings),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -456,11 +447,3 @@ def _rms(mean: Array, covariance: Array) -> Array:
     squares = mean**2 + np.einsum("iip->ip", covariance)
     result: Array = np.sqrt(np.maximum(squares.reshape(2, 3, -1).sum(axis=1), 0.0))
     return result
-
-
-def _listed(values: Any) -> Any:
-    """Return an array as nested lists, with None for NaN."""
-    array = np.asarray(values)
-    known = array.astype(object)
-    known[~np.isfinite(array)] = None
-    return known.tolist()
