@@ -38,12 +38,6 @@ MARKED: Final = re.compile(r"(?<=<!-- table: )(.+?)( -->\n).*?(?=<!-- end -->)",
 UNIONS: Final = (types.UnionType, typing.Union)
 WORDS: Final = {str: "text", int: "whole number", bool: "true or false", Path: "file"}
 
-CORRELATIONS: Final = {
-    "parameters": "the names, two or more",
-    "correlation": "of two parameters: the correlation of their normal scores",
-    "matrix": "of any number: the correlations of their normal scores, row by row",
-}
-
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table."""
@@ -56,9 +50,9 @@ def keys(model: type[BaseModel] = Document) -> str:
     rows = []
     for name, field in model.model_fields.items():
         default = field.get_default(call_default_factory=True, validated_data={})
-        shown = "needed" if field.is_required() else f"`{default}`" if isinstance(default, str) else "none"
-        rows.append((f"`{field.alias or name}`", _shape(field.annotation), shown, field.description or ""))
-    return table(("key", "takes", "default", "meaning"), rows)
+        shown = " (needed)" if field.is_required() else f" (`{default}`)" if isinstance(default, str) else ""
+        rows.append((f"`{field.alias or name}`", _shape(field.annotation) + shown, field.description or ""))
+    return table(("key", "takes", "meaning"), rows)
 
 
 def _shape(hint: Any) -> str:
@@ -73,24 +67,10 @@ def _shape(hint: Any) -> str:
             return {str: "text", dict: "names with values", list: "list"}[built_in]
 
 
-def correlations() -> str:
-    """Return the keys of an entry of ``correlations``."""
-    schema = json_schema()["properties"]["correlations"]["items"]
-    either = [choice["required"][0] for choice in schema["oneOf"]]
-    rows = []
-    for name in schema["properties"]:
-        needed = "needed" if name in schema["required"] else f"one of {', '.join(f'`{key}`' for key in either)}"
-        rows.append((f"`{name}`", needed, CORRELATIONS[name]))
-    return table(("key", "needed", "meaning"), rows)
-
-
 def laws() -> str:
-    """Return the laws with the options each takes."""
-    rows = []
-    for key, law in laws_of_sheets().items():
-        taken = ", ".join(f"`{option}`" for option in law_options(key))
-        rows.append((f"`{key}`", f"`{_flow(law.form.example)}`", law.form.meaning, taken))
-    return table(("law", "example", "meaning", "options"), rows)
+    """Return the laws."""
+    rows = [(f"`{key}`", f"`{_flow(law.form.example)}`", law.form.meaning) for key, law in laws_of_sheets().items()]
+    return table(("law", "example", "meaning"), rows)
 
 
 def options() -> str:
@@ -270,7 +250,6 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
         "keys": keys,
         "measurement": partial(keys, MeasurementEntry),
         "laws": laws,
-        "correlations": correlations,
         "options": options,
         "scopes": scopes,
         "units": quantities,
