@@ -11,7 +11,7 @@ from precision_pin.statistics import clopper_pearson
 
 __all__ = ["LEAST", "Coverage", "as_markdown"]
 
-SIZE: Final = re.compile(r", [\d,]+ (samples|points)$")
+SIZE: Final = re.compile(r", ([\d,]+ (samples|points)|P [\d.e-]+)$")
 LEAST: Final = 0.94
 """Coverage that every interval at 95 % confidence must reach, or it must not be given."""
 

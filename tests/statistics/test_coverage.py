@@ -88,6 +88,8 @@ def test_the_table_of_coverage_tells_what_was_not_given(monkeypatch) -> None:
         row.Coverage("digits", "normal", "closed form", 1000, 10, 10),
         row.Coverage("mean", "heavy, 300 samples", "quadrature", 1000, 1000, 980),
         row.Coverage("mean", "heavy, 1,000 samples", "quadrature", 1000, 40, 39),
+        row.Coverage("mean", "tail, P 0.001", "quadrature", 200, 200, 190),
+        row.Coverage("mean", "tail, P 1e-07", "quadrature", 100, 100, 96),
         row.Coverage("worst case: bound", "sheets", "vertices", 50, 50, 50),
     ]
     assert row.as_markdown(rows).splitlines() == [
@@ -95,6 +97,7 @@ def test_the_table_of_coverage_tells_what_was_not_given(monkeypatch) -> None:
         "| --- | ---: | ---: | ---: |",
         "| normal | 1,000 | 95.1 | - |",
         "| heavy | 2,000 | 97.5* |  |",
+        "| tail | 300 | 95.0 |  |",
         "",
         "100.0 % everywhere: digits. Truth from: closed form; quadrature.",
         "",
