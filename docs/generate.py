@@ -129,11 +129,12 @@ def settings(kind: type[Source]) -> str:
         name: order.index(name if name in notes else next(key for key in order if f"`{name}`" in notes[key]))
         for name in defaults
     }
-    alike: dict[tuple[str, str], list[str]] = {}
+    alike: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
     for name in sorted(defaults, key=lambda name: places[name]):
-        row = (_takes_what(hints[name]) + _default(defaults[name]), _told_once(kind, notes[order[places[name]]]))
-        alike.setdefault(row, []).append(f"`{name}`")
-    return table(("setting", "takes", "meaning"), [(", ".join(names), *row) for row, names in alike.items()])
+        names, takes = alike.setdefault(_told_once(kind, notes[order[places[name]]]), ({}, {}))
+        names[f"`{name}`"] = takes[_takes_what(hints[name]) + _default(defaults[name])] = None
+    rows = [(", ".join(names), ", ".join(takes), note) for note, (names, takes) in alike.items()]
+    return table(("setting", "takes", "meaning"), rows)
 
 
 def _told_once(kind: type[Source], note: str) -> str:
