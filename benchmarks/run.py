@@ -87,8 +87,9 @@ def _run(quick: bool, page: Path | None) -> None:
 
 
 def _summary(parts: Sequence[Part]) -> Table:
-    ratios: list[Ratio] = [ratio for part in parts for ratio in part.ratios]
-    return Table("All ratios", ("ratio", "measured", "aim"), [ratio.as_row() for ratio in ratios])
+    """Return the ratios that have an aim; the others follow from the tables."""
+    ratios: list[Ratio] = [ratio for part in parts for ratio in part.ratios if ratio.aim is not None]
+    return Table("Ratios with an aim", ("ratio", "measured", "aim"), [ratio.as_row() for ratio in ratios])
 
 
 def _printed(name: str, tell: Callable[[str], None]) -> str:
