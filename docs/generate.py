@@ -124,14 +124,12 @@ def settings(kind: type[Source]) -> str:
     hints = typing.get_type_hints(kind, include_extras=True)
     defaults = {field.name: field.default for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     notes = setting_meanings(kind)
-    order = list(notes)
-    places = {
-        name: order.index(name if name in notes else next(key for key in order if f"`{name}`" in notes[key]))
-        for name in defaults
+    told = {
+        name: name if name in notes else next(key for key in notes if f"`{name}`" in notes[key]) for name in defaults
     }
     alike: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
-    for name in sorted(defaults, key=lambda name: places[name]):
-        names, takes = alike.setdefault(_told_once(kind, notes[order[places[name]]]), ({}, {}))
+    for name in sorted(defaults, key=lambda name: list(notes).index(told[name])):
+        names, takes = alike.setdefault(_told_once(kind, notes[told[name]]), ({}, {}))
         names[f"`{name}`"] = takes[_takes_what(hints[name]) + _default(defaults[name])] = None
     rows = [(", ".join(names), ", ".join(takes), note) for note, (names, takes) in alike.items()]
     return table(("setting", "takes", "meaning"), rows)
@@ -214,9 +212,8 @@ def _options_of(name: str) -> list[tuple[str, str]]:
         if isinstance(option, click.Option):
             metavar = "" if option.is_flag else f" {option.metavar or _choices(option)}"
             default = f" Default `{option.default}`." if option.show_default and option.default != "" else ""
-            found.append(
-                (f"`{', '.join(option.opts)}{metavar}`", f"{option.help}{default}{' Needed.' * option.required}")
-            )
+            meaning = f"{option.help}{default}{' Needed.' * option.required}"
+            found.append((f"`{', '.join(option.opts)}{metavar}`", meaning))
     return found
 
 
