@@ -24,7 +24,7 @@ __all__ = ["BEGIN", "END", "main", "replaced"]
 BEGIN: Final = "<!-- measured: python -m benchmarks -->"
 END: Final = "<!-- end of what was measured -->"
 FURTHER: Final = ("postures", "poses", "variance", "allocation")
-"""Modules beside this one that measure and print by themselves."""
+"""Modules beside this one that measure and print by themselves; what they print is not on the page."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -81,21 +81,15 @@ def _run(quick: bool, page: Path | None) -> None:
         images.mkdir(exist_ok=True)
         plots.draw_comparison(compared.cost, kernel.EXACT, images / "benchmark-comparison.png")
         plots.draw_scaling(scaled, images / "benchmark-scaling.png")
-        text = "\n\n".join([f"Measured on: {setting}", *_page(tables, further)])
+        text = "\n\n".join([f"Measured on: {setting}", *(table.as_markdown() for table in tables)])
         page.write_text(replaced(page.read_text(encoding="utf-8"), text), encoding="utf-8")
         print(f"wrote {page}", file=sys.stderr)
 
 
 def _summary(parts: Sequence[Part]) -> Table:
-    ratios: list[Ratio] = [ratio for part in parts for ratio in part.ratios]
-    return Table("All ratios", ("ratio", "measured", "aim"), [ratio.as_row() for ratio in ratios])
-
-
-def _page(tables: Sequence[Table], further: dict[str, str]) -> list[str]:
-    text = [table.as_markdown() for table in tables]
-    for name, printed in further.items():
-        text.append(f"### What `benchmarks/{name}.py` prints\n\n```text\n{printed}\n```")
-    return text
+    """Return the ratios that have an aim; the others follow from the tables."""
+    ratios: list[Ratio] = [ratio for part in parts for ratio in part.ratios if ratio.aim is not None]
+    return Table("Ratios with an aim", ("ratio", "measured", "aim"), [ratio.as_row() for ratio in ratios])
 
 
 def _printed(name: str, tell: Callable[[str], None]) -> str:

@@ -11,8 +11,9 @@ import inspect
 import re
 import types
 import typing
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -24,24 +25,18 @@ from precision_pin.base.units import PerEntry, PerJoint, Quantity
 from precision_pin.cli.commands import list_commands, list_groups, load_command
 from precision_pin.cli.explain import list_codes
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.laws import Law, laws_of_sheets
+from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.sheet.measurement_entry import MeasurementEntry
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
 from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
-from precision_pin.terms.source import Source, setting_meanings
+from precision_pin.terms.source import Source, setting_meanings, takes_law
 
 PAGES: Final = Path(__file__).parent
 MARKED: Final = re.compile(r"(?<=<!-- table: )(.+?)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 UNIONS: Final = (types.UnionType, typing.Union)
 WORDS: Final = {str: "text", int: "whole number", bool: "true or false", Path: "file"}
-
-CORRELATIONS: Final = {
-    "parameters": "the names, two or more",
-    "correlation": "of two parameters: the correlation of their normal scores",
-    "matrix": "of any number: the correlations of their normal scores, row by row",
-}
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -55,9 +50,9 @@ def keys(model: type[BaseModel] = Document) -> str:
     rows = []
     for name, field in model.model_fields.items():
         default = field.get_default(call_default_factory=True, validated_data={})
-        shown = "needed" if field.is_required() else f"`{default}`" if isinstance(default, str) else "none"
-        rows.append((f"`{field.alias or name}`", _shape(field.annotation), shown, field.description or ""))
-    return table(("key", "takes", "default", "meaning"), rows)
+        shown = " (needed)" if field.is_required() else f" (`{default}`)" if isinstance(default, str) else ""
+        rows.append((f"`{field.alias or name}`", _shape(field.annotation) + shown, field.description or ""))
+    return table(("key", "takes", "meaning"), rows)
 
 
 def _shape(hint: Any) -> str:
@@ -72,24 +67,10 @@ def _shape(hint: Any) -> str:
             return {str: "text", dict: "names with values", list: "list"}[built_in]
 
 
-def correlations() -> str:
-    """Return the keys of an entry of ``correlations``."""
-    schema = json_schema()["properties"]["correlations"]["items"]
-    either = [choice["required"][0] for choice in schema["oneOf"]]
-    rows = []
-    for name in schema["properties"]:
-        needed = "needed" if name in schema["required"] else f"one of {', '.join(f'`{key}`' for key in either)}"
-        rows.append((f"`{name}`", needed, CORRELATIONS[name]))
-    return table(("key", "needed", "meaning"), rows)
-
-
 def laws() -> str:
-    """Return the laws with the options each takes."""
-    rows = []
-    for key, law in laws_of_sheets().items():
-        taken = ", ".join(f"`{option}`" for option in law_options(key))
-        rows.append((f"`{key}`", f"`{_flow(law.form.example)}`", law.form.meaning, taken))
-    return table(("law", "example", "meaning", "options"), rows)
+    """Return the laws."""
+    rows = [(f"`{key}`", f"`{_flow(law.form.example)}`", law.form.meaning) for key, law in laws_of_sheets().items()]
+    return table(("law", "example", "meaning"), rows)
 
 
 def options() -> str:
@@ -128,61 +109,59 @@ def quantities() -> str:
 
 
 def kinds() -> str:
-    """Return every kind of source with the first sentence of its docstring, in the order of the page's sections."""
+    """Return links to every kind of source, in the order of the page's sections."""
+    return ", ".join(f"[`{name}`](#{name})" for name, _ in _in_order()) + "\n"
+
+
+def _in_order() -> list[tuple[str, type[Source]]]:
     found = catalogue()
     sections = re.findall(r"^## `(\w+)`", (PAGES / "sources.md").read_text(encoding="utf-8"), re.MULTILINE)
-    order = {name: place for place, name in enumerate(sections)}
-    names = sorted(found, key=lambda name: order.get(name, len(order)))
-    return table(("kind", "what it is"), [(f"[`{name}`](#{name})", _first_sentence(found[name])) for name in names])
-
-
-def _first_sentence(kind: type[Source]) -> str:
-    paragraph = " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split())
-    return re.split(r"(?<=\.) ", paragraph)[0].replace("``", "`")
+    return sorted(found.items(), key=lambda entry: [*sections, entry[0]].index(entry[0]))
 
 
 def settings(kind: type[Source]) -> str:
-    """Return the settings of a kind of source, in the order of its docstring."""
+    """Return the settings of a kind of source, in the order of its docstring; those alike in one row."""
     hints = typing.get_type_hints(kind, include_extras=True)
     defaults = {field.name: field.default for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     notes = setting_meanings(kind)
-    firsts = {name: next(key for key, note in notes.items() if _is_about(name, key, note, notes)) for name in defaults}
-    rows = []
-    for name in sorted(defaults, key=lambda name: list(notes).index(firsts[name])):
-        takes, random = _takes_what(hints[name])
-        meaning = notes[name] if firsts[name] == name else f"see `{firsts[name]}`"
-        rows.append((f"`{name}`", takes, "yes" if random else "no", _default(defaults[name]), meaning))
-    return table(("setting", "takes", "may be random", "default", "meaning"), rows)
+    told = {
+        name: name if name in notes else next(key for key in notes if f"`{name}`" in notes[key]) for name in defaults
+    }
+    alike: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
+    for name in sorted(defaults, key=lambda name: list(notes).index(told[name])):
+        names, takes = alike.setdefault(_told_once(kind, notes[told[name]]), ({}, {}))
+        names[f"`{name}`"] = takes[_takes_what(hints[name]) + _default(defaults[name])] = None
+    rows = [(", ".join(names), ", ".join(takes), note) for note, (names, takes) in alike.items()]
+    return table(("setting", "takes", "meaning"), rows)
 
 
-def _is_about(name: str, key: str, note: str, notes: dict[str, str]) -> bool:
-    """Return whether an entry of a docstring is about a setting: lists it, or mentions one that has no entry."""
-    return note is notes[name] if name in notes else f"`{name}`" in note
+def _told_once(kind: type[Source], note: str) -> str:
+    """Return a meaning, or where it stands if an earlier kind on the page has the same of more than a few words."""
+    name, first = next((name, one) for name, one in _in_order() if note in setting_meanings(one).values())
+    return note if first is kind or len(note) < 60 else f"as of [`{name}`](#{name})"
 
 
-def _takes_what(hint: Any) -> tuple[str, bool]:
-    """Return what a setting takes, in words, and whether it may be random."""
+def _takes_what(hint: Any) -> str:
+    """Return what a setting takes, in words; ± before what may be random."""
     bare, *notes = typing.get_args(hint) if typing.get_origin(hint) is Annotated else (hint,)
     named = [_quantity_names(note) for note in notes if isinstance(note, Quantity | PerJoint | PerEntry)]
     options = list(_options(bare))
     several = [option for option in options if typing.get_origin(option) is tuple]
+    random = "± " if takes_law(bare) else ""
     if several:
         entries = typing.get_args(several[0])
-        inner = list(_options(entries[0]))
         if not named:
-            return "list", False
-        if typing.get_origin(inner[0]) is tuple:
-            return f"rows of: {named[0]}", False
-        fixed = [len(note.quantities) for note in notes if isinstance(note, PerEntry)]
-        if fixed:
-            return f"{fixed[0]}: {named[0]}", False
-        return f"{'one or several' if Ellipsis in entries else str(len(entries))}: {named[0]}", Law in inner
+            return "list"
+        if typing.get_origin(next(_options(entries[0]))) is tuple:
+            return f"rows of: {named[0]}"
+        fixed = next((len(note.quantities) for note in notes if isinstance(note, PerEntry)), len(entries))
+        return f"{random}{named[0]}, {fixed if fixed > 2 else 'one or several'}"
     choices = [
         choice for option in options if typing.get_origin(option) is Literal for choice in typing.get_args(option)
     ]
     if choices:
-        return ", ".join(f"`{choice}`" for choice in choices), False
-    return named[0] if named else WORDS[options[0]], Law in options
+        return ", ".join(f"`{choice}`" for choice in choices)
+    return random + (named[0] if named else WORDS[options[0]])
 
 
 def _options(hint: Any) -> Iterator[Any]:
@@ -197,17 +176,17 @@ def _quantity_names(note: Quantity | PerJoint | PerEntry) -> str:
         return note.name
     if isinstance(note, PerEntry):
         return ", ".join(dict.fromkeys(quantity.name for quantity in note.quantities))
-    return f"{note.revolute.name}; {note.prismatic.name} where the joint slides"
+    return f"{note.revolute.name}/{note.prismatic.name}"
 
 
 def _default(value: Any) -> str:
+    """Return a default in brackets, nothing for none."""
     if value is dataclasses.MISSING:
-        return "needed"
+        return " (needed)"
     if value is None or value == ():
-        return "none"
-    if isinstance(value, tuple) and value:
-        return " ".join(f"{entry:g}" for entry in value)
-    return f"`{value}`" if isinstance(value, str) else f"{value:g}"
+        return ""
+    entries = value if isinstance(value, tuple) else (value,)
+    return f" ({' '.join(f'`{entry}`' if isinstance(entry, str) else f'{entry:g}' for entry in entries)})"
 
 
 def commands() -> str:
@@ -226,23 +205,42 @@ def codes(group: str) -> str:
     return table(("code", "what it means", "what to do"), rows)
 
 
-def parameters(name: str) -> str:
-    """Return the arguments and options of a command."""
-    command = load_command(name)
-    rows = []
-    for parameter in command.params:
-        if isinstance(parameter, click.Option):
-            metavar = "" if parameter.is_flag else f" {parameter.metavar or _choices(parameter)}"
-            default = f"`{parameter.default}`" if parameter.show_default else "needed" if parameter.required else "-"
-            rows.append((f"`{', '.join(parameter.opts)}{metavar}`", default, parameter.help or ""))
-        else:
-            many = "optional" if parameter.nargs == -1 or not parameter.required else "needed"
-            rows.append((f"`{parameter.metavar}`", many, "argument"))
-    return table(("option", "default", "meaning"), rows) if rows else "No options.\n"
+def _options_of(name: str) -> list[tuple[str, str]]:
+    """Return the options of a command: how each is written, and what it means."""
+    found = []
+    for option in load_command(name).params:
+        if isinstance(option, click.Option):
+            metavar = "" if option.is_flag else f" {option.metavar or _choices(option)}"
+            default = f" Default `{option.default}`." if option.show_default and option.default != "" else ""
+            meaning = f"{option.help}{default}{' Needed.' * option.required}"
+            found.append((f"`{', '.join(option.opts)}{metavar}`", meaning))
+    return found
 
 
 def _choices(option: click.Option) -> str:
     return "|".join(option.type.choices) if isinstance(option.type, click.Choice) else option.type.name
+
+
+@cache
+def _shared() -> list[tuple[str, str]]:
+    """Return the options that commands have in common word for word; of two texts for one name the more frequent."""
+    every = Counter(option for name in list_commands() for option in _options_of(name))
+    most = {option[0]: option for option, count in reversed(every.most_common()) if count > 1}
+    return [option for option in every if option in most.values()]
+
+
+def shared() -> str:
+    """Return the options of several commands."""
+    return table(("option", "meaning"), _shared())
+
+
+def parameters(name: str) -> str:
+    """Return a command's arguments, the names of the options that it shares, and its own options."""
+    argument = "".join(f" {one.metavar}" for one in load_command(name).params if not isinstance(one, click.Option))
+    common = [f"`{key.strip('`').split()[0]}`" for key, text in _options_of(name) if (key, text) in _shared()]
+    own = [option for option in _options_of(name) if option not in _shared()]
+    taken = f", [shared](#options-of-several-commands): {', '.join(common)}" if common else ""
+    return f"`precision-pin {name}{argument}`{taken}\n" + (f"\n{table(('option', 'meaning'), own)}" if own else "")
 
 
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
@@ -250,13 +248,13 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
         "keys": keys,
         "measurement": partial(keys, MeasurementEntry),
         "laws": laws,
-        "correlations": correlations,
         "options": options,
         "scopes": scopes,
         "units": quantities,
     },
     "sources.md": {"kinds": kinds} | {name: partial(settings, kind) for name, kind in catalogue().items()},
-    "command-line.md": {"commands": commands} | {name: partial(parameters, name) for name in list_commands()},
+    "command-line.md": {"commands": commands, "shared": shared}
+    | {name: partial(parameters, name) for name in list_commands()},
     "codes.md": {name: partial(codes, name) for name in list_codes()},
 }
 """Every generated table by page and name."""

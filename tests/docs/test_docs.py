@@ -453,8 +453,9 @@ def test_the_keys_of_the_result_are_those_of_the_page(folder, monkeypatch):
     words = ["precision-pin", "analyze", "--samples", "500", "--spec", "45 mm", "--json", "result.json"]
     assert command_line(words, monkeypatch)[0] == 0
     result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    listed = {re.sub(r"`", "", cells[0]) for cells in rows("command-line.md", "key")}
-    assert set(paths(result)) == listed
+    listed = [key for cells in rows("command-line.md", "key") for key in re.findall(r"`(.+?)`", cells[0])]
+    assert set(paths(result)) == set(listed)
+    assert len(listed) == len(set(listed))
 
 
 def paths(value: object, path: str = "") -> Iterator[str]:

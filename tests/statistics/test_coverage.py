@@ -85,13 +85,25 @@ def test_the_table_of_coverage_tells_what_was_not_given(monkeypatch) -> None:
     rows = [
         row.Coverage("mean", "normal", "closed form", 1000, 1000, 951),
         row.Coverage("mode", "normal", "closed form", 1000, 0, 0),
-        row.Coverage("mean", "heavy", "quadrature", 1000, 40, 39),
+        row.Coverage("digits", "normal", "closed form", 1000, 10, 10),
+        row.Coverage("mean", "heavy, 300 samples", "quadrature", 1000, 1000, 980),
+        row.Coverage("mean", "heavy, 1,000 samples", "quadrature", 1000, 40, 39),
+        row.Coverage("mean", "tail, P 0.001", "quadrature", 200, 200, 190),
+        row.Coverage("mean", "tail, P 1e-07", "quadrature", 100, 100, 96),
+        row.Coverage("worst case: bound", "sheets", "vertices", 50, 50, 50),
     ]
-    lines = row.as_markdown(rows).splitlines()
-    assert lines[0] == "| case | truth from | runs | mean | mode |"
-    assert lines[2:] == [
-        "| normal | closed form | 1,000 | 95.1 % | not resolved |",
-        "| heavy | quadrature | 1,000 | 97.5 % of 40 given |  |",
+    assert row.as_markdown(rows).splitlines() == [
+        "| case | runs | mean | mode |",
+        "| --- | ---: | ---: | ---: |",
+        "| normal | 1,000 | 95.1 | - |",
+        "| heavy | 2,000 | 97.5* |  |",
+        "| tail | 300 | 95.0 |  |",
+        "",
+        "100.0 % everywhere: digits. Truth from: closed form; quadrature.",
+        "",
+        "**Worst case**",
+        "",
+        "100.0 % everywhere: bound (sheets, 50 runs). Truth from: vertices.",
     ]
-    assert [one.passes for one in rows] == [True, True, True]
+    assert [one.passes for one in rows] == [True] * len(rows)
     assert not row.Coverage("mean", "short", "closed form", 10_000, 10_000, 9_300).passes
