@@ -135,7 +135,7 @@ _HOMES: Final = {
     "plan_calibration": "analyses.calibration.plan",
     "plane_places": "robot.pose_sources.place_grid",
     "population": "analyses.calibration.population",
-    "pose_covariance": "analyses.map.between_poses",
+    "pose_covariance": "analyses.map.first_order",
     "progress": "base.progress",
     "random_poses": "robot.pose_sources.random_poses",
     "read_trajectory": "robot.pose_sources.trajectory",
