@@ -113,9 +113,9 @@ def escape_marks(app: Sphinx, what: str, name: str, it: object, options: object,
 def signature_as_written(
     app: Sphinx, what: str, name: str, it: object, options: object, signature: str | None, returns: str | None
 ) -> tuple[str | None, str | None]:
-    """Return a signature with its types as the code has them, not the long names behind their aliases."""
+    """Return a signature of the package with its types as the code has them, not the long names behind their aliases."""
     del app, name, options
-    if signature is None or not callable(it):
+    if signature is None or not callable(it) or not it.__module__.startswith("precision_pin"):
         return signature, returns
     names = vars(sys.modules[it.__module__])
     read = inspect.signature(it)

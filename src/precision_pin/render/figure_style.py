@@ -64,7 +64,7 @@ def style() -> Iterator[None]:
 
 
 @final
-class ShownFigure(Figure):
+class _ShownFigure(Figure):
     """A figure that a notebook shows without pyplot."""
 
     def _repr_png_(self) -> bytes:
@@ -77,7 +77,7 @@ class ShownFigure(Figure):
 def new_figure(width: float) -> Figure:
     """Return an empty figure of a width in mm."""
     inches = (width / _MILLIMETRES_PER_INCH, 1.0)
-    figure = ShownFigure(figsize=inches, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
+    figure = _ShownFigure(figsize=inches, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
     FigureCanvasAgg(figure)
     return figure
 
