@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arrays import Array
-from precision_pin.draws.laws.law import Law, take_number, take_size
-from precision_pin.draws.laws.sheet_form import SheetReader
+from precision_pin.draws.laws.law import Law
 
 
 class BoundedLaw(Law):
@@ -101,17 +99,6 @@ class HalfWidthLaw(SymmetricLaw):
 
     half_width: float
     mean: float = 0.0
-
-    def __post_init__(self) -> None:
-        key = self.form.key
-        law = f"{'an' if key[0] in 'aeio' else 'a'} {key} law"
-        take_size(self, "half_width", f"the half-width of {law}")
-        take_number(self, "mean", f"the mean of {law}")
-
-    @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Self:
-        """Return the law written in a sheet."""
-        return cls(reader.half_width(cls.form.key), reader.mean())
 
     @property
     def reach(self) -> float:

@@ -16,9 +16,9 @@ from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.arcsine import ArcsineProjection
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import cumulative, take_size
+from precision_pin.draws.laws.law import cumulative
 from precision_pin.draws.laws.numerics import Moments
-from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
+from precision_pin.draws.laws.sheet_form import SheetForm
 from precision_pin.draws.laws.wording import write_number
 from precision_pin.draws.philox import direction
 
@@ -32,14 +32,6 @@ class Circle(PlaneLaw):
         "circle", {"circle": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform on a circle of radius t"
     )
     radius: float
-
-    def __post_init__(self) -> None:
-        take_size(self, "radius", "the radius of a circle law")
-
-    @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Circle:
-        """Return the law written in a sheet."""
-        return cls(reader.half_width("circle"))
 
     @property
     def covariance(self) -> Array:

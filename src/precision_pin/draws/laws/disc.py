@@ -15,10 +15,9 @@ from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import take_size
 from precision_pin.draws.laws.numerics import Moments
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
-from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
+from precision_pin.draws.laws.sheet_form import SheetForm
 from precision_pin.draws.laws.wording import write_number
 from precision_pin.draws.philox import direction
 
@@ -35,14 +34,6 @@ class Disc(PlaneLaw):
         "disc", {"disc": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform over the area of a disc of radius t"
     )
     radius: float
-
-    def __post_init__(self) -> None:
-        take_size(self, "radius", "the radius of a disc law")
-
-    @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Disc:
-        """Return the law written in a sheet."""
-        return cls(reader.half_width("disc"))
 
     @property
     def covariance(self) -> Array:

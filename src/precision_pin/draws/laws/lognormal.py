@@ -150,12 +150,6 @@ class Lognormal(Law):
             return w * self.mean
         return math.inf if w > 0 else 0.0
 
-    def interval(self, number: int) -> tuple[float, float]:
-        """Return m exp(± 8.6 σ - σ²/2)."""
-        del number
-        low, high = self.sample(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
-        return float(low), float(high)
-
     def cumulants(self) -> Array:
         """Return the cumulants from the moments, by the recursion over powers of exp(σ²)."""
         if self.log_std < 0.05:

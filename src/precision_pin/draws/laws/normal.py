@@ -15,7 +15,6 @@ from precision_pin.base.units import Quantity
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Law, take_number, take_size
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.truncated_normal import TruncatedNormal
 from precision_pin.draws.laws.wording import mean_beside, write_number
@@ -93,11 +92,6 @@ class Normal(SymmetricLaw):
     def reach(self) -> float:
         """Infinite, unless σ is zero."""
         return math.inf if self.std else 0.0
-
-    def interval(self, number: int) -> tuple[float, float]:
-        """Return mean ± 8.6 σ."""
-        del number
-        return self.mean - FARTHEST_NORMAL * self.std, self.mean + FARTHEST_NORMAL * self.std
 
     def sample(self, variates: Array) -> Array:
         """Return mean + σ z."""

@@ -16,6 +16,9 @@ from precision_pin.draws import lazy_special
 FARTHEST_NORMAL: Final = 8.6
 """Largest normal number that is drawn, in standard deviations: the smallest uniform number is 2⁻⁵³."""
 
+LAST_UNIFORM: Final = 1 - 2.0**-53
+"""Largest uniform number that is drawn; the smallest is the same distance from zero."""
+
 Moments = tuple[float, float, float]
 """E ζ³, E ζ⁴ of standardised numbers and E ζ_k² ζ_l² of two of them."""
 
@@ -79,19 +82,24 @@ def moments_by_quadrature(at_scores: Callable[[Array], Array], breaks: Sequence[
     breaks
         Uniform numbers at which the values jump or bend; the panels are split there.
     """
+    z, weights, _ = score_panels(breaks, 16)
+    return moments_of(at_scores(z.reshape(1, -1))[0], weights.ravel())
+
+
+def score_panels(breaks: Sequence[float], count: int) -> tuple[Array, Array, Array]:
+    """Return normal scores ``(panels, count)``, their probabilities and the edges of the panels, which the breaks split."""
     bends = lazy_special.ndtri(np.array(breaks, dtype=float))
     bends = bends[np.abs(bends) < FARTHEST_NORMAL]
     edges = np.union1d(np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, _PANELS + 1), bends)
     half = np.diff(edges)[:, None] / 2
-    nodes, shares = _rule()
-    z = (edges[:-1, None] + half * (nodes + 1)).ravel()
-    weights = (half * shares).ravel() * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
-    return moments_of(at_scores(z[None])[0], weights)
+    nodes, shares = _rule(count)
+    z = edges[:-1, None] + half * (nodes + 1)
+    return z, half * shares * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi), edges
 
 
 @cache
-def _rule() -> tuple[Array, Array]:
-    return np.polynomial.legendre.leggauss(16)
+def _rule(count: int) -> tuple[Array, Array]:
+    return np.polynomial.legendre.leggauss(count)
 
 
 def cumulants_of(values: Array, weights: Array) -> Array:

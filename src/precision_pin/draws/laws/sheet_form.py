@@ -36,11 +36,14 @@ class LawOption:
         Text for the schema and the documentation; the texts of several laws for one key are joined.
     example
         A value that fits the law's example.
+    is_ratio
+        True for a number without a unit.
     """
 
     key: str
     meaning: str
     example: Any
+    is_ratio: bool = False
 
 
 MEAN: Final = LawOption("mean", "default 0", "1 mm")
