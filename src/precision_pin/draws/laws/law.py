@@ -17,7 +17,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.base.memory import check_memory
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.derived import DerivedProjection, series_of, straight_lines, weighted_values
+from precision_pin.draws.laws.derived import DerivedProjection, mean_and_variance, series_of, straight_lines
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, LAST_UNIFORM, Moments, moments_by_quadrature
 from precision_pin.draws.laws.projection import Projection
@@ -90,15 +90,13 @@ class Law(ABC):
     def mean_vector(self) -> Array:
         """Mean, ``(size,)``."""
         self._check_single("mean")
-        values, weights = weighted_values(self)
-        return np.array([weights @ values])
+        return np.array([mean_and_variance(self)[0]])
 
     @property
     def covariance(self) -> Array:
         """Covariance, ``(size, size)``."""
         self._check_single("covariance")
-        values, weights = weighted_values(self)
-        return np.array([[weights @ (values - weights @ values) ** 2]])
+        return np.array([[mean_and_variance(self)[1]]])
 
     def support(self, direction: ArrayLike) -> float:
         """Return h(w), the largest w·x over the support, for w ``(size,)``; infinite if unbounded."""
