@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, LAST_UNIFORM, score_panels
-from precision_pin.draws.laws.projection import Projection
+from precision_pin.draws.laws.projection import FARTHEST_NORMAL, LAST_UNIFORM, Projection, score_panels
 
 if TYPE_CHECKING:
     from precision_pin.draws.laws.law import Law
@@ -115,7 +114,7 @@ class Series:
     @cached_property
     def integrals(self) -> Array:
         """Of the probability below a value in each panel: ``(panels, terms + 1)``."""
-        value: Array = legendre.legint(self.coefficients, lbnd=-1, axis=1)
+        value: Array = np.asarray(legendre.legint(self.coefficients, lbnd=-1, axis=1), dtype=float)
         value[:, 0] += np.cumsum(self.moments[:, 0]) - self.moments[:, 0]
         return value
 
@@ -200,7 +199,7 @@ class DerivedProjection(Projection):
     def cumulative(self, z: Array) -> Array:
         _, k, place = self._panels(z)
         below = np.clip(legendre.legval(place, np.moveaxis(self.series.integrals[k], -1, 0), tensor=False), 0, 1)
-        value: Array = below if self.size > 0 else 1 - below
+        value: Array = np.asarray(below if self.size > 0 else 1 - below, dtype=float)
         return value
 
     def density(self, z: Array) -> Array:

@@ -15,11 +15,9 @@ from precision_pin.base.arguments import check_numbers, check_whole, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import Quantity
-from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Law, take_rows
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, NORMAL_MOMENTS, Moments, triangular_root
-from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
-from precision_pin.draws.laws.wording import deviations
+from precision_pin.draws.laws.law import KernelRow, Law, take_rows
+from precision_pin.draws.laws.projection import FARTHEST_NORMAL, NORMAL_MOMENTS, Moments, triangular_root
+from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader, deviations
 
 
 @final

@@ -1,28 +1,32 @@
-"""The base class of all laws."""
+"""The base class of all laws, and the row of a law in the tables of the compiled loops."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_number, check_numbers, check_whole, shown
+from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.memory import check_memory
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.derived import DerivedProjection, mean_and_variance, series_of, straight_lines
-from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, LAST_UNIFORM, Moments, moments_by_quadrature
-from precision_pin.draws.laws.projection import Projection
-from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
-from precision_pin.draws.laws.wording import deviations, spread
+from precision_pin.draws.laws.projection import (
+    FARTHEST_NORMAL,
+    LAST_UNIFORM,
+    Moments,
+    Projection,
+    moments_by_quadrature,
+)
+from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader, deviations, spread
 from precision_pin.render.display_units import WrittenUnit
 
 
@@ -322,3 +326,44 @@ def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Ar
     check_memory((152.0 + 48 * table.shape[1]) * len(table), f"{what}, {table.size:,} numbers,", "give fewer")
     object.__setattr__(law, field, tuple(map(tuple, table.tolist())))
     return table
+
+
+Branch = Literal[
+    "fixed",
+    "normal",
+    "uniform",
+    "triangular",
+    "truncated",
+    "disc",
+    "circle",
+    "joint",
+    "lognormal",
+    "arcsine",
+    "two_point",
+    "empirical",
+    "table",
+]
+"""The loops of ``apply_laws`` in kernel/loops.py; several laws may use one."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class KernelRow:
+    """The row of a law in the tables of the compiled loops.
+
+    Attributes
+    ----------
+    branch
+        The loop that turns its variates into its numbers.
+    numbers
+        The loop's parameters, ``(n,)``, or a table of them, ``(r, c)``: see :class:`precision_pin.kernel.loops.Draws`.
+    intervals
+        Bounds of each number in the loop, if they differ from :meth:`~precision_pin.draws.laws.Law.interval`.
+    """
+
+    branch: Branch
+    numbers: Array
+    intervals: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        fix_fields(self)

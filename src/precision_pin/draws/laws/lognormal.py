@@ -25,12 +25,9 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Law, take_size
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, in_chunks
-from precision_pin.draws.laws.projection import Projection, power_bound
-from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
-from precision_pin.draws.laws.wording import write_number
+from precision_pin.draws.laws.law import KernelRow, Law, take_size
+from precision_pin.draws.laws.projection import FARTHEST_NORMAL, Projection, in_chunks, power_bound
+from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader, write_number
 
 WIDEST_LOGNORMAL: Final = 1e3
 """Largest standard deviation of a lognormal law, in means."""
