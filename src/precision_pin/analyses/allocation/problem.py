@@ -17,7 +17,7 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.reader import Contents
 from precision_pin.statistics import Specification
-from precision_pin.statistics.specification import specification
+from precision_pin.statistics.plan import specification
 
 _RANGE: Final = 100.0
 """Bounds of a tolerance without its own: this much narrower and wider than it is."""
