@@ -82,7 +82,6 @@ class JointNormal(Law):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> JointNormal:
-        """Return the law written in a sheet."""
         value = reader.settings["joint_normal"]
         if (
             not isinstance(value, Mapping)
@@ -117,12 +116,10 @@ class JointNormal(Law):
 
     @property
     def mean_vector(self) -> Array:
-        """Mean, ``(size,)``."""
         return np.array(self.centre, dtype=float) if self.centre else np.zeros(self.size)
 
     @property
     def covariance(self) -> Array:
-        """Covariance, ``(size, size)``."""
         return np.array(self.matrix, dtype=float)
 
     @property
@@ -163,7 +160,6 @@ class JointNormal(Law):
         return NORMAL_MOMENTS
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         covariance = self.covariance
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         unit = np.where(std > 0, std, 1.0)

@@ -104,7 +104,6 @@ class Lognormal(Law):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Lognormal:
-        """Return the law written in a sheet."""
         value = reader.settings["lognormal"]
         if not isinstance(value, Mapping) or set(value) != {"std"}:
             raise reader.error(
@@ -127,12 +126,10 @@ class Lognormal(Law):
 
     @property
     def mean_vector(self) -> Array:
-        """Mean, ``(1,)``."""
         return np.array([self.mean])
 
     @property
     def covariance(self) -> Array:
-        """Variance as ``(1, 1)``."""
         return np.array([[self.std**2]])
 
     def sample(self, variates: Array) -> Array:
@@ -173,7 +170,6 @@ class Lognormal(Law):
         return self.mean * float((weighted * np.expm1(shift * z - shift**2 / 2)).sum())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         (quantity,) = quantities
         return f"lognormal, mean {write_number(self.mean, quantity)}, standard deviation {write_number(self.std, quantity)}"
 
@@ -182,7 +178,6 @@ class Lognormal(Law):
         return KernelRow("lognormal", np.array([self.mean, self.log_std, self.log_std**2 / 2]))
 
     def projection(self, weights: Array) -> _Projection:
-        """Return the projection on weights."""
         return _Projection(float(weights[0]), self.mean, self.log_std)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:

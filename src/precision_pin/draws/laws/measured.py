@@ -182,12 +182,10 @@ class Empirical(BoundedLaw):
 
     @property
     def mean_vector(self) -> Array:
-        """Mean, ``(1,)``."""
         return np.array([self._shares @ (self.segments[:, 1] + self.segments[:, 3]) / 2])
 
     @property
     def covariance(self) -> Array:
-        """Variance as ``(1, 1)``."""
         a, b = self.segments[:, 1] - self.mean_vector, self.segments[:, 3] - self.mean_vector
         return np.array([[self._shares @ (a * a + a * b + b * b) / 3]])
 
@@ -222,7 +220,6 @@ class Empirical(BoundedLaw):
         return cumulants_of(values, (weights[:, None] / 2 * np.diff(np.append(begin, 1.0))).ravel())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         low, high = self.ends
         unit = WrittenUnit.suiting(quantities[0], self.ends)
         far = spread(self.mean_vector, self.covariance, quantities[0])
@@ -233,7 +230,6 @@ class Empirical(BoundedLaw):
         return KernelRow("empirical", self.segments)
 
     def projection(self, weights: Array) -> Lines:
-        """Return the projection on weights."""
         w = float(weights[0])
         begins, stops = (w * (self.segments[:, column] - self.mean_vector) for column in (1, 3))
         return Lines.of(np.diff(np.append(self.segments[:, 0], 1.0)), begins, stops)
@@ -315,7 +311,6 @@ class TwoPoint(BoundedLaw):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> TwoPoint:
-        """Return the law written in a sheet."""
         half_width = reader.half_width("two_point")
         centre = reader.number("centre") if "centre" in reader.settings else 0.0
         probability = reader.ratio("probability") if "probability" in reader.settings else 0.5
@@ -365,7 +360,6 @@ class TwoPoint(BoundedLaw):
         return cumulants_of(np.array([[-half], [half]]), np.array([1 - p, p]))
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         low, high = self.ends
         unit = WrittenUnit.suiting(quantities[0], self.ends)
         return f"{unit(low)} or {unit(high)}, the latter with probability {100 * self.probability:.6g} %"
@@ -375,7 +369,6 @@ class TwoPoint(BoundedLaw):
         return KernelRow("two_point", np.array([self.centre, self.half_width, self.threshold]))
 
     def projection(self, weights: Array) -> Lines:
-        """Return the projection on weights."""
         ends = float(weights[0]) * (np.array(self.ends) - self.mean_vector)
         return Lines.of(np.array([1 - self.probability, self.probability]), ends, ends)
 
@@ -432,7 +425,6 @@ class Rows(Law):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Rows:
-        """Return the law written in a sheet."""
         value = reader.settings["rows"]
         if isinstance(value, Mapping):
             reader.only(("rows",), "file", "columns")
@@ -521,7 +513,6 @@ class Rows(Law):
         return np.full(len(self.array), 1 / len(self.array))
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         rows = len(self.table)
         stds = deviations(self.components, self.covariance, quantities)
         return f"{rows} measured row{'s' if rows > 1 else ''}, all equally likely, {stds}"
@@ -536,7 +527,6 @@ class Rows(Law):
         return KernelRow("table", self.array)
 
     def projection(self, weights: Array) -> Lines:
-        """Return the projection on weights."""
         values = (self.array - self.mean_vector) @ weights
         return Lines.of(np.full(values.size, 1 / values.size), values, values)
 

@@ -14,9 +14,9 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.law import KernelRow, Law, cumulative
-from precision_pin.draws.laws.projection import Moments, SymmetricProjection, power_bound
+from precision_pin.draws.laws.projection import Moments, power_bound
 from precision_pin.draws.laws.sheet_form import SheetForm, write_number
-from precision_pin.draws.laws.symmetric import ArcsineProjection
+from precision_pin.draws.laws.symmetric import ArcsineProjection, SineProjection
 from precision_pin.draws.philox import direction
 
 LARGEST_SCALED_BESSEL: Final = 0.82504
@@ -85,20 +85,16 @@ class Disc(PlaneLaw):
         return 0.0, 2.0, 2 / 3
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         return f"a point uniform over a disc of radius {write_number(self.radius, quantities[0])}"
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the radius."""
         known = [quantity for quantity in quantities if quantity is not None and quantity.si]
         return f"radius {write_number(self.radius, known[0])}" if known else ""
 
     def kernel_row(self) -> KernelRow:
-        """Return the radius."""
         return KernelRow("disc", np.array([self.radius]))
 
     def projection(self, weights: Array) -> _DiscProjection:
-        """Return the projection on weights."""
         return _DiscProjection(self.radius * math.hypot(*weights))
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
@@ -111,12 +107,8 @@ class Disc(PlaneLaw):
 
 @final
 @dataclass(frozen=True)
-class _DiscProjection(SymmetricProjection):
+class _DiscProjection(SineProjection):
     """Projection of a disc."""
-
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        return -math.pi / 2, math.pi / 2
 
     def cumulative(self, z: Array) -> Array:
         t = self.scale_to_reach(z)
@@ -128,16 +120,8 @@ class _DiscProjection(SymmetricProjection):
         value: Array = 2 / (np.pi * self.reach) * np.sqrt((1 - t) * (1 + t))
         return value
 
-    def position(self, s: Array) -> Array:
-        value: Array = self.reach * np.sin(s)
-        return value
-
     def weight(self, s: Array) -> Array:
         value: Array = 2 / np.pi * np.cos(s) ** 2
-        return value
-
-    def parameter(self, z: Array) -> Array:
-        value: Array = np.arcsin(self.scale_to_reach(z))
         return value
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
@@ -184,7 +168,6 @@ class Circle(PlaneLaw):
         return 0.0, 1.5, 0.5
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         return f"a point uniform on a circle of radius {write_number(self.radius, quantities[0])}"
 
     @property
@@ -193,11 +176,9 @@ class Circle(PlaneLaw):
         return range(1, 2)
 
     def kernel_row(self) -> KernelRow:
-        """Return the radius."""
         return KernelRow("circle", np.array([self.radius]))
 
     def projection(self, weights: Array) -> ArcsineProjection:
-        """Return the projection on weights."""
         return ArcsineProjection(self.radius * math.hypot(*weights))
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:

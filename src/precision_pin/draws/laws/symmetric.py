@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Final, Literal, final
+from typing import ClassVar, Final, Literal, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from precision_pin.base.arguments import check_number
 from precision_pin.base.arrays import Array
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.law import KernelRow, Law, take_number, take_size
+from precision_pin.draws.laws.law import Branch, KernelRow, Law, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import (
     DEVIATIONS,
@@ -52,12 +52,10 @@ class SymmetricLaw(Law):
 
     @property
     def mean_vector(self) -> Array:
-        """Mean, ``(1,)``."""
         return np.array([self.mean])
 
     @property
     def covariance(self) -> Array:
-        """Variance as ``(1, 1)``."""
         return np.array([[self.variance]])
 
     def support(self, direction: ArrayLike) -> float:
@@ -76,13 +74,31 @@ class SymmetricLaw(Law):
 class HalfWidthLaw(SymmetricLaw):
     """A symmetric law on mean ± half_width; in a sheet the half-width is the value under the law's key."""
 
+    along: ClassVar[type[SymmetricProjection]]
+    divisor: ClassVar[float]
+    words: ClassVar[str]
     half_width: float
     mean: float = 0.0
 
     @property
+    def variance(self) -> float:
+        return self.half_width**2 / self.divisor
+
+    @property
     def reach(self) -> float:
-        """The half-width."""
         return self.half_width
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        return f"{self.words} within {about(self.half_width, self.mean, quantities[0])}"
+
+    def kernel_row(self) -> KernelRow:
+        return KernelRow(cast("Branch", self.form.key), np.array([self.mean, self.half_width]))
+
+    def projection(self, weights: Array) -> SymmetricProjection:
+        return self.along(abs(float(weights[0])) * self.half_width)
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        return self.along(self.half_width).characteristic(frequency).real
 
 
 @final
@@ -101,7 +117,6 @@ class Fixed(SymmetricLaw):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Fixed:
-        """Return the law written in a sheet."""
         return cls(reader.number("fixed"))
 
     @property
@@ -115,11 +130,9 @@ class Fixed(SymmetricLaw):
         return 0.0
 
     def sample(self, variates: Array) -> Array:
-        """Return the value throughout."""
         return np.full_like(variates, self.mean)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         return f"fixed at {write_number(self.mean, quantities[0])}"
 
     @property
@@ -128,57 +141,25 @@ class Fixed(SymmetricLaw):
         return range(0)
 
     def kernel_row(self) -> KernelRow:
-        """Return the value."""
         return KernelRow("fixed", np.array([self.mean]))
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
         return np.ones_like(frequency)
 
 
-@final
-@dataclass(frozen=True)
-class Uniform(HalfWidthLaw):
-    """Uniform on mean ± half_width."""
+class _StraightProjection(SymmetricProjection):
+    """A projection whose parameter is its value over the reach."""
 
-    form: ClassVar = SheetForm(
-        "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (MEAN,)
-    )
+    def position(self, s: Array) -> Array:
+        return self.reach * s
 
-    @property
-    def variance(self) -> float:
-        """t²/3."""
-        return self.half_width**2 / 3
-
-    def sample(self, variates: Array) -> Array:
-        """Return mean + t (2u - 1)."""
-        return self.mean + self.half_width * (2 * variates - 1)
-
-    def covariance_with(self, other: Law, correlation: float) -> float | None:
-        """Return t₁ t₂ 2/π asin(ρ/2) of two uniform numbers (Pearson 1907)."""
-        if not isinstance(other, Uniform):
-            return None
-        return self.half_width * other.half_width * 2 / math.pi * math.asin(correlation / 2)
-
-    def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
-        return f"uniform within {about(self.half_width, self.mean, quantities[0])}"
-
-    def kernel_row(self) -> KernelRow:
-        """Return mean and half-width."""
-        return KernelRow("uniform", np.array([self.mean, self.half_width]))
-
-    def projection(self, weights: Array) -> _UniformProjection:
-        """Return the projection on weights."""
-        return _UniformProjection(abs(float(weights[0])) * self.half_width)
-
-    def _deviation_characteristic(self, frequency: Array) -> Array:
-        value: Array = np.sinc(frequency * self.half_width / np.pi)
-        return value
+    def parameter(self, z: Array) -> Array:
+        return self.scale_to_reach(z)
 
 
 @final
 @dataclass(frozen=True)
-class _UniformProjection(SymmetricProjection):
+class _UniformProjection(_StraightProjection):
     @property
     def breaks(self) -> tuple[float, ...]:
         return -1.0, 1.0
@@ -190,14 +171,8 @@ class _UniformProjection(SymmetricProjection):
     def density(self, z: Array) -> Array:
         return self.limit_to_reach(z, np.full_like(z, 0.5 / self.reach))
 
-    def position(self, s: Array) -> Array:
-        return self.reach * s
-
     def weight(self, s: Array) -> Array:
         return np.full_like(s, 0.5)
-
-    def parameter(self, z: Array) -> Array:
-        return self.scale_to_reach(z)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         return np.sinc(self.reach * frequency / np.pi).astype(complex)
@@ -209,49 +184,30 @@ class _UniformProjection(SymmetricProjection):
 
 @final
 @dataclass(frozen=True)
-class Triangular(HalfWidthLaw):
-    """Symmetric triangle on mean ± half_width."""
+class Uniform(HalfWidthLaw):
+    """Uniform on mean ± half_width."""
 
     form: ClassVar = SheetForm(
-        "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (MEAN,)
+        "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (MEAN,)
     )
-
-    @property
-    def variance(self) -> float:
-        """t²/6."""
-        return self.half_width**2 / 6
-
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        """One half, where the density has a kink."""
-        return (0.5,)
+    along: ClassVar = _UniformProjection
+    divisor: ClassVar = 3
+    words: ClassVar = "uniform"
 
     def sample(self, variates: Array) -> Array:
-        """Return the inverse of the cumulative law, from the nearer end."""
-        tail = np.minimum(variates, 1 - variates)
-        deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
-        return self.mean + self.half_width * deviation
+        """Return mean + t (2u - 1)."""
+        return self.mean + self.half_width * (2 * variates - 1)
 
-    def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
-        return f"triangular within {about(self.half_width, self.mean, quantities[0])}"
-
-    def kernel_row(self) -> KernelRow:
-        """Return mean and half-width."""
-        return KernelRow("triangular", np.array([self.mean, self.half_width]))
-
-    def projection(self, weights: Array) -> _TriangularProjection:
-        """Return the projection on weights."""
-        return _TriangularProjection(abs(float(weights[0])) * self.half_width)
-
-    def _deviation_characteristic(self, frequency: Array) -> Array:
-        value: Array = np.sinc(frequency * self.half_width / (2 * np.pi)) ** 2
-        return value
+    def covariance_with(self, other: Law, correlation: float) -> float | None:
+        """Return t₁ t₂ 2/π asin(ρ/2) of two uniform numbers (Pearson 1907)."""
+        if not isinstance(other, Uniform):
+            return None
+        return self.half_width * other.half_width * 2 / math.pi * math.asin(correlation / 2)
 
 
 @final
 @dataclass(frozen=True)
-class _TriangularProjection(SymmetricProjection):
+class _TriangularProjection(_StraightProjection):
     @property
     def breaks(self) -> tuple[float, ...]:
         return -1.0, 0.0, 1.0
@@ -269,14 +225,8 @@ class _TriangularProjection(SymmetricProjection):
     def density(self, z: Array) -> Array:
         return (1 - np.abs(self.scale_to_reach(z))) / self.reach
 
-    def position(self, s: Array) -> Array:
-        return self.reach * s
-
     def weight(self, s: Array) -> Array:
         return 1 - np.abs(s)
-
-    def parameter(self, z: Array) -> Array:
-        return self.scale_to_reach(z)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         return (np.sinc(self.reach * frequency / (2 * np.pi)) ** 2).astype(complex)
@@ -288,47 +238,48 @@ class _TriangularProjection(SymmetricProjection):
 
 @final
 @dataclass(frozen=True)
-class Arcsine(HalfWidthLaw):
-    """Arcsine (U-shaped) on mean ± half_width: a sine wave at a random phase (JCGM 101:2008, 6.4.6)."""
+class Triangular(HalfWidthLaw):
+    """Symmetric triangle on mean ± half_width."""
 
     form: ClassVar = SheetForm(
-        "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t at a random phase; σ = t/√2", (MEAN,)
+        "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (MEAN,)
     )
+    along: ClassVar = _TriangularProjection
+    divisor: ClassVar = 6
+    words: ClassVar = "triangular"
 
     @property
-    def variance(self) -> float:
-        """t²/2."""
-        return self.half_width**2 / 2
+    def breaks(self) -> tuple[float, ...]:
+        """One half, where the density has a kink."""
+        return (0.5,)
 
     def sample(self, variates: Array) -> Array:
-        """Return mean + t sin(π(u - 1/2))."""
-        return self.mean + self.half_width * np.sin(np.pi * (variates - 0.5))
+        """Return the inverse of the cumulative law, from the nearer end."""
+        tail = np.minimum(variates, 1 - variates)
+        deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
+        return self.mean + self.half_width * deviation
 
-    def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
-        return f"arcsine (a sine wave at a random phase) within {about(self.half_width, self.mean, quantities[0])}"
 
-    def kernel_row(self) -> KernelRow:
-        """Return mean and half-width."""
-        return KernelRow("arcsine", np.array([self.mean, self.half_width]))
+class SineProjection(SymmetricProjection):
+    """A projection whose parameter is an angle."""
 
-    def projection(self, weights: Array) -> ArcsineProjection:
-        """Return the projection on weights."""
-        return ArcsineProjection(abs(float(weights[0])) * self.half_width)
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return -math.pi / 2, math.pi / 2
 
-    def _deviation_characteristic(self, frequency: Array) -> Array:
-        value: Array = lazy_special.j0(frequency * self.half_width)
+    def position(self, s: Array) -> Array:
+        value: Array = self.reach * np.sin(s)
+        return value
+
+    def parameter(self, z: Array) -> Array:
+        value: Array = np.arcsin(self.scale_to_reach(z))
         return value
 
 
 @final
 @dataclass(frozen=True)
-class ArcsineProjection(SymmetricProjection):
+class ArcsineProjection(SineProjection):
     """Projection of an arcsine law, or of a circle."""
-
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        return -math.pi / 2, math.pi / 2
 
     def cumulative(self, z: Array) -> Array:
         value: Array = 0.5 + np.arcsin(self.scale_to_reach(z)) / np.pi
@@ -340,16 +291,8 @@ class ArcsineProjection(SymmetricProjection):
         value: Array = np.where(inside, 1 / (np.pi * self.reach * np.sqrt((1 - t) * (1 + t))), 0.0)
         return value
 
-    def position(self, s: Array) -> Array:
-        value: Array = self.reach * np.sin(s)
-        return value
-
     def weight(self, s: Array) -> Array:
         return np.full_like(s, 1 / np.pi)
-
-    def parameter(self, z: Array) -> Array:
-        value: Array = np.arcsin(self.scale_to_reach(z))
-        return value
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         value: NDArray[np.complex128] = lazy_special.j0(self.reach * frequency).astype(complex)
@@ -358,6 +301,23 @@ class ArcsineProjection(SymmetricProjection):
     def envelope(self, frequency: Array) -> Array:
         """min(1, √(2/(π r ω))), since √(πz/2) |J₀(z)| ≤ 1 (Watson, Bessel functions, 15.5)."""
         return power_bound(math.sqrt(2 / math.pi), 0.5, self.reach * frequency)
+
+
+@final
+@dataclass(frozen=True)
+class Arcsine(HalfWidthLaw):
+    """Arcsine (U-shaped) on mean ± half_width: a sine wave at a random phase (JCGM 101:2008, 6.4.6)."""
+
+    form: ClassVar = SheetForm(
+        "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t at a random phase; σ = t/√2", (MEAN,)
+    )
+    along: ClassVar = ArcsineProjection
+    divisor: ClassVar = 2
+    words: ClassVar = "arcsine (a sine wave at a random phase)"
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + t sin(π(u - 1/2))."""
+        return self.mean + self.half_width * np.sin(np.pi * (variates - 0.5))
 
 
 SMALLEST_K: Final = 1e-3
@@ -400,7 +360,6 @@ class TruncatedNormal(SymmetricLaw):
         return self.mean + self.std * deviation
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         (quantity,) = quantities
         unit = WrittenUnit.suiting(quantity, [self.std])
         cut = f"cut off at ±{unit(self.k * self.std)}{mean_beside(self.mean, quantity)}"
@@ -412,7 +371,6 @@ class TruncatedNormal(SymmetricLaw):
         return KernelRow("truncated", np.array(numbers))
 
     def projection(self, weights: Array) -> _TruncatedProjection:
-        """Return the projection on weights."""
         return _TruncatedProjection(abs(float(weights[0])) * self.reach, self.k)
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
@@ -567,7 +525,6 @@ class Normal(SymmetricLaw):
         return self.std * correlation * float((weighted * z).sum())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         (quantity,) = quantities
         return f"normal, standard deviation {write_number(self.std, quantity)}{mean_beside(self.mean, quantity)}"
 
