@@ -76,7 +76,7 @@ if TYPE_CHECKING:
     from precision_pin.sampling.result import Analysis as Analysis
     from precision_pin.sampling.result import MonteCarloResult as MonteCarloResult
     from precision_pin.sheet.measurement import Measurement as Measurement
-    from precision_pin.statistics.specification import specification as specification
+    from precision_pin.statistics.plan import specification as specification
     from precision_pin.terms.source import Source as Source
     from precision_pin.terms.term import Term as Term
 
@@ -143,7 +143,7 @@ _HOMES: Final = {
     "reliability": "analyses.reliability.reliability",
     "sample_approaches": "sampling.approaches",
     "sample_poses": "sampling.many_poses",
-    "specification": "statistics.specification",
+    "specification": "statistics.plan",
     "ur_calibration": "analyses.calibration.factory",
     "worst_case": "analyses.worst_case.worst_case",
 }

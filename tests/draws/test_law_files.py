@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import itertools
 import math
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
 import precision_pin as pp
+from precision_pin.analyses.exact_law.convolution import ConvolvedLaw
+from precision_pin.analyses.exact_law.fourier_inversion import SeriesLaw, Summand, certified_series
+from precision_pin.base.arrays import Array
 from precision_pin.base.units import LENGTH
 from precision_pin.draws import laws
 from precision_pin.draws.laws import LAWS, Law, laws_of_sheets
@@ -25,145 +29,184 @@ from precision_pin.sheet import json_schema
 from precision_pin.sheet.settings import law_options, parse_law
 from support.package_code import FILES, PACKAGE, tree
 
-RESOLUTION = '''
-"""What rounding to steps leaves."""
+TRAPEZOID = '''
+"""A symmetric trapezoid."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
 
-from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Law, take_size
-from precision_pin.draws.laws.projection import Lines
-from precision_pin.draws.laws.sheet_form import LawOption, SheetForm
-from precision_pin.draws.laws.wording import write_number
+from precision_pin.draws.laws.law import Law
+from precision_pin.draws.laws.sheet_form import MEAN, LawOption, SheetForm
 
 
 @final
 @dataclass(frozen=True)
-class Resolution(Law):
-    """Anywhere within half a step of the middle of a step."""
+class Trapezoid(Law):
+    """Equally likely within mean ± top, from there on less to mean ± half_width."""
 
     form: ClassVar = SheetForm(
-        "resolution", {"resolution": "0.1 mm"}, "within half a step", (LawOption("steps", "how many steps", "2"),)
+        "trapezoid", {"trapezoid": "0.1 mm"}, "a trapezoid", (LawOption("top", "half of its top", "0.05 mm"), MEAN)
     )
-    step: float
+    half_width: float
+    top: float = 0.0
+    mean: float = 0.0
 
-    def __post_init__(self):
-        take_size(self, "step", "the step of a resolution law")
-
-    @classmethod
-    def from_sheet(cls, reader):
-        steps = reader.ratio("steps") if "steps" in reader.settings else 1.0
-        if steps < 1:
-            raise reader.error(("steps",), "there is at least one step")
-        return cls(reader.half_width("resolution") * steps)
-
-    def describe(self, quantities):
-        return f"rounded to {write_number(self.step, quantities[0])}"
+    @property
+    def breaks(self):
+        slope = (self.half_width - self.top) / (self.half_width + self.top) / 2
+        return slope, 1 - slope
 
     def sample(self, variates):
-        return self.step * (variates - 0.5)
-
-    @property
-    def mean_vector(self):
-        return np.zeros(1)
-
-    @property
-    def covariance(self):
-        return np.array([[self.step**2 / 12]])
-
-    def support(self, direction):
-        return abs(float(np.asarray(direction)[0])) * self.step / 2
-
-    def characteristic(self, frequency):
-        return np.sinc(np.asarray(frequency)[0] * self.step / (2 * np.pi)).astype(complex)
-
-    def projection(self, weights):
-        half = abs(float(weights[0])) * self.step / 2
-        return Lines(np.ones(1), np.array([-half]), np.array([half]))
-
-    def kernel_row(self):
-        return KernelRow("uniform", np.array([0.0, self.step / 2]))
+        tail, a, b = np.minimum(variates, 1 - variates), self.half_width, self.top
+        size = np.where(tail < self.breaks[0], a - np.sqrt(2 * tail * (a * a - b * b)), (a + b) * (0.5 - tail))
+        return self.mean + np.copysign(size, variates - 0.5)
 '''
 
 SHEET = """
 precision-pin: 1
 robot: {robot}
 parameters:
-  rounding: {{resolution: 0.1 mm, steps: 2}}
+  sorted: {{trapezoid: 0.3 mm, top: 0.1 mm}}
 poses:
   p: -90 3 88 -91 deg
 sources:
-  - length: {{joint: joint3, along: x of joint2, parameters: rounding}}
+  - length: {{joint: joint3, along: x of joint2, parameters: sorted}}
 """
-STEP = 0.2e-3
-LEVELS = (0.025, 0.5, 0.975)
+A, B = 0.3e-3, 0.1e-3
+VARIANCE = (A * A + B * B) / 6
+POINTS = np.array([-(A + B) / 2, 0, B / 2])
+FOURTH = (A**4 + A**2 * B**2 + B**4) / 15
+"""Moments of the trapezoid: the integrals of x² f and x⁴ f by hand, f = 1/(A + B) up to B, falling to zero at A."""
+SHARES = np.array([1 / 8, 1 / 4, 1 / 2, 3 / 4, 7 / 8])
+QUANTILES = np.array([-A + math.sqrt(0.5) * (A - B), -B, 0, B, A - math.sqrt(0.5) * (A - B)])
+"""F = (x + A)²/(2(A² - B²)), 1/4 at -B and half of that at -A + (A - B)/√2, where F = 1/8."""
 
 
 @pytest.fixture
-def resolution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type[Law]:
-    """Add a law: a file of its own, and its line in the list of laws in draws/laws/__init__.py; no other is needed."""
-    file = tmp_path / "resolution.py"
-    file.write_text(RESOLUTION, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location("resolution", file)
+def trapezoid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type[Law]:
+    """Add a law: one class, and its line in the list of laws in draws/laws/__init__.py; no other file is needed."""
+    file = tmp_path / "trapezoid.py"
+    file.write_text(TRAPEZOID, encoding="utf-8")
+    spec = importlib.util.spec_from_file_location("trapezoid", file)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "resolution", module)
+    monkeypatch.setitem(sys.modules, "trapezoid", module)
     spec.loader.exec_module(module)
-    monkeypatch.setattr(laws, "LAWS", (*LAWS, module.Resolution))
-    resolution: type[Law] = module.Resolution
-    return resolution
+    monkeypatch.setattr(laws, "LAWS", (*LAWS, module.Trapezoid))
+    trapezoid: type[Law] = module.Trapezoid
+    return trapezoid
 
 
 @pytest.fixture
-def model(resolution: type[Law], tmp_path: Path) -> pp.ErrorModel:
+def model(trapezoid: type[Law], tmp_path: Path) -> pp.ErrorModel:
     sheet = tmp_path / "arm.errors.yaml"
     sheet.write_text(SHEET.format(robot=PAPER_SHEET.parent / "4dof.urdf"), encoding="utf-8")
     return pp.ErrorModel.load(sheet)
 
 
-def test_a_law_of_its_own_file_is_read_from_a_sheet(resolution: type[Law], model: pp.ErrorModel) -> None:
-    assert model.space.draws[0].law == resolution(STEP)  # type: ignore[call-arg]
+def test_an_added_law_is_a_class_of_twenty_lines() -> None:
+    body = TRAPEZOID[TRAPEZOID.index("@final") :].splitlines()
+    code = [line for line in body if line.strip() and not line.strip().startswith('"""')]
+    assert len(code) <= 20
+
+
+def test_an_added_law_is_read_from_a_sheet(trapezoid: Any, model: pp.ErrorModel) -> None:
+    assert model.space.draws[0].law == trapezoid(A, B)
     law = json_schema()["$defs"]["law"]
-    assert law["properties"]["steps"] == {"description": "how many steps"}
-    assert {"required": ["resolution"]} in law["oneOf"]
-    for wrong, reason in (({"steps": "0"}, "at least one step"), ({"step": "2"}, "'step' is no setting of the law")):
+    assert law["properties"]["top"] == {"description": "half of its top"}
+    assert {"required": ["trapezoid"]} in law["oneOf"]
+    parsed = parse_law("x", {"trapezoid": "1 mm", "mean": "2 mm"}, (LENGTH,)).draw.law
+    assert parsed == trapezoid(1e-3, 0.0, 2e-3)
+    for wrong, reason in (({"trapezoid": "-1 mm"}, "negative"), ({"step": "2"}, "'step' is no setting")):
         with pytest.raises(pp.InputError, match=reason):
-            parse_law("x", {"resolution": "1 mm", **wrong}, (LENGTH,))
-    with pytest.raises(pp.InputError, match=r"exactly one of fixed, .*rows, resolution; this one has none"):
+            parse_law("x", {"trapezoid": "1 mm", **wrong}, (LENGTH,))
+    with pytest.raises(pp.InputError, match=r"exactly one of fixed, .*rows, trapezoid; this one has none"):
         parse_law("x", {}, (LENGTH,))
+    with pytest.raises(
+        pp.InputError, match=r"the half-width of a trapezoid law must be zero or more and finite, got -1"
+    ):
+        trapezoid(-1.0)
+    with pytest.raises(pp.InputError, match=r"the top of a trapezoid law must be .*finite.*, got nan"):
+        trapezoid(1.0, math.nan)
 
 
-def test_a_law_of_its_own_file_is_sampled_alike_by_both_engines(model: pp.ErrorModel) -> None:
+def test_moments_ends_and_laws_of_an_added_law_are_those_by_hand(trapezoid: Any) -> None:
+    law = trapezoid(A, B, 5e-3)
+    std = math.sqrt(VARIANCE)
+    assert law.mean_vector == pytest.approx([5e-3], rel=1e-14)
+    assert law.covariance == pytest.approx(np.array([[VARIANCE]]), rel=1e-11)
+    moments = law.standardised_moments()
+    assert moments is not None
+    assert moments == pytest.approx((0, FOURTH / VARIANCE**2, 1), rel=1e-10, abs=1e-10)
+    assert law.interval(0) == pytest.approx((5e-3 - A, 5e-3 + A), rel=1e-15)
+    assert [law.support([w]) for w in (2.0, -2.0, 0.0)] == pytest.approx([2 * (5e-3 + A), -2 * (5e-3 - A), 0])
+    assert law.tolerance((LENGTH,)) == "±0.3 mm"
+    # a trapezoid is the sum of two uniform numbers, within ±(A + B)/2 and ±(A - B)/2
+    omega = np.linspace(0, 200, 301) / std
+    known = np.sinc(omega * (A + B) / 2 / np.pi) * np.sinc(omega * (A - B) / 2 / np.pi)
+    for size in (1.0, -2.0):
+        part = law.projection(np.array([size]))
+        np.testing.assert_allclose(part.characteristic(omega / size), known, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(part.cumulative(abs(size) * QUANTILES), SHARES, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(part.density(abs(size) * POINTS) * (A + B) * abs(size), [0.5, 1, 1], rtol=1e-8)
+        assert (part.envelope(omega / abs(size)) >= np.abs(known) - 1e-11).all()
+    np.testing.assert_allclose(law.characteristic(omega[None]), np.exp(5e-3j * omega) * known, rtol=0, atol=1e-11)
+
+
+def test_an_added_law_is_sampled_alike_by_both_engines(model: pp.ErrorModel) -> None:
     clear = model.space.sample(3, 0, 20_000)
-    assert stats.kstest(clear[0], stats.uniform(-STEP / 2, STEP).cdf).pvalue > 1e-6
+    assert abs(clear.std() / math.sqrt(VARIANCE) - 1) < 5 * math.sqrt((FOURTH / VARIANCE**2 - 1) / 80_000)
     compiled = sampler.sample(sampler.to_arrays(model.at("p")), 3, 0, 20_000)
-    np.testing.assert_allclose(compiled, clear, rtol=0, atol=1e-16 * STEP)
-    found = pp.monte_carlo(model, "p", samples=100_000, seed=1)
-    middle = stats.uniform(-slope(model) * STEP / 2, slope(model) * STEP)
+    np.testing.assert_allclose(compiled, clear, rtol=0, atol=1.1e-7 * math.sqrt(VARIANCE))
+    found = pp.monte_carlo(model, "p", samples=100_000, seed=1).position.y
     np.testing.assert_allclose(
-        [found.position.y.quantile(p) for p in LEVELS], middle.ppf(LEVELS), rtol=0, atol=0.01 * STEP
+        [found.quantile(p) for p in SHARES], found.mean + slope(model) * QUANTILES, rtol=0, atol=0.01 * A
     )
 
 
-def test_a_law_of_its_own_file_is_known_to_the_analyses(model: pp.ErrorModel) -> None:
+def test_an_added_law_is_known_to_the_analyses(model: pp.ErrorModel) -> None:
     size = slope(model)
-    assert pp.moments(model, "p").poses[0].std.value[1] == pytest.approx(size * STEP / math.sqrt(12), rel=1e-3)
+    assert pp.moments(model, "p").poses[0].std.value[1] == pytest.approx(size * math.sqrt(VARIANCE), rel=1e-3)
     exact = pp.exact_law(model, "p").poses[0].laws["position.y"]
     assert exact.law is not None
-    middle = stats.uniform(exact.mean - size * STEP / 2, size * STEP)
-    np.testing.assert_allclose([exact.law.quantile(p) for p in LEVELS], middle.ppf(LEVELS), rtol=1e-9)
+    assert exact.error < 1e-9
+    found = np.array([exact.law.quantile(p) for p in SHARES])
+    np.testing.assert_allclose(found, exact.mean + size * QUANTILES, rtol=0, atol=1e-9 * A)
     worst = pp.worst_case(model, "p").poses[0].components[1]
-    assert (worst.quantity, worst.high) == ("position.y", pytest.approx(size * STEP / 2, rel=1e-3))
+    assert (worst.quantity, worst.high) == ("position.y", pytest.approx(size * A, rel=1e-3))
+    assert pp.budget(model, "p").poses[0].std["position.y"] == pytest.approx(size * math.sqrt(VARIANCE), rel=1e-6)
 
 
-def test_a_law_of_its_own_file_is_described_in_the_report(model: pp.ErrorModel) -> None:
+def test_sums_with_an_added_law_are_those_of_its_uniform_parts(trapezoid: Any) -> None:
+    """Convolution and Fourier series, against the distribution of a sum of uniform numbers by truncated powers."""
+    part, third = trapezoid(A, B).projection(np.ones(1)), pp.Uniform(A / 2).projection(np.ones(1))
+    halves = [(A + B) / 2, (A - B) / 2, A / 2]
+    x = np.linspace(-1.9 * A, 1.9 * A, 41)
+    np.testing.assert_allclose(ConvolvedLaw.of(0.0, part, third).cumulative(x), sum_of_uniforms(halves, x), atol=1e-9)
+    summands = [
+        Summand(p.within, p.is_bounded, p.envelope, p.characteristic, p.characteristic_error)
+        for p in (part, part, third, third)
+    ]
+    series = certified_series(0.0, 0.0, summands, 1e-6)
+    assert isinstance(series, SeriesLaw)
+    known = sum_of_uniforms(2 * halves, x)
+    assert np.abs(series.cumulative(x) - known).max() < series.error < 1e-6
+
+
+def sum_of_uniforms(halves: list[float], x: Array) -> Array:
+    """P(Σ u_k ≤ x) of independent u_k within ± their half-widths: Σ ± (x ± h_1 ± …)₊ⁿ / (n! Π 2h), a sign for each minus."""
+    total = np.zeros_like(x)
+    for signs in itertools.product((1, -1), repeat=len(halves)):
+        total += math.prod(signs) * np.maximum(x + np.dot(signs, halves), 0) ** len(halves)
+    return total / (math.factorial(len(halves)) * math.prod(2 * half for half in halves))
+
+
+def test_an_added_law_is_described_in_the_report(model: pp.ErrorModel) -> None:
     text = str(parameters([SimpleNamespace(model=model)]))  # type: ignore[arg-type]
-    assert "rounded to 0.2 mm" in text
+    assert "Trapezoid, mean 0 mm, standard deviation 0.129099 mm" in text
 
 
 def slope(model: pp.ErrorModel) -> float:
@@ -175,13 +218,125 @@ def slope(model: pp.ErrorModel) -> float:
     return found
 
 
+# defaults ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Bare(Law):
+    """A law of which only the quantile function is known."""
+
+    law: Law
+
+    @property
+    def variates(self) -> Any:  # type: ignore[override]
+        return self.law.variates
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return self.law.breaks
+
+    def sample(self, variates: Array) -> Array:
+        return self.law.sample(variates)
+
+
+CLOSED: list[tuple[Law, float, float]] = [
+    (pp.Uniform(0.2, 3.0), 1e-11, 1e-9),
+    (pp.Triangular(0.2, -3.0), 1e-11, 1e-9),
+    (pp.TruncatedNormal(1.0, 0.0, 2.5), 1e-11, 1e-9),
+    (pp.TruncatedNormal(1.0, 0.0, 0.1), 1e-11, 1e-9),
+    (pp.Arcsine(2.0, 1.0), 2e-8, 1e-4),
+    (pp.Normal(0.3, 2.0), 1e-11, 1e-9),
+    (pp.Lognormal(0.3, 1.0), 1e-11, 1e-9),
+    (pp.Lognormal(2.0, 1.0), 1e-11, 1e-9),
+    (pp.TwoPoint(0.5, 1.0, 0.3), 1e-11, math.nan),
+    (pp.Empirical(((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.9, 2.0), (1.0, 2.5))), 1e-11, 1e-9),
+    (pp.Empirical.from_samples([1.0, 2.0, 3.0, 3.0, 7.0]), 1e-11, math.nan),
+]
+"""Every law of one number that varies, and how far what is derived of it may be off: probabilities, densities times σ."""
+
+
+def test_every_law_of_one_number_is_tried() -> None:
+    several = {"Fixed", "Disc", "Circle", "JointNormal", "Rows"}
+    assert {type(law).__name__ for law, *_ in CLOSED} | several == {law.__name__ for law in LAWS}
+
+
+@pytest.mark.parametrize(("law", "error", "roughness"), CLOSED, ids=[repr(law)[:30] for law, *_ in CLOSED])
+def test_what_follows_from_the_quantiles_is_what_closed_forms_say(law: Law, error: float, roughness: float) -> None:
+    bare, std = Bare(law), math.sqrt(law.covariance[0, 0])
+    assert abs(bare.mean_vector - law.mean_vector)[0] < 1e-11 * std
+    assert bare.covariance[0, 0] == pytest.approx(std**2, rel=1e-8 if std == 2.0 else 1e-11)
+    assert [bare.support([w]) for w in (1.0, -2.0, 0.0)] == [pytest.approx(law.support([w])) for w in (1.0, -2.0, 0.0)]
+    assert bare.interval(0) == pytest.approx(law.interval(0), rel=1e-12)
+    assert bare.standardised_moments() == pytest.approx(law.standardised_moments(), rel=1e-12)
+    omega = np.concatenate([np.linspace(-30, 30, 61), np.geomspace(30, 1e3, 20)]) / std
+    np.testing.assert_allclose(bare.characteristic(omega[None]), law.characteristic(omega[None]), rtol=0, atol=error)
+    for weight in (1.5, -0.7):
+        known, part = (each.projection(np.array([weight])) for each in (law, bare))
+        if known is None:
+            continue  # a normal law has none
+        assert part is not None
+        np.testing.assert_allclose(part.ends, known.ends, rtol=1e-12)
+        low, high = known.within(6.0)
+        assert part.within(6.0) == pytest.approx((low, high), rel=1e-9)
+        x = np.linspace(low, high, 1000)[1:-1]
+        x = x[np.abs(x[:, None] - np.array(known.kinks)).min(axis=1) > 1e-3 * std]
+        np.testing.assert_allclose(part.cumulative(x), known.cumulative(x), rtol=0, atol=error)
+        if math.isfinite(roughness):
+            np.testing.assert_allclose(part.density(x) * std, known.density(x) * std, rtol=roughness, atol=roughness)
+        positive = np.abs(omega)
+        wave = known.characteristic(positive)
+        np.testing.assert_allclose(part.characteristic(positive), wave, rtol=0, atol=error)
+        assert error > 1e-11 or part.characteristic_error < 1e-10
+        assert (part.envelope(positive) >= np.abs(wave) - 1e-14).all()
+        assert (np.diff(part.envelope(np.sort(positive))) <= 0).all()
+
+
+@pytest.mark.parametrize(
+    "law", [law for law, *_ in CLOSED if law.variates == "uniform"], ids=lambda law: repr(law)[:30]
+)
+def test_the_lines_that_the_loops_draw_from_are_close_to_the_quantiles(law: Law) -> None:
+    row = Bare(law).kernel_row()
+    assert row is not None
+    begin, value, slope, end = row.numbers.T
+    u = np.concatenate([[2.0**-53, 1e-9, 1 - 2.0**-53], np.random.default_rng(1).random(10_000)])
+    k = np.searchsorted(begin, u, side="right") - 1
+    drawn = np.minimum(value[k] + slope[k] * (u - begin[k]), end[k])
+    np.testing.assert_allclose(drawn, law.sample(u[None])[0], rtol=0, atol=1.1e-7 * math.sqrt(law.covariance[0, 0]))
+    low, high = law.interval(0)
+    assert low <= value.min()
+    assert end.max() <= high
+
+
+@dataclass(frozen=True)
+class Odd(Law):
+    """Samples that do not rise, or two numbers, and nothing else."""
+
+    numbers: int = 1
+
+    @property
+    def size(self) -> int:
+        return self.numbers
+
+    def sample(self, variates: Array) -> Array:
+        return np.cos(7 * variates)
+
+
+def test_what_does_not_follow_is_said() -> None:
+    assert Odd().kernel_row() is None
+    assert Odd().projection(np.ones(1)) is None
+    with pytest.raises(pp.InputError, match="the samples of the law Odd do not rise"):
+        Odd().characteristic([1.0])
+    for ask, what in ((lambda law: law.mean_vector, "mean"), (lambda law: law.support([1.0, 0.0]), "support function")):
+        with pytest.raises(pp.InputError, match=f"the law Odd of 2 numbers does not define its {what}"):
+            ask(Odd(2))
+
+
 # what there is -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
-def test_every_law_has_a_file_of_its_own(law: type[Law]) -> None:
-    name = "".join(f"_{c.lower()}" if c.isupper() else c for c in law.__name__).lstrip("_")
-    assert law.__module__ == f"precision_pin.draws.laws.{name}"
+def test_every_law_lives_among_the_laws(law: type[Law]) -> None:
+    assert law.__module__.startswith("precision_pin.draws.laws.")
     assert getattr(laws, law.__name__) is law
     assert getattr(pp, law.__name__) is law
 

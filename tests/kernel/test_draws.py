@@ -13,7 +13,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Operator
 from precision_pin.draws.laws import Circle, Disc, Law, Normal, Triangular, TruncatedNormal, Uniform
-from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.symmetric import SymmetricLaw
 from precision_pin.draws.space import Space
 from precision_pin.kernel import loops as loops
 from precision_pin.kernel import sampler

@@ -13,7 +13,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
-from precision_pin.terms.source_set import labels
+from precision_pin.terms.bound_source import labels
 from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm
 from support.sheets import SEVEN_Q, everything, geometry, loads, named, seven_joint_arm
 

@@ -15,9 +15,8 @@ from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.examples import shipped_sheets
 from precision_pin.sources import Backlash, Beam, Clearance, Encoder, JointCompliance, Length, Payload, Table
-from precision_pin.terms.bound_source import BoundSource, terms_at_many
+from precision_pin.terms.bound_source import BoundSource, own_draws, terms_at_many, with_quantities
 from precision_pin.terms.source import Source
-from precision_pin.terms.source_set import own_draws, with_quantities
 from precision_pin.terms.term import JointValue, Term
 from sources.test_depends_on import ARMS, CASES, TOLERANCE, Liar, measured
 

@@ -15,7 +15,7 @@ from precision_pin.analyses.collect import Results, collect
 from precision_pin.pages.report.page import page
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
-from precision_pin.statistics.specification import specification
+from precision_pin.statistics.plan import specification
 
 SAMPLES = 3_000
 SCRIPT, SVG, MATHS, BRACE, HAN = (

@@ -43,7 +43,7 @@ from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sampling import monte_carlo
 from precision_pin.sheet import read
 from precision_pin.statistics import SpecificationResult
-from precision_pin.statistics.specification import specification
+from precision_pin.statistics.plan import specification
 
 SECTIONS = (
     "verdict", "assumptions", "distributions", "budget", "worst-case", "exact-law", "moments", "view", "mcpc", "parameters",

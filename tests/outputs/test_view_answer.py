@@ -15,7 +15,7 @@ from precision_pin.pages.view import ViewPose
 from precision_pin.pages.view.headline import answers
 from precision_pin.pages.view.tolerances import choose_groups, link_shares, tangent_of
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.statistics.specification import specification
+from precision_pin.statistics.plan import specification
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
 
 MOVING = np.full(6, 1e-4)

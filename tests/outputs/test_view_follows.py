@@ -16,7 +16,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import ViewPose
 from precision_pin.pages.view.ellipsoids import ellipsoids
 from precision_pin.pages.view.headline import answers
-from precision_pin.statistics.specification import specification
+from precision_pin.statistics.plan import specification
 from support.browser import Visit, chromium, complaints, needs_chromium
 
 pytestmark = [pytest.mark.slow, needs_chromium]

@@ -20,12 +20,12 @@ from precision_pin.sources.backlash import Backlash
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.bearing_stiffness import BearingStiffness
 from precision_pin.sources.clearance import Clearance
-from precision_pin.sources.directions import direction_of
 from precision_pin.sources.encoder import Encoder
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 from precision_pin.sources.payload import Payload
+from precision_pin.sources.places import direction_of
 from precision_pin.sources.profiles import Segment
 from precision_pin.sources.thermal import Thermal
 from precision_pin.sources.transmission import Transmission

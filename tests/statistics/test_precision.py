@@ -9,7 +9,8 @@ import pytest
 from scipy import stats
 
 from precision_pin.base.errors import InputError, UnknownNameError
-from precision_pin.statistics import QUANTITIES, Distribution, Plan, finish, observe, specification, start
+from precision_pin.statistics import QUANTITIES, Distribution, Plan, finish, observe, start
+from precision_pin.statistics.plan import specification
 from precision_pin.statistics.precision import Target, reached, target
 from precision_pin.statistics.quantities import QUANTITY_WORDS
 
@@ -76,7 +77,7 @@ def test_an_unknown_quantity_is_named_with_the_known_ones():
 def test_quantities_are_called_as_in_specifications():
     for word, quantity in QUANTITY_WORDS.items():
         limit = "1 mm" if quantity.startswith("position") else "1 mrad"
-        assert specification.specification(f"{word} {limit}").quantity == quantity
+        assert specification(f"{word} {limit}").quantity == quantity
     assert set(QUANTITY_WORDS.values()) == set(QUANTITIES)
 
 

@@ -9,8 +9,8 @@ import pytest
 from precision_pin.base.errors import InputError
 from precision_pin.render.tables import symbol
 from precision_pin.statistics import QUANTITIES
+from precision_pin.statistics.plan import specification
 from precision_pin.statistics.precision import target
-from precision_pin.statistics.specification import specification
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.base.arrays import Array
-from precision_pin.statistics.hall_transform import studentised
+from precision_pin.statistics.intervals import studentised
 
 REPLICATES: Final = 32
 """Number of independent runs, or scrambles of a net."""

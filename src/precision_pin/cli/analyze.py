@@ -107,8 +107,8 @@ def command(
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sampling import check_samples, monte_carlo
     from precision_pin.sampling.relative import relative
+    from precision_pin.statistics.plan import specification
     from precision_pin.statistics.precision import target
-    from precision_pin.statistics.specification import specification
 
     samples = samples if samples is not None else MOST_UNTIL if until else 100_000
     check_samples(samples)

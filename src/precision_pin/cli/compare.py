@@ -73,7 +73,7 @@ def command(**options: Unpack[_Options]) -> int:
     from precision_pin.analyses.compare.table import comparison_table
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.statistics.specification import specification
+    from precision_pin.statistics.plan import specification
 
     check_seed(options["seed"])
     specifications = [specification(text) for text in options["specs"]]

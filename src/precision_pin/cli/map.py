@@ -87,7 +87,7 @@ def command(**options: Unpack[_Options]) -> int:
     the exact model at every pose that can be reached, as many as it takes; it is met only if it is met at all of them.
     """
     from precision_pin.draws.space import check_seed
-    from precision_pin.statistics.specification import specification
+    from precision_pin.statistics.plan import specification
 
     check_seed(options["seed"])
     specifications = [specification(text) for text in options["specs"]]

@@ -96,7 +96,7 @@ def command(**options: Unpack[_Options]) -> int:
     each pose, and a band that holds the whole error curve of that share of the robots or more.
     """
     from precision_pin.draws.space import check_seed
-    from precision_pin.statistics.specification import specification
+    from precision_pin.statistics.plan import specification
 
     check_poses(options)
     check_seed(options["seed"])

@@ -106,7 +106,7 @@ def command(
     from precision_pin.draws.space import check_seed
     from precision_pin.pages.view import MOST_POINTS, check_factor, limits_kept, page
     from precision_pin.sampling import check_samples
-    from precision_pin.statistics.specification import specification
+    from precision_pin.statistics.plan import specification
 
     specifications = [specification(text) for text in specs]
     check_samples(samples)

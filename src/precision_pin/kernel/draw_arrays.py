@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Law
-from precision_pin.draws.laws.kernel_row import Branch, KernelRow
+from precision_pin.draws.laws.law import Branch, KernelRow
 from precision_pin.draws.space import Space
 from precision_pin.kernel.loops import STRIDE, Draws, Wanted
 

@@ -39,9 +39,17 @@ from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.sheet.provenance import MEASURED
-from precision_pin.terms.bound_source import BoundSource, load_posture, terms_at_many
+from precision_pin.terms.bound_source import (
+    BoundSource,
+    draw_owners,
+    draw_words,
+    labels,
+    load_posture,
+    own_draws,
+    terms_at_many,
+    with_quantities,
+)
 from precision_pin.terms.source import Source, fix_settings
-from precision_pin.terms.source_set import draw_owners, draw_words, labels, own_draws, with_quantities
 from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import Term, TermsOfPose
 

@@ -50,7 +50,7 @@ from precision_pin.statistics import (
     Specification,
     check_confidence,
 )
-from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.statistics.plan import Specifications, listed_specifications
 
 MOST_SAMPLES: Final = 2**32 - 1
 """Most samples at each pose; the sketches count with 32 bits."""

@@ -50,8 +50,8 @@ from precision_pin.statistics import (
     finish,
     start,
 )
+from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.precision import Precision, Target, reached, target
-from precision_pin.statistics.specification import Specifications, listed_specifications
 
 _LARGEST_SQUARE: Final = 1e75
 """Largest square of errors accepted, m² or rad²: beyond, the sums of fourth powers for the intervals overflow."""

@@ -36,7 +36,7 @@ from precision_pin.sampling.result_findings import find_coarse_bins, find_consta
 from precision_pin.sampling.result_parts import Correlated, RelativeTo
 from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.statistics import Plan, check_confidence, finish, observe, quantity_values, start
-from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.statistics.plan import Specifications, listed_specifications
 
 MOST_THREADS: Final = 1024
 

@@ -17,8 +17,8 @@ from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNa
 from precision_pin.base.text_escape import shown
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, StatedNumber, source_model, stated_numbers
 from precision_pin.sheet.text import Path, Text, read_text
+from precision_pin.terms.bound_source import labels
 from precision_pin.terms.source import Source
-from precision_pin.terms.source_set import labels
 
 _SINGLE: Final = ("gravity", "statics", "target", "calibrated", "measurement")
 _SECTIONS: Final = ("parameters", "poses", "locked", *_SINGLE)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from precision_pin.sheet.reader import Sheet
-from precision_pin.terms.source_set import labels
+from precision_pin.terms.bound_source import labels
 
 _LEFT_OUT = ("precision-pin", "allocate", "measurement")
 """Keys that do not change the error."""

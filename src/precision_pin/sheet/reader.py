@@ -37,9 +37,8 @@ from precision_pin.sheet.settings import NAME, NamedParameter, parse_parameter
 from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
-from precision_pin.terms.bound_source import BoundSource, load_posture
+from precision_pin.terms.bound_source import BoundSource, labels, load_posture, own_draws
 from precision_pin.terms.source import Source
-from precision_pin.terms.source_set import labels, own_draws
 
 LARGEST_FILE: Final = 4 * 2**20
 _ACCEPTABLE: Final = re.compile(r"(?!W_NO_REST$)W_[A-Z_]+")

@@ -14,7 +14,7 @@ from precision_pin.draws.draw import Setting
 from precision_pin.draws.expressions import Value
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, travels, wrench_at
+from precision_pin.sources.places import PadsOn, height_above_seat, seat_axes, seat_wrench, travels, wrench_at
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import Term
 

@@ -18,7 +18,7 @@ from precision_pin.draws.laws import Circle, Disc, Uniform
 from precision_pin.draws.space import LabelledSpace, Space, entry_name
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors
-from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
+from precision_pin.sources.places import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
 from precision_pin.terms.sides import bounds_of, is_same_for_all, load_value, side_of
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term, at_means

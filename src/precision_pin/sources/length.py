@@ -13,7 +13,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Setting
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.sources.directions import direction_of, is_fixed
+from precision_pin.sources.places import direction_of, is_fixed
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
 

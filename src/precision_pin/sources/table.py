@@ -16,7 +16,7 @@ from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Rows
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
-from precision_pin.sources.attachment import check_choice, chosen_place
+from precision_pin.sources.places import check_choice, chosen_place
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
 

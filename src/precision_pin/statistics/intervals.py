@@ -1,20 +1,19 @@
-"""Distribution-free intervals: ranks of order statistics and the Clopper-Pearson interval.
-
-Of N independent samples of a continuous law, the number below its p-quantile is binomial (N, p). All intervals
-follow from this and assume nothing else about the law; for a law with jumps the confidence is only higher.
-The binomial tails are computed with the regularised incomplete beta function.
-"""
+"""Intervals: of shares and quantiles, distribution-free, and of mean and variance, by Hall's transformation of skewed means."""
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.special import bdtr, betainc, betaincinv
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import bdtr, betainc, betaincinv, stdtrit
 
 from precision_pin.base.arguments import check_number
+from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 
 
@@ -122,3 +121,179 @@ def _at_most(k: int, samples: int, p: float) -> float:
 def _smallest_rank_above(samples: int, p: float, tail: float) -> int:
     """Return the smallest u with P(B ≥ u) ≤ tail; samples + 1 where there is none."""
     return 1 + bisect_left(range(1, samples + 1), True, key=lambda u: float(betainc(u, samples - u + 1, p)) <= tail)
+
+
+_NONE: Final = 1e-9
+"""Skewness below which the transformation is the identity; its formula divides by the skewness."""
+
+
+def studentised(normal: ArrayLike, skewness: ArrayLike) -> NDArray[np.float64]:
+    """Return the studentised mean t that corresponds to a normal value z, for a mean of skewness a = γ/√N.
+
+    Solves ``z = t + a t²/3 + a² t³/27 + a/6`` (Hall, Journal of the Royal Statistical Society B 54, 1992, 221) by
+    ``(1 + a t/3)³ = 1 + a (z - a/6)``. Both arrays have the same shape.
+    """
+    a = np.asarray(skewness, dtype=float)
+    shifted = np.asarray(normal, dtype=float) - a / 6
+    skewed = np.abs(a) > _NONE
+    result: NDArray[np.float64] = np.where(
+        skewed, 3 * (np.cbrt(1 + a * shifted) - 1) / np.where(skewed, a, 1.0), shifted
+    )
+    return result
+
+
+Interval = tuple[float, float]
+
+_FEWEST_FOR_MEAN: Final = 30
+_FEWEST_FOR_VARIANCE: Final = 1000
+_MOST_SKEWED: Final = 0.4
+"""Largest skewness of a mean, γ/√N, for which an interval is given."""
+_SKEWED_AWAY: Final = 0.5
+"""Skewness of a mean at which the widened interval would be infinite."""
+_LEAST_INDEX: Final = 3.5
+"""Smallest tail index for which an interval of the variance is given."""
+_INDEX: Final = 4.2
+"""Tail index at which the interval of the variance is doubled in length."""
+_SKETCH_ERROR: Final = 0.05
+"""Largest relative difference between the variance from the bins and from the sums; above it the bins are too coarse."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Mean and variance of a set of samples with their intervals.
+
+    Attributes
+    ----------
+    deviations, counts
+        ``(k,)`` bin centres minus the mean, and the number of samples in each bin.
+    variance
+        Mean square deviation of the samples themselves, divisor N.
+    samples, confidence
+        Number of samples; confidence of the intervals.
+    skewness
+        Skewness of the values and of their squared deviations, derived from the laws; NaN where unknown.
+    """
+
+    deviations: Array
+    counts: NDArray[np.int64]
+    variance: float
+    samples: int
+    confidence: float
+    skewness: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def mean_interval(self) -> Interval | None:
+        """Interval of the true mean relative to the sample mean, ``(below, above)``; None where not resolved."""
+        if self.samples < _FEWEST_FOR_MEAN or not self._usable:
+            return None
+        if self.variance == 0:
+            return (0.0, 0.0) if self.skewness[0] == 0 else None
+        return _hall(self._mean_of_values, self.skewness[0], 1.0, self._quantile, self.samples)
+
+    @cached_property
+    def variance_interval(self) -> Interval | None:
+        """Interval of the variance; None where not resolved."""
+        if self.samples < _FEWEST_FOR_VARIANCE or not self._usable:
+            return None
+        if self.variance == 0:
+            return (0.0, 0.0) if self.skewness[1] == 0 else None
+        index = self._tail_index
+        if index < _LEAST_INDEX:
+            return None
+        widening = 1 + (_INDEX / index) ** 4
+        ends = _hall(self._mean_of_squares, self.skewness[1], widening, self._quantile, self.samples)
+        if ends is None:
+            return None
+        return max(self.variance + ends[0], 0.0), self.variance + ends[1] + self.mean_half_width**2
+
+    @property
+    def mean_half_width(self) -> float:
+        """Half-width of Student's interval of the mean, without regard to skewness."""
+        return self._quantile * self._mean_of_values.error
+
+    @property
+    def standard_errors(self) -> float:
+        """Half-width of the variance's interval on its farther side, in standard errors; at least Student's quantile."""
+        ends, error = self.variance_interval, self._mean_of_squares.error
+        if ends is None or error == 0:
+            return self._quantile
+        above = ends[1] - self.mean_half_width**2 - self.variance
+        return max((self.variance - ends[0]) / error, above / error, self._quantile)
+
+    @property
+    def fourth_moment(self) -> float:
+        """Mean fourth power of the deviations."""
+        return self._mean_of_squares.error**2 * self.samples + self.variance**2
+
+    @cached_property
+    def _usable(self) -> bool:
+        """True if the bins reproduce the variance of the sums."""
+        binned = _dot(self.counts, self.deviations**2) / self.samples
+        return abs(binned - self.variance) <= _SKETCH_ERROR * self.variance
+
+    @cached_property
+    def _quantile(self) -> float:
+        return float(stdtrit(self.samples - 1, (1 + self.confidence) / 2))
+
+    @cached_property
+    def _mean_of_values(self) -> _Mean:
+        return _Mean.of(self.deviations, self.counts, self.samples)
+
+    @cached_property
+    def _mean_of_squares(self) -> _Mean:
+        return _Mean.of(self.deviations**2, self.counts, self.samples)
+
+    @property
+    def _tail_index(self) -> float:
+        """Hill's index of the √N samples farthest from the mean, minus its standard error."""
+        outermost = math.ceil(math.sqrt(self.samples))
+        order = np.argsort(-np.abs(self.deviations), kind="stable")
+        distances, counts = np.abs(self.deviations)[order], self.counts[order]
+        last = int(np.searchsorted(np.cumsum(counts), outermost))
+        nearest = distances[last]
+        if nearest == 0:
+            return 0.0
+        logarithms = _dot(counts[:last], np.log(distances[:last] / nearest)) / (outermost - 1)
+        return (1 - 1 / math.sqrt(outermost)) / max(logarithms, 1e-9)
+
+
+@final
+@dataclass(frozen=True)
+class _Mean:
+    """Standard error of a mean, and its skewness γ/√N."""
+
+    error: float
+    skewness: float
+
+    @classmethod
+    def of(cls, values: Array, counts: NDArray[np.int64], samples: int) -> _Mean:
+        residuals = values - _dot(counts, values) / samples
+        # scaled, so that no power of a tiny or huge number underflows or overflows
+        largest = float(np.abs(residuals).max())
+        if largest == 0:
+            return cls(0.0, 0.0)
+        scaled = residuals / largest
+        square = _dot(counts, scaled**2) / samples
+        third = _dot(counts, scaled**3) / samples
+        return cls(largest * math.sqrt(square / samples), third / square**1.5 / math.sqrt(samples))
+
+
+def _dot(counts: NDArray[np.int64], values: Array) -> float:
+    """Return the sum of the values weighted by their counts; BLAS may give different bits in another process."""
+    return float((counts * values).sum())
+
+
+def _hall(mean: _Mean, known: float, widening: float, quantile: float, samples: int) -> Interval | None:
+    """Return Hall's interval relative to a mean, ``(below, above)``; None where the mean is too skewed."""
+    skewness = mean.skewness
+    # fmax ignores NaN, an unknown skewness
+    most = float(np.fmax(abs(skewness), abs(known) / math.sqrt(samples)))
+    if most > _MOST_SKEWED:
+        return None
+    reach = quantile * widening / (1 - (most / _SKEWED_AWAY) ** 2)
+    below, above = (-mean.error * float(studentised(end, skewness)) for end in (reach, -reach))
+    return min(below, 0.0), max(above, 0.0)

@@ -2,7 +2,7 @@
 
 JCGM 101:2008, 7.9, adds samples until the results are stable to a numerical tolerance. The measure used here is the
 interval at the stated confidence: distribution-free order statistics for a quantile, Hall's interval for mean and
-standard deviation (:mod:`precision_pin.statistics.moment_intervals`).
+standard deviation (:mod:`precision_pin.statistics.intervals`).
 
 Checking repeatedly and stopping at the first success favours runs that happen to underestimate their spread, so the
 intervals of a stopped run cover slightly less often than stated. A rule based on the width alone is right in the limit

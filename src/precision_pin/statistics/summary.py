@@ -7,18 +7,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, final
+from typing import ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.array_checks import fix_fields, returns_read_only
+from precision_pin.base.array_checks import returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InternalError
+from precision_pin.base.record import Keys, Record
 from precision_pin.statistics.accumulate import State
 from precision_pin.statistics.distribution import Distribution
-from precision_pin.statistics.intervals import check_confidence, clopper_pearson
-from precision_pin.statistics.moment_intervals import Moments
+from precision_pin.statistics.intervals import Moments, check_confidence, clopper_pearson
 from precision_pin.statistics.plan import Plan, Specification
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import sketch_edges
@@ -30,17 +30,13 @@ NO_SPREAD: Final = 1e-12
 
 @final
 @dataclass(frozen=True, eq=False)
-class VectorDistribution:
+class VectorDistribution(Record):
     """Distributions of the norm and the components of a three-vector."""
 
     norm: Distribution
     x: Distribution
     y: Distribution
     z: Distribution
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the object S of the ``precision-pin/analysis/1`` schema for the norm and each component."""
-        return {name: getattr(self, name).to_dict() for name in ("norm", "x", "y", "z")}
 
 
 @final
@@ -62,7 +58,7 @@ class Extreme:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Summary:
+class Summary(Record):
     """Statistics of the sampled pose error, base axes.
 
     Attributes
@@ -87,6 +83,11 @@ class Summary:
         The ten samples with the largest |d| and |δ|, in descending order; all samples if there are fewer.
     """
 
+    KEYS: ClassVar[Keys] = (
+        *("samples", "confidence", "position", "attitude", "covariance"),
+        *("covariance_interval=_covariance_intervals", "spec=specifications"),
+    )
+
     samples: int
     confidence: float
     position: VectorDistribution
@@ -97,9 +98,6 @@ class Summary:
     specifications: tuple[SpecificationResult, ...]
     largest_position: tuple[Extreme, ...]
     largest_attitude: tuple[Extreme, ...]
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     def with_grounds(self, grounds: Grounds) -> Summary:
         """Return the statistics with what the verdicts on the specifications rest on besides."""
@@ -131,17 +129,10 @@ class Summary:
         found: Distribution = getattr(self.position if vector == "position" else self.attitude, part)
         return found
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the statistics of the ``precision-pin/analysis/1`` schema, SI units."""
-        return {
-            "samples": self.samples,
-            "confidence": self.confidence,
-            "position": self.position.to_dict(),
-            "attitude": self.attitude.to_dict(),
-            "covariance": None if self.covariance is None else self.covariance.tolist(),
-            "covariance_interval": _intervals_to_lists(self.covariance_interval),
-            "spec": [result.to_dict() for result in self.specifications],
-        }
+    @property
+    def _covariance_intervals(self) -> list[list[list[float] | None]] | None:
+        ends = self.covariance_interval
+        return None if ends is None else [[None if np.isnan(b).any() else b.tolist() for b in row] for row in ends]
 
 
 def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray[np.bool_]:
@@ -243,12 +234,6 @@ def _covariance_interval(covariance: Array, parts: Sequence[Moments]) -> Array:
         half = max(one.standard_errors, other.standard_errors) * spread + one.mean_half_width * other.mean_half_width
         found[i, j] = one.variance_interval if i == j else (covariance[i, j] - half, covariance[i, j] + half)
     return found
-
-
-def _intervals_to_lists(intervals: Array | None) -> list[list[list[float] | None]] | None:
-    if intervals is None:
-        return None
-    return [[None if np.isnan(ends).any() else ends.tolist() for ends in row] for row in intervals]
 
 
 def _deviations(state: State, covariance: Array) -> Array:

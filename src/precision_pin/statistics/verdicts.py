@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Final, Literal, final
+from typing import ClassVar, Final, Literal, final
 
+from precision_pin.base.record import Keys, Record
 from precision_pin.base.text_escape import visible
 
 Verdict = Literal["met", "not met", "not judged", "undecided", "nothing to judge"]
@@ -44,7 +45,7 @@ def capability_index(inside: float) -> float:
 
 @final
 @dataclass(frozen=True)
-class Grounds:
+class Grounds(Record):
     """What a verdict rests on besides the samples.
 
     Attributes
@@ -54,6 +55,8 @@ class Grounds:
     exact
         Sources and parameters whose laws a change of the sheet has replaced by single values.
     """
+
+    KEYS: ClassVar[Keys] = ("judged=_judged", "why_not_judged=_reason", "taken_as_exact=exact")
 
     not_judged: str = ""
     exact: tuple[str, ...] = ()
@@ -74,13 +77,13 @@ class Grounds:
         """What follows the word "met": `` with … taken as exact``; empty where nothing is."""
         return f" with {', '.join(map(visible, self.exact))} taken as exact" if self.exact else ""
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the keys that every entry of ``spec`` has in JSON."""
-        return {
-            "judged": not self.not_judged,
-            "why_not_judged": self.not_judged or None,
-            "taken_as_exact": list(self.exact),
-        }
+    @property
+    def _judged(self) -> bool:
+        return not self.not_judged
+
+    @property
+    def _reason(self) -> str | None:
+        return self.not_judged or None
 
 
 NO_GROUNDS: Final = Grounds()
@@ -89,7 +92,7 @@ NO_GROUNDS: Final = Grounds()
 
 @final
 @dataclass(frozen=True)
-class SpecificationResult:
+class SpecificationResult(Record):
     """Result of a specification: the share of samples inside its limit.
 
     Attributes
@@ -105,6 +108,11 @@ class SpecificationResult:
     grounds
         What keeps it from being judged, and what it takes as exact.
     """
+
+    KEYS: ClassVar[Keys] = (
+        *("quantity", "limit", "required", "probability", "interval", "met", "verdict", "*grounds"),
+        *("cpk", "cpk_interval"),
+    )
 
     quantity: str
     limit: float
@@ -147,22 +155,3 @@ class SpecificationResult:
         """Interval of :attr:`cpk`: the indices of the ends of the share's interval."""
         low, high = self.interval
         return capability_index(low), capability_index(high)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the entry of ``spec`` in the ``precision-pin/analysis/1`` schema; an infinite index is null."""
-        return {
-            "quantity": self.quantity,
-            "limit": self.limit,
-            "required": self.required,
-            "probability": self.probability,
-            "interval": list(self.interval),
-            "met": self.met,
-            "verdict": self.verdict,
-            **self.grounds.to_dict(),
-            "cpk": _finite(self.cpk),
-            "cpk_interval": [_finite(end) for end in self.cpk_interval],
-        }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

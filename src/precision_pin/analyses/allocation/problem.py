@@ -23,7 +23,7 @@ from precision_pin.sheet.changes import source_of
 from precision_pin.sheet.reader import Contents
 from precision_pin.sheet.settings import TOLERANCE_PATTERN
 from precision_pin.statistics import Specification
-from precision_pin.statistics.specification import specification
+from precision_pin.statistics.plan import specification
 
 _RANGE: Final = 100.0
 """Bounds of a tolerance without its own: this much narrower and wider than it is."""

@@ -20,7 +20,7 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import QUANTITIES
-from precision_pin.terms.source_set import number_owners
+from precision_pin.terms.bound_source import number_owners
 from precision_pin.terms.term import JointValue, Target
 
 ROUNDING: Final = 1e-14

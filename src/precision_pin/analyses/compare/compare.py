@@ -29,7 +29,7 @@ from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.sheet.differences import sheet_differences
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, check_confidence
-from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.statistics.plan import Specifications, listed_specifications
 
 SAMPLES: Final = 100_000
 MOST_MODELS: Final = 8

@@ -14,7 +14,7 @@ from scipy.special import betainc
 from precision_pin.base.arrays import Array
 from precision_pin.draws import lazy_special
 from precision_pin.statistics import clopper_pearson, quantile_ranks
-from precision_pin.statistics.moment_intervals import Moments
+from precision_pin.statistics.intervals import Moments
 
 _CELLS: Final = 48
 """Places, at most, where the first quantile may lie that are looked at."""
@@ -57,7 +57,7 @@ def mean_difference(first: Array, other: Array, confidence: float, skewness: flo
         Confidence of the interval.
     skewness
         Skewness of the differences, derived from the laws; NaN where unknown. Where the samples are too few for it, or for
-        that of the differences seen, there is no interval (:mod:`precision_pin.statistics.moment_intervals`).
+        that of the differences seen, there is no interval (:mod:`precision_pin.statistics.intervals`).
     """
     gap = other - first
     value = float(gap.mean())

@@ -14,7 +14,7 @@ from precision_pin.base.arguments import check_text, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.statistics import NO_SPREAD, SpecificationResult, clopper_pearson
-from precision_pin.statistics.specification import specification
+from precision_pin.statistics.plan import specification
 
 FIGURES: Final = (*OF_POSE, *SINGLE)
 

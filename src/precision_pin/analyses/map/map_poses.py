@@ -35,7 +35,7 @@ from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import Specification, check_confidence
-from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.statistics.plan import Specifications, listed_specifications
 
 VERIFIED: Final = 5
 """Poses that are verified with fresh samples, the worst ones of the closed form."""

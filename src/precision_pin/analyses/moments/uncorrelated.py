@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
-from precision_pin.draws.laws.numerics import NORMAL_MOMENTS
+from precision_pin.draws.laws.projection import NORMAL_MOMENTS
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.pose_model import PoseModel

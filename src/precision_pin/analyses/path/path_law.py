@@ -39,7 +39,7 @@ from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.statistics import COMPONENTS, NORMS, check_confidence, quantile_ranks
-from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.summary import NO_SPREAD
 
 MOST_SAMPLES: Final = 10**9

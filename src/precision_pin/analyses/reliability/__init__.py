@@ -14,7 +14,7 @@ DECLARATION = Declaration(
     options=(
         Option(
             "--spec", "specifications", "A limit to judge; repeats.", metavar='"0.5 mm @ 99.73 %"', is_repeated=True,
-            is_needed=True, check="precision_pin.statistics.specification:listed_specifications",
+            is_needed=True, check="precision_pin.statistics.plan:listed_specifications",
         ),
         Option(
             "--samples", "samples", "Plain samples.", int, 100_000, "N",

@@ -33,7 +33,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.statistics import Specification, SpecificationResult, quantity_values
-from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.statistics.plan import Specifications, listed_specifications
 
 LISTED: Final = 3
 """Number of design points that are listed in full."""

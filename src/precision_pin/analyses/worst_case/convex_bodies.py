@@ -20,7 +20,7 @@ from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Law
-from precision_pin.draws.laws.numerics import triangular_root
+from precision_pin.draws.laws.projection import triangular_root
 from precision_pin.draws.space import Space
 
 _STEP: Final = 1e-7

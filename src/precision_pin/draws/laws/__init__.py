@@ -9,21 +9,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.draws.laws.arcsine import Arcsine
-from precision_pin.draws.laws.circle import Circle
-from precision_pin.draws.laws.disc import Disc
-from precision_pin.draws.laws.empirical import Empirical
-from precision_pin.draws.laws.fixed import Fixed
 from precision_pin.draws.laws.joint_normal import JointNormal
 from precision_pin.draws.laws.law import Law
 from precision_pin.draws.laws.lognormal import Lognormal
-from precision_pin.draws.laws.normal import Normal
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL
-from precision_pin.draws.laws.rows import Rows
-from precision_pin.draws.laws.triangular import Triangular
-from precision_pin.draws.laws.truncated_normal import TruncatedNormal
-from precision_pin.draws.laws.two_point import TwoPoint
-from precision_pin.draws.laws.uniform import Uniform
+from precision_pin.draws.laws.measured import Empirical, Rows, TwoPoint
+from precision_pin.draws.laws.plane import Circle, Disc
+from precision_pin.draws.laws.projection import FARTHEST_NORMAL
+from precision_pin.draws.laws.symmetric import Arcsine, Fixed, Normal, Triangular, TruncatedNormal, Uniform
 
 __all__ = [
     "FARTHEST_NORMAL",

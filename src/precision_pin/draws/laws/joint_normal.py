@@ -15,11 +15,9 @@ from precision_pin.base.arguments import check_numbers, check_whole, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import Quantity
-from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Law, take_rows
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, NORMAL_MOMENTS, Moments, triangular_root
-from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
-from precision_pin.draws.laws.wording import deviations
+from precision_pin.draws.laws.law import KernelRow, Law, take_rows
+from precision_pin.draws.laws.projection import FARTHEST_NORMAL, NORMAL_MOMENTS, Moments, triangular_root
+from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader, deviations
 
 
 @final
@@ -84,7 +82,6 @@ class JointNormal(Law):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> JointNormal:
-        """Return the law written in a sheet."""
         value = reader.settings["joint_normal"]
         if (
             not isinstance(value, Mapping)
@@ -119,12 +116,10 @@ class JointNormal(Law):
 
     @property
     def mean_vector(self) -> Array:
-        """Mean, ``(size,)``."""
         return np.array(self.centre, dtype=float) if self.centre else np.zeros(self.size)
 
     @property
     def covariance(self) -> Array:
-        """Covariance, ``(size, size)``."""
         return np.array(self.matrix, dtype=float)
 
     @property
@@ -165,7 +160,6 @@ class JointNormal(Law):
         return NORMAL_MOMENTS
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         covariance = self.covariance
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         unit = np.where(std > 0, std, 1.0)

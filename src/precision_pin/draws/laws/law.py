@@ -1,31 +1,40 @@
-"""The base class of all laws."""
+"""The base class of all laws, and the row of a law in the tables of the compiled loops."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import ClassVar, Literal, final
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Literal, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_number, check_numbers, check_whole, shown
+from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.memory import check_memory
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.numerics import Moments, moments_by_quadrature
-from precision_pin.draws.laws.projection import Projection
-from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
-from precision_pin.draws.laws.wording import deviations, spread
+from precision_pin.draws.laws.derived import DerivedProjection, mean_and_variance, series_of, straight_lines
+from precision_pin.draws.laws.projection import (
+    FARTHEST_NORMAL,
+    LAST_UNIFORM,
+    Moments,
+    Projection,
+    moments_by_quadrature,
+)
+from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader, deviations, spread
 from precision_pin.render.display_units import WrittenUnit
 
 
 class Law(ABC):
     """A distribution of one or several numbers.
+
+    :meth:`sample` is all that a law of one number needs; what else there is then follows from its quantiles, and the compiled
+    loops draw from straight lines between them. A closed form overrides what follows so.
 
     Attributes
     ----------
@@ -43,14 +52,25 @@ class Law(ABC):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Law:
-        """Return the law written in a sheet; only for a law whose :attr:`form` has a key.
+        """Return the law written in a sheet: the size under its key, and the options that are given, by their names.
 
         Raises
         ------
         InputError
             A setting is wrong.
         """
-        raise InputError(f"the law {cls.__name__} cannot be written in a sheet")
+        size = reader.half_width(cls.form.key)
+        given = [option for option in cls.form.options if option.key in reader.settings]
+        options = {option.key: (reader.ratio if option.is_ratio else reader.number)(option.key) for option in given}
+        return cls(size, **options)  # type: ignore[call-arg]
+
+    def __post_init__(self) -> None:
+        """Check the numbers of a law that sheets can name: the first is its size, zero or more."""
+        key = self.form.key.replace("_", "-")
+        numbers = [field.name for field in fields(cast("Any", self)) if field.type in ("float", float)] if key else []
+        for k, name in enumerate(numbers):
+            what = f"the {name.replace('_', '-')} of {'an' if key[0] in 'aeio' else 'a'} {key} law"
+            (take_number if k else take_size)(self, name, what)
 
     @property
     def size(self) -> int:
@@ -66,23 +86,39 @@ class Law(ABC):
     def sample(self, variates: Array) -> Array:
         """Return samples ``(size, N)`` from as many independent variates ``(size, N)``."""
 
+    def _check_single(self, what: str) -> None:
+        if self.size > 1:
+            raise InputError(f"the law {type(self).__name__} of {self.size} numbers does not define its {what}")
+
     @property
-    @abstractmethod
     def mean_vector(self) -> Array:
         """Mean, ``(size,)``."""
+        self._check_single("mean")
+        return np.array([mean_and_variance(self)[0]])
 
     @property
-    @abstractmethod
     def covariance(self) -> Array:
         """Covariance, ``(size, size)``."""
+        self._check_single("covariance")
+        return np.array([[mean_and_variance(self)[1]]])
 
-    @abstractmethod
     def support(self, direction: ArrayLike) -> float:
         """Return h(w), the largest w·x over the support, for w ``(size,)``; infinite if unbounded."""
+        self._check_single("support function")
+        w = float(np.asarray(direction, dtype=float)[0])
+        with np.errstate(all="ignore"):
+            end = float(self.inverse(np.array([[1.0 if w > 0 else 0.0]]))[0, 0])
+        return 0.0 if not w else w * end if math.isfinite(end) else math.inf
 
-    @abstractmethod
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return E exp(i t·x) for t ``(size, …)``."""
+        self._check_single("characteristic function")
+        t = np.asarray(frequency, dtype=float)[0]
+        part = self.projection(np.ones(1))
+        if part is None:
+            raise InputError(f"the samples of the law {type(self).__name__} do not rise with their uniform numbers")
+        value: NDArray[np.complex128] = np.exp(1j * t * self.mean_vector[0]) * part.characteristic(t)
+        return value
 
     @property
     def streamed(self) -> range:
@@ -91,15 +127,16 @@ class Law(ABC):
 
     def kernel_row(self) -> KernelRow | None:
         """Return the law's row for the compiled loops; None if they have no loop for it."""
-        return None
+        lines = straight_lines(self) if self.size == 1 and self.variates == "uniform" else None
+        return None if lines is None else KernelRow("empirical", lines)
 
     def projection(self, weights: Array) -> Projection | None:
         """Return the law of the number ``w·(x - mean)``, for weights w ``(size,)`` along which the law varies.
 
-        None if only the characteristic function is known.
+        None of a normal law, or if only the characteristic function is known.
         """
-        del weights
-        return None
+        series = None if self.size > 1 or self.is_normal else series_of(self)
+        return None if series is None else DerivedProjection(self, float(weights[0]), series)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return the law in words.
@@ -150,7 +187,12 @@ class Law(ABC):
         check_whole("the index of a number of the law", number, 0, self.size - 1)
         direction = np.zeros(self.size)
         direction[number] = 1.0
-        return -self.support(-direction), self.support(direction)
+        low, high = -self.support(-direction), self.support(direction)
+        if self.size > 1 or math.isfinite(high - low):
+            return low, high
+        farthest = FARTHEST_NORMAL if self.variates == "normal" else float(lazy_special.ndtri(LAST_UNIFORM))
+        low, high = self.at_scores(np.array([[-farthest, farthest]]))[0]
+        return float(low), float(high)
 
     @property
     def cell_edges(self) -> Array | None:
@@ -284,3 +326,44 @@ def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Ar
     check_memory((152.0 + 48 * table.shape[1]) * len(table), f"{what}, {table.size:,} numbers,", "give fewer")
     object.__setattr__(law, field, tuple(map(tuple, table.tolist())))
     return table
+
+
+Branch = Literal[
+    "fixed",
+    "normal",
+    "uniform",
+    "triangular",
+    "truncated",
+    "disc",
+    "circle",
+    "joint",
+    "lognormal",
+    "arcsine",
+    "two_point",
+    "empirical",
+    "table",
+]
+"""The loops of ``apply_laws`` in kernel/loops.py; several laws may use one."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class KernelRow:
+    """The row of a law in the tables of the compiled loops.
+
+    Attributes
+    ----------
+    branch
+        The loop that turns its variates into its numbers.
+    numbers
+        The loop's parameters, ``(n,)``, or a table of them, ``(r, c)``: see :class:`precision_pin.kernel.loops.Draws`.
+    intervals
+        Bounds of each number in the loop, if they differ from :meth:`~precision_pin.draws.laws.Law.interval`.
+    """
+
+    branch: Branch
+    numbers: Array
+    intervals: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        fix_fields(self)

@@ -25,12 +25,9 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Law, take_size
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, in_chunks
-from precision_pin.draws.laws.projection import Projection, power_bound
-from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
-from precision_pin.draws.laws.wording import write_number
+from precision_pin.draws.laws.law import KernelRow, Law, take_size
+from precision_pin.draws.laws.projection import FARTHEST_NORMAL, Projection, in_chunks, power_bound
+from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader, write_number
 
 WIDEST_LOGNORMAL: Final = 1e3
 """Largest standard deviation of a lognormal law, in means."""
@@ -107,7 +104,6 @@ class Lognormal(Law):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Lognormal:
-        """Return the law written in a sheet."""
         value = reader.settings["lognormal"]
         if not isinstance(value, Mapping) or set(value) != {"std"}:
             raise reader.error(
@@ -130,12 +126,10 @@ class Lognormal(Law):
 
     @property
     def mean_vector(self) -> Array:
-        """Mean, ``(1,)``."""
         return np.array([self.mean])
 
     @property
     def covariance(self) -> Array:
-        """Variance as ``(1, 1)``."""
         return np.array([[self.std**2]])
 
     def sample(self, variates: Array) -> Array:
@@ -149,12 +143,6 @@ class Lognormal(Law):
         if not self.std:
             return w * self.mean
         return math.inf if w > 0 else 0.0
-
-    def interval(self, number: int) -> tuple[float, float]:
-        """Return m exp(± 8.6 σ - σ²/2)."""
-        del number
-        low, high = self.sample(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
-        return float(low), float(high)
 
     def cumulants(self) -> Array:
         """Return the cumulants from the moments, by the recursion over powers of exp(σ²)."""
@@ -182,7 +170,6 @@ class Lognormal(Law):
         return self.mean * float((weighted * np.expm1(shift * z - shift**2 / 2)).sum())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         (quantity,) = quantities
         return f"lognormal, mean {write_number(self.mean, quantity)}, standard deviation {write_number(self.std, quantity)}"
 
@@ -191,7 +178,6 @@ class Lognormal(Law):
         return KernelRow("lognormal", np.array([self.mean, self.log_std, self.log_std**2 / 2]))
 
     def projection(self, weights: Array) -> _Projection:
-        """Return the projection on weights."""
         return _Projection(float(weights[0]), self.mean, self.log_std)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:

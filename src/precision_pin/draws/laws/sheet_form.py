@@ -1,14 +1,20 @@
-"""The form of a law in a sheet, and the reader of its settings."""
+"""The form of a law in a sheet, the reader of its settings, and phrases that describe it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, final
 
+import numpy as np
+
+from precision_pin.base.arrays import Array
 from precision_pin.base.csv_columns import Measured
 from precision_pin.base.errors import InputError
+from precision_pin.base.units import Quantity
+from precision_pin.render.display_units import WrittenUnit
 
 Place = tuple[str | int, ...]
 """Path of keys and indices below the mapping of a law."""
@@ -36,11 +42,14 @@ class LawOption:
         Text for the schema and the documentation; the texts of several laws for one key are joined.
     example
         A value that fits the law's example.
+    is_ratio
+        True for a number without a unit.
     """
 
     key: str
     meaning: str
     example: Any
+    is_ratio: bool = False
 
 
 MEAN: Final = LawOption("mean", "default 0", "1 mm")
@@ -114,3 +123,34 @@ class SheetReader(Protocol):
 
     def place_errors(self, where: Place) -> AbstractContextManager[None]:
         """Add a place to input errors that have none."""
+
+
+def write_number(value: float, quantity: Quantity | None) -> str:
+    """Return a number with a suitable unit."""
+    return WrittenUnit.suiting(quantity, [value])(value)
+
+
+def about(half_width: float, mean: float, quantity: Quantity | None) -> str:
+    """Return a half-width as text, with the mean if it is not zero."""
+    unit = WrittenUnit.suiting(quantity, [half_width, mean])
+    return f"±{unit(half_width)}" + (f" about {unit(mean)}" if mean else "")
+
+
+def mean_beside(mean: float, quantity: Quantity | None) -> str:
+    """Return the phrase for a mean, empty for zero."""
+    return f", mean {write_number(mean, quantity)}" if mean else ""
+
+
+def spread(mean: Array, covariance: Array, quantity: Quantity | None) -> str:
+    """Return the phrase for the mean and the standard deviation of one number."""
+    std = math.sqrt(float(covariance[0, 0]))
+    return f", mean {write_number(float(mean[0]), quantity)}, standard deviation {write_number(std, quantity)}"
+
+
+def deviations(components: Sequence[str], covariance: Array, quantities: Sequence[Quantity | None]) -> str:
+    """Return the phrase for the standard deviations of several numbers."""
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+    each = zip(components, stds, quantities, strict=True)
+    return "standard deviations " + ", ".join(
+        f"{name.removeprefix('.')} {write_number(std, quantity)}" for name, std, quantity in each
+    )

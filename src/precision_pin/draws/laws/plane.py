@@ -1,4 +1,4 @@
-"""The law of a point in a disc."""
+"""Laws of two numbers with circular symmetry: a point in a disc and on a circle."""
 
 from __future__ import annotations
 
@@ -13,17 +13,39 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.base.arrays import Array
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.bases import PlaneLaw
-from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import take_size
-from precision_pin.draws.laws.numerics import Moments
-from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
-from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
-from precision_pin.draws.laws.wording import write_number
+from precision_pin.draws.laws.law import KernelRow, Law, cumulative
+from precision_pin.draws.laws.projection import Moments, power_bound
+from precision_pin.draws.laws.sheet_form import SheetForm, write_number
+from precision_pin.draws.laws.symmetric import ArcsineProjection, SineProjection
 from precision_pin.draws.philox import direction
 
 LARGEST_SCALED_BESSEL: Final = 0.82504
 """Upper bound of √z |J₁(z)| for z > 0, reached at z = 2.166."""
+
+
+class PlaneLaw(Law):
+    """A law of two numbers with circular symmetry about the origin."""
+
+    radius: float
+
+    @property
+    def size(self) -> int:
+        """Two."""
+        return 2
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """``.x`` and ``.y``."""
+        return (".x", ".y")
+
+    @property
+    def mean_vector(self) -> Array:
+        """The origin, ``(2,)``."""
+        return np.zeros(2)
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return radius·|w|."""
+        return self.radius * math.hypot(*np.asarray(direction, dtype=float))
 
 
 @final
@@ -35,14 +57,6 @@ class Disc(PlaneLaw):
         "disc", {"disc": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform over the area of a disc of radius t"
     )
     radius: float
-
-    def __post_init__(self) -> None:
-        take_size(self, "radius", "the radius of a disc law")
-
-    @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Disc:
-        """Return the law written in a sheet."""
-        return cls(reader.half_width("disc"))
 
     @property
     def covariance(self) -> Array:
@@ -71,21 +85,17 @@ class Disc(PlaneLaw):
         return 0.0, 2.0, 2 / 3
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words."""
         return f"a point uniform over a disc of radius {write_number(self.radius, quantities[0])}"
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the radius."""
         known = [quantity for quantity in quantities if quantity is not None and quantity.si]
         return f"radius {write_number(self.radius, known[0])}" if known else ""
 
     def kernel_row(self) -> KernelRow:
-        """Return the radius."""
         return KernelRow("disc", np.array([self.radius]))
 
-    def projection(self, weights: Array) -> _Projection:
-        """Return the projection on weights."""
-        return _Projection(self.radius * math.hypot(*weights))
+    def projection(self, weights: Array) -> _DiscProjection:
+        return _DiscProjection(self.radius * math.hypot(*weights))
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return 2 J₁(r|t|) / (r|t|)."""
@@ -97,12 +107,8 @@ class Disc(PlaneLaw):
 
 @final
 @dataclass(frozen=True)
-class _Projection(SymmetricProjection):
+class _DiscProjection(SineProjection):
     """Projection of a disc."""
-
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        return -math.pi / 2, math.pi / 2
 
     def cumulative(self, z: Array) -> Array:
         t = self.scale_to_reach(z)
@@ -114,16 +120,8 @@ class _Projection(SymmetricProjection):
         value: Array = 2 / (np.pi * self.reach) * np.sqrt((1 - t) * (1 + t))
         return value
 
-    def position(self, s: Array) -> Array:
-        value: Array = self.reach * np.sin(s)
-        return value
-
     def weight(self, s: Array) -> Array:
         value: Array = 2 / np.pi * np.cos(s) ** 2
-        return value
-
-    def parameter(self, z: Array) -> Array:
-        value: Array = np.arcsin(self.scale_to_reach(z))
         return value
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
@@ -134,3 +132,57 @@ class _Projection(SymmetricProjection):
     def envelope(self, frequency: Array) -> Array:
         """min(1, c (r ω)^-3/2), from 2 J₁(z)/z and the largest √z |J₁(z)|."""
         return power_bound(2 * LARGEST_SCALED_BESSEL, 1.5, self.reach * frequency)
+
+
+@final
+@dataclass(frozen=True)
+class Circle(PlaneLaw):
+    """A point uniform on a circle about the origin."""
+
+    form: ClassVar = SheetForm(
+        "circle", {"circle": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform on a circle of radius t"
+    )
+    radius: float
+
+    @property
+    def covariance(self) -> Array:
+        """r²/2 on either axis."""
+        return np.eye(2) * self.radius**2 / 2
+
+    def sample(self, variates: Array) -> Array:
+        """Return the point at the angle 2π u₁; u₀ is not used, so that a circle in place of a disc keeps its angles."""
+        return self.radius * direction(variates[1])
+
+    def from_normals(self, normals: Array) -> Array:
+        """Return the point at the angle 4π Φ(z₁), so that |z₁| below 0.7 covers every angle."""
+        turn = 4 * np.pi * cumulative(normals[1])
+        return self.radius * np.array([np.cos(turn), np.sin(turn)])
+
+    def ellipsoid(self, k: float) -> Array:
+        """Return the ellipsoid of the disc, for every k."""
+        del k
+        return self.radius * np.eye(2)
+
+    def standardised_moments(self) -> Moments:
+        """Return the moments: variance r²/2, E x⁴ = 3 r⁴/8, E x² y² = r⁴/8."""
+        return 0.0, 1.5, 0.5
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        return f"a point uniform on a circle of radius {write_number(self.radius, quantities[0])}"
+
+    @property
+    def streamed(self) -> range:
+        """The second variate, which gives the angle."""
+        return range(1, 2)
+
+    def kernel_row(self) -> KernelRow:
+        return KernelRow("circle", np.array([self.radius]))
+
+    def projection(self, weights: Array) -> ArcsineProjection:
+        return ArcsineProjection(self.radius * math.hypot(*weights))
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return J₀(r|t|)."""
+        t = self.radius * np.hypot(*np.asarray(frequency, dtype=float))
+        value: NDArray[np.complex128] = lazy_special.j0(t).astype(complex)
+        return value

@@ -1,0 +1,536 @@
+"""Laws of measured numbers and of single values: two points, quantiles, rows of a table."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Final, cast, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.base import units
+from precision_pin.base.arguments import check_items, check_number, check_numbers, shown
+from precision_pin.base.array_checks import returns_read_only
+from precision_pin.base.arrays import Array
+from precision_pin.base.csv_columns import Measured
+from precision_pin.base.errors import InputError
+from precision_pin.base.memory import check_memory
+from precision_pin.base.units import Quantity
+from precision_pin.draws.laws.law import KernelRow, Law, take_number, take_rows, take_size
+from precision_pin.draws.laws.projection import Lines, Moments, cumulants_of, in_chunks, moments_of
+from precision_pin.draws.laws.sheet_form import LawOption, Place, SheetForm, SheetReader, deviations, spread
+from precision_pin.render.display_units import WrittenUnit
+
+_BYTES: Final = 300.0
+"""Memory for each sample, as tuples and as arrays."""
+
+_COLUMN_FILE: Final[Mapping[str, Any]] = {
+    "type": "object",
+    "properties": {"file": {"type": "string"}, "column": {"type": "string"}},
+    "required": ["file"],
+    "additionalProperties": False,
+}
+_EMPIRICAL_SCHEMA: Final[Mapping[str, Any]] = {
+    "type": "object",
+    "properties": {
+        "samples": {"anyOf": [{"type": "string"}, {"type": "array"}, _COLUMN_FILE]},
+        "quantiles": {"anyOf": [{"type": "array"}, _COLUMN_FILE]},
+    },
+    "minProperties": 1,
+    "maxProperties": 1,
+    "additionalProperties": False,
+}
+
+
+class BoundedLaw(Law):
+    """A law of one number between two ends."""
+
+    @property
+    @abstractmethod
+    def ends(self) -> tuple[float, float]:
+        """The lowest and the highest value."""
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return h(w) = w·highest for w above zero, w·lowest below."""
+        w = float(np.asarray(direction, dtype=float)[0])
+        return max(w * end for end in self.ends)
+
+
+@final
+@dataclass(frozen=True)
+class Empirical(BoundedLaw):
+    """A measured distribution: a table of quantiles with straight lines between them.
+
+    Attributes
+    ----------
+    quantiles
+        ``(p, x)``: with probability p the number is at most x. From p = 0 to p = 1; neither p nor x ever falls. A p given
+        twice is a gap without values; an x given twice is a value with a probability of its own.
+
+    Raises
+    ------
+    InputError
+        A table that does not begin at p = 0, end at p = 1 or rise.
+    """
+
+    form: ClassVar = SheetForm(
+        "empirical",
+        {"empirical": {"samples": "0.11 0.13 0.12 mm"}},
+        "a measured distribution: `samples` or `quantiles`, in the sheet or from a file",
+        schema=_EMPIRICAL_SCHEMA,
+    )
+    quantiles: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        take_rows(self, "quantiles", "the quantiles of an empirical law", 2)
+        if len(self.quantiles) < 2:
+            raise InputError("an empirical law needs at least two quantiles")
+        p, x = self._knots
+        if p[0] != 0 or p[-1] != 1:
+            raise InputError(
+                f"the quantiles of an empirical law must go from probability 0 to 1, these go from {p[0]:g} to {p[-1]:g}"
+            )
+        for k in (np.flatnonzero((np.diff(p) < 0) | (np.diff(x) < 0))[:1] + 1).tolist():
+            for what, values in (("probability", p), ("value", x)):
+                if values[k] < values[k - 1]:
+                    raise InputError(
+                        f"the quantiles of an empirical law must rise, but the {what} {values[k]:g} follows {values[k - 1]:g}"
+                    )
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Empirical:
+        """Return the law written in a sheet, from samples or quantiles."""
+        value = reader.settings["empirical"]
+        if not isinstance(value, Mapping) or len(value) != 1 or not set(value) <= {"samples", "quantiles"}:
+            raise reader.error(
+                ("empirical",),
+                "empirical takes samples (empirical: {samples: 0.1 0.3 0.2 mm}) or quantiles "
+                "(empirical: {quantiles: [[0, -0.1 mm], [1, 0.2 mm]]}), in the sheet or as {file: gauge.csv, column: gap}",
+            )
+        what, given = next(iter(value.items()))
+        where: Place = ("empirical", what)
+        table = None
+        if isinstance(given, Mapping):
+            reader.only(where, "file", "column")
+            table = reader.file(*where, "file")
+        with reader.place_errors(where):
+            if what == "samples":
+                return cls.from_samples(_column(reader, table, where) if table else reader.numbers(*where))
+            if table is not None:
+                values = _column(reader, table, where, "p")
+                return cls(tuple(zip(reader.ratio_column(table, "p", where), values, strict=True)))
+            return cls(_pairs(reader, where))
+
+    @classmethod
+    def from_samples(cls, samples: Iterable[float]) -> Empirical:
+        """Return the law of n samples, with the k-th smallest as the quantile at (k - 1/2)/n (Hazen).
+
+        Half of the probability of the smallest and of the largest sample stays at that sample, which keeps the samples' mean.
+
+        Raises
+        ------
+        InputError
+            No sample, or one that is not finite.
+        """
+        if isinstance(samples, Iterable) and not isinstance(samples, str | bytes | np.ndarray):
+            samples = list(samples)
+        x = check_numbers("the samples of an empirical law", samples, (None,), "a list of finite numbers")
+        check_memory(_BYTES * x.size, f"an empirical law of {x.size:,} samples", "give fewer, or its quantiles")
+        x = np.sort(x)
+        if not x.size:
+            raise InputError("an empirical law needs at least one sample")
+        p = np.concatenate([[0.0], (np.arange(x.size) + 0.5) / x.size, [1.0]])
+        return cls(cast("Any", np.column_stack([p, np.concatenate([x[:1], x, x[-1:]])])))
+
+    @property
+    def sample_count(self) -> int | None:
+        """Number of samples behind the law; None if :meth:`from_samples` would not make this table."""
+        p, x = self._knots
+        count = p.size - 2
+        if count < 1 or x[0] != x[1] or x[-1] != x[-2]:
+            return None
+        return count if np.array_equal(p[1:-1], (np.arange(count) + 0.5) / count) else None
+
+    @cached_property
+    @returns_read_only
+    def _knots(self) -> tuple[Array, Array]:
+        table = np.array(self.quantiles, dtype=float)
+        return table[:, 0].copy(), table[:, 1].copy()
+
+    @cached_property
+    @returns_read_only
+    def segments(self) -> Array:
+        """The straight lines ``(s, 4)``: probability and value at the begin of each, its slope, the value at its end."""
+        p, x = self._knots
+        step = np.diff(p)
+        slopes = np.divide(np.diff(x), step, out=np.zeros_like(step), where=step > 0)
+        lines: Array = np.column_stack([p[:-1], x[:-1], slopes, x[1:]])[step > 0]
+        return lines
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The lowest and the highest value."""
+        return float(self.segments[0, 1]), float(self.segments[-1, 3])
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Probabilities between 0 and 1 at which two lines meet."""
+        return tuple(self.segments[1:, 0].tolist())
+
+    @property
+    def mean_vector(self) -> Array:
+        return np.array([self._shares @ (self.segments[:, 1] + self.segments[:, 3]) / 2])
+
+    @property
+    def covariance(self) -> Array:
+        a, b = self.segments[:, 1] - self.mean_vector, self.segments[:, 3] - self.mean_vector
+        return np.array([[self._shares @ (a * a + a * b + b * b) / 3]])
+
+    def sample(self, variates: Array) -> Array:
+        """Return the quantiles at u, by straight lines."""
+        begin, value, slope, end = self.segments.T
+        k = np.searchsorted(begin, variates, side="right") - 1
+        result: Array = np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
+        return result
+
+    @property
+    def cell_edges(self) -> Array:
+        """Probabilities at which the lines begin, and 1."""
+        return np.append(self.segments[:, 0], 1.0)
+
+    @property
+    def lines(self) -> Array:
+        """The segments."""
+        return self.segments
+
+    @property
+    def measured(self) -> Array | None:
+        """The samples; None if :meth:`from_samples` would not make this table."""
+        return np.array(self.quantiles[1:-1], dtype=float)[:, 1:] if self.sample_count is not None else None
+
+    def cumulants(self) -> Array:
+        """Return the cumulants of the lines, by Gauss-Legendre quadrature with four nodes, which is exact."""
+        begin, value, _, end = self.segments.T
+        nodes, weights = np.polynomial.legendre.leggauss(4)
+        middles = (1 + nodes[:, None]) / 2
+        values = (value + middles * (end - value)).reshape(-1, 1)
+        return cumulants_of(values, (weights[:, None] / 2 * np.diff(np.append(begin, 1.0))).ravel())
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        low, high = self.ends
+        unit = WrittenUnit.suiting(quantities[0], self.ends)
+        far = spread(self.mean_vector, self.covariance, quantities[0])
+        return f"measured: {len(self.quantiles)} quantiles from {unit(low)} to {unit(high)}{far}"
+
+    def kernel_row(self) -> KernelRow:
+        """Return the straight lines."""
+        return KernelRow("empirical", self.segments)
+
+    def projection(self, weights: Array) -> Lines:
+        w = float(weights[0])
+        begins, stops = (w * (self.segments[:, column] - self.mean_vector) for column in (1, 3))
+        return Lines.of(np.diff(np.append(self.segments[:, 0], 1.0)), begins, stops)
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return Σ Δp exp(i t (a + b)/2) sin(t (b - a)/2)/(t (b - a)/2) over the lines from a to b, t ``(1, …)``."""
+        t = np.asarray(frequency, dtype=float)
+        a, b = self.segments[:, 1], self.segments[:, 3]
+
+        def of(part: Array) -> NDArray[np.complex128]:
+            line = part[0][:, None]
+            value: NDArray[np.complex128] = (
+                np.exp(1j * line * ((a + b) / 2)) * np.sinc(line * ((b - a) / (2 * np.pi)))
+            ) @ self._shares
+            return value
+
+        return in_chunks(of, t, 4 * a.size)
+
+    @cached_property
+    def _shares(self) -> Array:
+        return np.diff(np.append(self.segments[:, 0], 1.0))
+
+
+def _column(reader: SheetReader, table: Measured, where: Place, *others: str) -> tuple[float, ...]:
+    """Return the named column, or the only one besides ``others``."""
+    rest = [name for name in table.names if name not in others]
+    name = reader.value(*where).get("column")
+    if name is None and len(rest) != 1:
+        raise reader.error(where, f"{table.file} has the columns {', '.join(table.names)}: choose one with column:")
+    return reader.column(table, rest[0] if name is None else str(name), where)
+
+
+def _pairs(reader: SheetReader, where: Place) -> tuple[tuple[float, float], ...]:
+    rows = reader.value(*where)
+    if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == 2 for row in rows):
+        raise reader.error(where, "quantiles must be pairs of a probability and a value: [[0, -0.1 mm], [1, 0.2 mm]]")
+    shares = []
+    for k, row in enumerate(rows):
+        with reader.place_errors((*where, k)):
+            shares.append(units.parse(row[0], units.RATIO))
+    return tuple((share, reader.number(*where, k, 1)) for k, share in enumerate(shares))
+
+
+@final
+@dataclass(frozen=True)
+class TwoPoint(BoundedLaw):
+    """One of two values, centre - half_width or centre + half_width, such as a clearance taken up on one side.
+
+    Attributes
+    ----------
+    half_width
+        Half the distance between the two.
+    centre
+        Halfway between them; the mean only where both are equally likely.
+    probability
+        Probability of the upper one.
+    """
+
+    form: ClassVar = SheetForm(
+        "two_point",
+        {"two_point": "0.05 mm"},
+        "centre - t or centre + t, nothing between; `probability` of the upper one, default 0.5; `centre`, default 0",
+        (
+            LawOption("centre", "two_point: halfway between the two, default 0", "1 mm"),
+            LawOption("probability", "two_point: of the upper one, default 0.5", "0.3"),
+        ),
+    )
+    half_width: float
+    centre: float = 0.0
+    probability: float = 0.5
+
+    def __post_init__(self) -> None:
+        take_size(self, "half_width", "the half-width of a two-point law")
+        take_number(self, "centre", "the centre of a two-point law")
+        probability = check_number(
+            "the probability of a two-point law", self.probability, "above 0 and below 1", lambda value: 0 < value < 1
+        )
+        object.__setattr__(self, "probability", probability)
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> TwoPoint:
+        half_width = reader.half_width("two_point")
+        centre = reader.number("centre") if "centre" in reader.settings else 0.0
+        probability = reader.ratio("probability") if "probability" in reader.settings else 0.5
+        if not 0 < probability < 1:
+            raise reader.error(
+                ("probability",), f"probability must lie above 0 and below 1, got {reader.settings['probability']}"
+            )
+        return cls(half_width, centre, probability)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The two values."""
+        return self.centre - self.half_width, self.centre + self.half_width
+
+    @property
+    def threshold(self) -> float:
+        """The uniform number above which the upper value is drawn."""
+        return 1 - self.probability
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """The threshold."""
+        return (self.threshold,)
+
+    @property
+    def mean_vector(self) -> Array:
+        """Centre + t (2p - 1), ``(1,)``."""
+        return np.array([self.centre + self.half_width * (2 * self.probability - 1)])
+
+    @property
+    def covariance(self) -> Array:
+        """4 p (1 - p) t² as ``(1, 1)``."""
+        return np.array([[4 * self.probability * (1 - self.probability) * self.half_width**2]])
+
+    def sample(self, variates: Array) -> Array:
+        """Return the upper value for u above 1 - p, else the lower one."""
+        return self.centre + np.where(variates > self.threshold, self.half_width, -self.half_width)
+
+    @property
+    def cell_edges(self) -> Array:
+        """0, the threshold, 1."""
+        return np.array([0.0, self.threshold, 1.0])
+
+    def cumulants(self) -> Array:
+        """Return the cumulants of the two values."""
+        half, p = self.half_width, self.probability
+        return cumulants_of(np.array([[-half], [half]]), np.array([1 - p, p]))
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        low, high = self.ends
+        unit = WrittenUnit.suiting(quantities[0], self.ends)
+        return f"{unit(low)} or {unit(high)}, the latter with probability {100 * self.probability:.6g} %"
+
+    def kernel_row(self) -> KernelRow:
+        """Return centre, half-width and threshold."""
+        return KernelRow("two_point", np.array([self.centre, self.half_width, self.threshold]))
+
+    def projection(self, weights: Array) -> Lines:
+        ends = float(weights[0]) * (np.array(self.ends) - self.mean_vector)
+        return Lines.of(np.array([1 - self.probability, self.probability]), ends, ends)
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return (cos(t half_width) + i (2p - 1) sin(t half_width)) exp(i t centre), t ``(1, …)``."""
+        t = np.asarray(frequency, dtype=float)[0]
+        swing = np.cos(t * self.half_width) + 1j * (2 * self.probability - 1) * np.sin(t * self.half_width)
+        value: NDArray[np.complex128] = np.exp(1j * t * self.centre) * swing
+        return value
+
+
+_ROWS_FILE: Final[Mapping[str, Any]] = {
+    "type": "object",
+    "properties": {"file": {"type": "string"}, "columns": {"type": "array"}},
+    "required": ["file"],
+    "additionalProperties": False,
+}
+_ROWS_SCHEMA: Final[Mapping[str, Any]] = {"anyOf": [{"type": "array", "minItems": 1}, _ROWS_FILE]}
+
+
+@final
+@dataclass(frozen=True)
+class Rows(Law):
+    """Several numbers that were measured together: the rows of a table, all equally likely.
+
+    Parameters
+    ----------
+    table
+        The rows, all of one length.
+    names
+        Names of the columns; numbered from 0 if left out.
+
+    Raises
+    ------
+    InputError
+        No rows, rows of different lengths, a number that is not finite, or names that do not fit.
+    """
+
+    form: ClassVar = SheetForm(
+        "rows",
+        {"rows": [["0.1 mm", "0.2 mm"], ["0 mm", "-0.1 mm"]]},
+        "several numbers `.0`, `.1`, … that were measured together: one of the rows, all equally likely",
+        schema=_ROWS_SCHEMA,
+    )
+    table: tuple[tuple[float, ...], ...]
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        take_rows(self, "table", "a law of rows")
+        names = check_items("the names of a law of rows", self.names, str)
+        if names and (len(names) != self.size or len(set(names)) != self.size or not all(names)):
+            raise InputError(f"a law of rows of {self.size} numbers needs as many different names, got {shown(names)}")
+        object.__setattr__(self, "names", names)
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Rows:
+        value = reader.settings["rows"]
+        if isinstance(value, Mapping):
+            reader.only(("rows",), "file", "columns")
+            table = reader.file("rows", "file")
+            names = value.get("columns", list(table.names))
+            if not isinstance(names, list) or not names:
+                raise reader.error(("rows", "columns"), "columns must be a list of column names")
+            columns = [reader.column(table, str(name), ("rows",)) for name in names]
+            return cls(tuple(zip(*columns, strict=True)))
+        if not isinstance(value, list) or not value:
+            raise reader.error(
+                ("rows",),
+                "rows takes rows of numbers that belong together, or {file: measured.csv, columns: [a, b]}",
+            )
+        rows = tuple(tuple(reader.numbers("rows", k)) for k in range(len(value)))
+        for k, row in enumerate(rows):
+            if not row or len(row) != len(rows[0]):
+                raise reader.error(("rows", k), f"{len(row)} numbers, the first row has {len(rows[0])}")
+        return cls(rows)
+
+    @cached_property
+    @returns_read_only
+    def array(self) -> Array:
+        """The rows, ``(rows, size)``."""
+        return np.array(self.table, dtype=float)
+
+    @property
+    def size(self) -> int:
+        """The number of columns."""
+        return len(self.table[0])
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """The names, or numbers from 0."""
+        return tuple(f".{name}" for name in self.names or range(self.size))
+
+    @property
+    def mean_vector(self) -> Array:
+        """Mean of the rows, ``(size,)``."""
+        mean: Array = self.array.mean(axis=0)
+        return mean
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance ``(size, size)`` of the rows as the whole population: divided by their number, not by one less."""
+        centred = self.array - self.mean_vector
+        value: Array = centred.T @ centred / len(self.table)
+        return value
+
+    def sample(self, variates: Array) -> Array:
+        """Return row ⌊u₀ n⌋ of n; the other uniform numbers are not used."""
+        chosen = np.floor(variates[0] * len(self.table)).astype(np.intp)
+        value: Array = self.array[chosen].T
+        return value
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return the largest w·x of the rows."""
+        return float((self.array @ np.asarray(direction, dtype=float)).max())
+
+    @property
+    def cell_edges(self) -> Array:
+        """Uniform numbers between which one row is drawn, all equally far apart."""
+        edges: Array = np.arange(len(self.table) + 1) / len(self.table)
+        return edges
+
+    @property
+    def measured(self) -> Array:
+        """The rows."""
+        return self.array
+
+    @property
+    def extreme_points(self) -> Array:
+        """The rows, each once."""
+        return np.unique(self.array, axis=0)
+
+    def standardised_moments(self) -> Moments | None:
+        """Return the moments of a single column; None for several."""
+        return None if self.size > 1 else moments_of(self.array[:, 0], self._shares)
+
+    def cumulants(self) -> Array:
+        """Return the cumulants of the rows."""
+        return cumulants_of(self.array, self._shares)
+
+    @property
+    def _shares(self) -> Array:
+        return np.full(len(self.array), 1 / len(self.array))
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        rows = len(self.table)
+        stds = deviations(self.components, self.covariance, quantities)
+        return f"{rows} measured row{'s' if rows > 1 else ''}, all equally likely, {stds}"
+
+    @property
+    def streamed(self) -> range:
+        """The first variate, which selects the row."""
+        return range(1)
+
+    def kernel_row(self) -> KernelRow:
+        """Return the rows."""
+        return KernelRow("table", self.array)
+
+    def projection(self, weights: Array) -> Lines:
+        values = (self.array - self.mean_vector) @ weights
+        return Lines.of(np.full(values.size, 1 / values.size), values, values)
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return the mean of exp(i t·x) over the rows."""
+        t = np.asarray(frequency, dtype=float)
+        return in_chunks(lambda part: np.exp(1j * (self.array @ part)).mean(axis=0), t, len(self.table))

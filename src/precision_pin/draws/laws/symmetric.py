@@ -1,0 +1,560 @@
+"""Symmetric laws of one number: fixed, uniform, triangular, arcsine, normal and truncated normal."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Final, Literal, cast, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.base.arguments import check_number
+from precision_pin.base.arrays import Array
+from precision_pin.base.units import Quantity
+from precision_pin.draws import lazy_special
+from precision_pin.draws.laws.law import Branch, KernelRow, Law, take_number, take_size
+from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
+from precision_pin.draws.laws.sheet_form import (
+    DEVIATIONS,
+    MEAN,
+    NUMBER,
+    LawOption,
+    SheetForm,
+    SheetReader,
+    about,
+    mean_beside,
+    write_number,
+)
+from precision_pin.render.display_units import WrittenUnit
+
+
+class SymmetricLaw(Law):
+    """A law of one number that is symmetric about its mean."""
+
+    mean: float
+
+    @property
+    @abstractmethod
+    def variance(self) -> float:
+        """Variance."""
+
+    @property
+    @abstractmethod
+    def reach(self) -> float:
+        """Largest deviation from the mean, infinite if unbounded."""
+
+    @abstractmethod
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        """Return E exp(i t (x - mean)), which is real by symmetry."""
+
+    @property
+    def mean_vector(self) -> Array:
+        return np.array([self.mean])
+
+    @property
+    def covariance(self) -> Array:
+        return np.array([[self.variance]])
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return h(w) = w·mean + |w|·reach."""
+        w = float(np.asarray(direction, dtype=float)[0])
+        return w * self.mean + (abs(w) * self.reach if w else 0.0)
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return E exp(i t x), t ``(1, …)``."""
+        t = np.asarray(frequency, dtype=float)[0]
+        value: NDArray[np.complex128] = np.exp(1j * t * self.mean) * self._deviation_characteristic(t)
+        return value
+
+
+@dataclass(frozen=True)
+class HalfWidthLaw(SymmetricLaw):
+    """A symmetric law on mean ± half_width; in a sheet the half-width is the value under the law's key."""
+
+    along: ClassVar[type[SymmetricProjection]]
+    divisor: ClassVar[float]
+    words: ClassVar[str]
+    half_width: float
+    mean: float = 0.0
+
+    @property
+    def variance(self) -> float:
+        return self.half_width**2 / self.divisor
+
+    @property
+    def reach(self) -> float:
+        return self.half_width
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        return f"{self.words} within {about(self.half_width, self.mean, quantities[0])}"
+
+    def kernel_row(self) -> KernelRow:
+        return KernelRow(cast("Branch", self.form.key), np.array([self.mean, self.half_width]))
+
+    def projection(self, weights: Array) -> SymmetricProjection:
+        return self.along(abs(float(weights[0])) * self.half_width)
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        return self.along(self.half_width).characteristic(frequency).real
+
+
+@final
+@dataclass(frozen=True)
+class Fixed(SymmetricLaw):
+    """A number that does not vary; it is a parameter, so that derivatives with respect to it exist."""
+
+    is_normal: ClassVar[bool] = True
+    form: ClassVar = SheetForm(
+        "fixed", {"fixed": "85 mm"}, "a number that does not vary, but has a name and a derivative"
+    )
+    mean: float
+
+    def __post_init__(self) -> None:
+        take_number(self, "mean", "the value of a fixed law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Fixed:
+        return cls(reader.number("fixed"))
+
+    @property
+    def variance(self) -> float:
+        """Zero."""
+        return 0.0
+
+    @property
+    def reach(self) -> float:
+        """Zero."""
+        return 0.0
+
+    def sample(self, variates: Array) -> Array:
+        return np.full_like(variates, self.mean)
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        return f"fixed at {write_number(self.mean, quantities[0])}"
+
+    @property
+    def streamed(self) -> range:
+        """None."""
+        return range(0)
+
+    def kernel_row(self) -> KernelRow:
+        return KernelRow("fixed", np.array([self.mean]))
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        return np.ones_like(frequency)
+
+
+class _StraightProjection(SymmetricProjection):
+    """A projection whose parameter is its value over the reach."""
+
+    def position(self, s: Array) -> Array:
+        return self.reach * s
+
+    def parameter(self, z: Array) -> Array:
+        return self.scale_to_reach(z)
+
+
+@final
+@dataclass(frozen=True)
+class _UniformProjection(_StraightProjection):
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return -1.0, 1.0
+
+    def cumulative(self, z: Array) -> Array:
+        value: Array = (1 + self.scale_to_reach(z)) / 2
+        return value
+
+    def density(self, z: Array) -> Array:
+        return self.limit_to_reach(z, np.full_like(z, 0.5 / self.reach))
+
+    def weight(self, s: Array) -> Array:
+        return np.full_like(s, 0.5)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        return np.sinc(self.reach * frequency / np.pi).astype(complex)
+
+    def envelope(self, frequency: Array) -> Array:
+        """min(1, 1/(a ω)), from sin(a ω)/(a ω)."""
+        return power_bound(1.0, 1.0, self.reach * frequency)
+
+
+@final
+@dataclass(frozen=True)
+class Uniform(HalfWidthLaw):
+    """Uniform on mean ± half_width."""
+
+    form: ClassVar = SheetForm(
+        "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (MEAN,)
+    )
+    along: ClassVar = _UniformProjection
+    divisor: ClassVar = 3
+    words: ClassVar = "uniform"
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + t (2u - 1)."""
+        return self.mean + self.half_width * (2 * variates - 1)
+
+    def covariance_with(self, other: Law, correlation: float) -> float | None:
+        """Return t₁ t₂ 2/π asin(ρ/2) of two uniform numbers (Pearson 1907)."""
+        if not isinstance(other, Uniform):
+            return None
+        return self.half_width * other.half_width * 2 / math.pi * math.asin(correlation / 2)
+
+
+@final
+@dataclass(frozen=True)
+class _TriangularProjection(_StraightProjection):
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return -1.0, 0.0, 1.0
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        return -self.reach, 0.0, self.reach
+
+    def cumulative(self, z: Array) -> Array:
+        t = self.scale_to_reach(z)
+        tail = (1 - np.abs(t)) ** 2 / 2
+        value: Array = np.where(t > 0, 1 - tail, tail)
+        return value
+
+    def density(self, z: Array) -> Array:
+        return (1 - np.abs(self.scale_to_reach(z))) / self.reach
+
+    def weight(self, s: Array) -> Array:
+        return 1 - np.abs(s)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        return (np.sinc(self.reach * frequency / (2 * np.pi)) ** 2).astype(complex)
+
+    def envelope(self, frequency: Array) -> Array:
+        """min(1, 4/(a ω)²), the square of a uniform law's of half the reach."""
+        return power_bound(4.0, 2.0, self.reach * frequency)
+
+
+@final
+@dataclass(frozen=True)
+class Triangular(HalfWidthLaw):
+    """Symmetric triangle on mean ± half_width."""
+
+    form: ClassVar = SheetForm(
+        "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (MEAN,)
+    )
+    along: ClassVar = _TriangularProjection
+    divisor: ClassVar = 6
+    words: ClassVar = "triangular"
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """One half, where the density has a kink."""
+        return (0.5,)
+
+    def sample(self, variates: Array) -> Array:
+        """Return the inverse of the cumulative law, from the nearer end."""
+        tail = np.minimum(variates, 1 - variates)
+        deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
+        return self.mean + self.half_width * deviation
+
+
+class SineProjection(SymmetricProjection):
+    """A projection whose parameter is an angle."""
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return -math.pi / 2, math.pi / 2
+
+    def position(self, s: Array) -> Array:
+        value: Array = self.reach * np.sin(s)
+        return value
+
+    def parameter(self, z: Array) -> Array:
+        value: Array = np.arcsin(self.scale_to_reach(z))
+        return value
+
+
+@final
+@dataclass(frozen=True)
+class ArcsineProjection(SineProjection):
+    """Projection of an arcsine law, or of a circle."""
+
+    def cumulative(self, z: Array) -> Array:
+        value: Array = 0.5 + np.arcsin(self.scale_to_reach(z)) / np.pi
+        return value
+
+    def density(self, z: Array) -> Array:
+        inside = np.abs(z) < self.reach
+        t = np.where(inside, z / self.reach, 0.0)
+        value: Array = np.where(inside, 1 / (np.pi * self.reach * np.sqrt((1 - t) * (1 + t))), 0.0)
+        return value
+
+    def weight(self, s: Array) -> Array:
+        return np.full_like(s, 1 / np.pi)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        value: NDArray[np.complex128] = lazy_special.j0(self.reach * frequency).astype(complex)
+        return value
+
+    def envelope(self, frequency: Array) -> Array:
+        """min(1, √(2/(π r ω))), since √(πz/2) |J₀(z)| ≤ 1 (Watson, Bessel functions, 15.5)."""
+        return power_bound(math.sqrt(2 / math.pi), 0.5, self.reach * frequency)
+
+
+@final
+@dataclass(frozen=True)
+class Arcsine(HalfWidthLaw):
+    """Arcsine (U-shaped) on mean ± half_width: a sine wave at a random phase (JCGM 101:2008, 6.4.6)."""
+
+    form: ClassVar = SheetForm(
+        "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t at a random phase; σ = t/√2", (MEAN,)
+    )
+    along: ClassVar = ArcsineProjection
+    divisor: ClassVar = 2
+    words: ClassVar = "arcsine (a sine wave at a random phase)"
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + t sin(π(u - 1/2))."""
+        return self.mean + self.half_width * np.sin(np.pi * (variates - 0.5))
+
+
+SMALLEST_K: Final = 1e-3
+"""Smallest k of a truncated normal law; its samples are exact to 1e-16/k of its half-width."""
+
+
+@final
+@dataclass(frozen=True)
+class TruncatedNormal(SymmetricLaw):
+    """Normal of standard deviation ``std`` before truncation, cut off at mean ± k·std."""
+
+    std: float
+    mean: float = 0.0
+    k: float = 3.0
+
+    def __post_init__(self) -> None:
+        take_size(self, "std", "the standard deviation of a truncated normal law")
+        take_number(self, "mean", "the mean of a truncated normal law")
+        allowed = f"finite and at least {SMALLEST_K} (below, the law is practically uniform)"
+        k = check_number("k of a truncated normal law", self.k, allowed, lambda value: value >= SMALLEST_K)
+        object.__setattr__(self, "k", k)
+
+    @property
+    def variance(self) -> float:
+        """σ² (1 - 2kφ(k) / (2Φ(k) - 1)), as the ratio of the chi-square laws of 3 and 1 at k² (no cancellation)."""
+        square = self.k**2 / 2
+        return self.std**2 * float(lazy_special.gammainc(1.5, square) / lazy_special.gammainc(0.5, square))
+
+    @property
+    def reach(self) -> float:
+        """k·σ."""
+        return self.k * self.std
+
+    def sample(self, variates: Array) -> Array:
+        """Return the inverse of the cumulative law, from the nearer end (so that it is symmetric)."""
+        tail = np.minimum(variates, 1 - variates)
+        cut = lazy_special.ndtr(-self.k)
+        score = lazy_special.ndtri(cut + tail * math.erf(self.k / math.sqrt(2)))
+        deviation: Array = np.copysign(np.minimum(-score, self.k), variates - 0.5)
+        return self.mean + self.std * deviation
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        (quantity,) = quantities
+        unit = WrittenUnit.suiting(quantity, [self.std])
+        cut = f"cut off at ±{unit(self.k * self.std)}{mean_beside(self.mean, quantity)}"
+        return f"normal, standard deviation {unit(self.std)}, {cut}"
+
+    def kernel_row(self) -> KernelRow:
+        """Return mean, standard deviation, k, Φ(-k) and Φ(k) - Φ(-k)."""
+        numbers = (self.mean, self.std, self.k, lazy_special.ndtr(-self.k), math.erf(self.k / math.sqrt(2)))
+        return KernelRow("truncated", np.array(numbers))
+
+    def projection(self, weights: Array) -> _TruncatedProjection:
+        return _TruncatedProjection(abs(float(weights[0])) * self.reach, self.k)
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        s, k = self.std * frequency, self.k
+        faddeeva = lazy_special.wofz((1j * k - s) / math.sqrt(2))
+        value: Array = np.exp(-(s**2) / 2) - (np.exp(-(k**2) / 2 - 1j * k * s) * faddeeva).real
+        return value / math.erf(k / math.sqrt(2))
+
+
+@final
+@dataclass(frozen=True)
+class _TruncatedProjection(SymmetricProjection):
+    k: float
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return tuple(np.linspace(-self.k, self.k, 1 + 2 * math.ceil(self.k / 1.5)).tolist())
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        return tuple((self.reach / self.k * np.array(self.breaks)).tolist())
+
+    @property
+    def _inner(self) -> float:
+        return math.erf(self.k / math.sqrt(2))
+
+    def cumulative(self, z: Array) -> Array:
+        score = self.k * self.scale_to_reach(z)
+        value: Array = (1 + lazy_special.erf(score / math.sqrt(2)) / self._inner) / 2
+        return value
+
+    def density(self, z: Array) -> Array:
+        return self.limit_to_reach(z, self.weight(self.k * self.scale_to_reach(z)) * self.k / self.reach)
+
+    def position(self, s: Array) -> Array:
+        return self.reach / self.k * s
+
+    def weight(self, s: Array) -> Array:
+        value: Array = np.exp(-(s**2) / 2) / (math.sqrt(2 * math.pi) * self._inner)
+        return value
+
+    def parameter(self, z: Array) -> Array:
+        return self.k * self.scale_to_reach(z)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        law = TruncatedNormal(self.reach / self.k, 0.0, self.k)
+        return law.characteristic(frequency[None])
+
+    @property
+    def characteristic_error(self) -> float:
+        return 2e-15 / self._inner
+
+    def envelope(self, frequency: Array) -> Array:
+        """Return the bound of the normal law plus that of the removed tails, over P(|z| < k).
+
+        The bound of the tails is the smaller of their probability and their total variation over ω, 4φ(k)/ω. For small k
+        the total variation of the whole density over ω is the smaller bound.
+        """
+        omega = np.maximum(self.reach / self.k * frequency, 1e-300)
+        height = math.exp(-(self.k**2) / 2) / math.sqrt(2 * math.pi)
+        tails = np.minimum(2 * lazy_special.ndtr(-self.k), 4 * height / omega)
+        cut = (np.exp(-(omega**2) / 2) + tails) / self._inner
+        whole = 2 / (math.sqrt(2 * math.pi) * self._inner * omega)
+        bound: Array = np.minimum(np.minimum(cut, whole), 1.0)
+        return bound
+
+
+_NOT_NEGATIVE: Final = "zero or more and finite"
+
+
+@final
+@dataclass(frozen=True)
+class Normal(SymmetricLaw):
+    """Normal of standard deviation ``std``.
+
+    Attributes
+    ----------
+    k
+        Standard deviations in the half-width that it was made from; ``None`` where it was made from ``std``.
+    """
+
+    variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    is_normal: ClassVar[bool] = True
+    form: ClassVar = SheetForm(
+        "normal",
+        {"normal": "0.06 mm"},
+        "t is k standard deviations, σ = t/k; `normal: {std: 0.02 mm}` gives σ itself",
+        (
+            MEAN,
+            LawOption("k", "normal: t has the standard deviation t/k; default 3", "2"),
+            LawOption("truncated", "cut a normal law off at its half-width, mean ± k standard deviations", "true"),
+        ),
+        {"anyOf": [NUMBER, DEVIATIONS]},
+    )
+    std: float
+    mean: float = 0.0
+    k: float | None = field(default=None, kw_only=True, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        take_size(self, "std", "the standard deviation of a normal law")
+        take_number(self, "mean", "the mean of a normal law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Normal | TruncatedNormal:
+        """Return the law written in a sheet, truncated if the sheet says so."""
+        value, k = reader.settings["normal"], _read_k(reader)
+        if isinstance(value, Mapping):
+            if set(value) != {"std"}:
+                raise reader.error(
+                    ("normal",),
+                    "normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})",
+                )
+            std = reader.half_width("normal", "std")
+        else:
+            std = reader.half_width("normal") / k
+        mean, truncated = reader.mean(), _read_truncated(reader)
+        if isinstance(value, Mapping) and "k" in reader.settings and not truncated:
+            raise reader.error(
+                ("k",), "k has no effect here: {std: …} is the standard deviation itself, and the law is not truncated"
+            )
+        return (
+            TruncatedNormal(std, mean, k) if truncated else cls(std, mean, k=None if isinstance(value, Mapping) else k)
+        )
+
+    @classmethod
+    def from_half_width(cls, half_width: float, mean: float = 0.0, *, k: float = 3.0) -> Normal:
+        """Return the law whose half-width is k standard deviations."""
+        half = check_number("the half-width of a normal law", half_width, _NOT_NEGATIVE, lambda value: value >= 0)
+        return cls(half / check_number("k", k, "positive and finite", lambda value: value > 0), mean, k=k)
+
+    @property
+    def variance(self) -> float:
+        """σ²."""
+        return self.std**2
+
+    @property
+    def reach(self) -> float:
+        """Infinite, unless σ is zero."""
+        return math.inf if self.std else 0.0
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + σ z."""
+        return self.mean + self.std * variates
+
+    def covariance_with(self, other: Law, correlation: float) -> float | None:
+        """Return ρ σ₁ σ₂ of two normal numbers."""
+        return correlation * self.std * other.std if isinstance(other, Normal) else None
+
+    def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float:
+        """Return the integral of ρ σ z, the number's mean at a score z of the other."""
+        z, weighted = nodes(0.0)
+        return self.std * correlation * float((weighted * z).sum())
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        (quantity,) = quantities
+        return f"normal, standard deviation {write_number(self.std, quantity)}{mean_beside(self.mean, quantity)}"
+
+    def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return the half-width with the standard deviation, ``±0.01° (σ 0.0033°)``; without a half-width ``σ 0.1 mm``."""
+        deviation = super().tolerance(quantities)
+        if self.k is None or not deviation:
+            return deviation
+        unit = WrittenUnit.suiting(quantities[0], [self.k * self.std])
+        sizes = unit.short(self.k * self.std), f"{self.std * unit.per_si:.2g} {unit.name}"
+        return "±{} (σ {})".format(*sizes).replace(" deg", "°")
+
+    def kernel_row(self) -> KernelRow:
+        """Return mean and standard deviation."""
+        return KernelRow("normal", np.array([self.mean, self.std]))
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        value: Array = np.exp(-((self.std * frequency) ** 2) / 2)
+        return value
+
+
+def _read_k(reader: SheetReader) -> float:
+    k = reader.ratio("k") if "k" in reader.settings else 3.0
+    if not k > 0:
+        raise reader.error(("k",), f"k must be positive, got {reader.settings['k']}")
+    return k
+
+
+def _read_truncated(reader: SheetReader) -> bool:
+    value = str(reader.settings.get("truncated", "false")).lower()
+    if value not in ("true", "false"):
+        raise reader.error(("truncated",), f"truncated must be true or false, got {reader.settings['truncated']!r}")
+    return value == "true"

@@ -1,0 +1,204 @@
+"""Places and directions written in a sheet, and geometry and statics at a joint's seat, where its bearings are.
+
+Vectors at a seat are in the *seat's axes*: the joint's frame before its motion, seen from the base, turned so that z is the
+joint's axis in the file. If the base is beyond the joint, that frame is the one of its child link in the file. z and the
+heights on the axis do not depend on the choice of the base.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.loads import Factors
+from precision_pin.robot.places import Place
+
+PadsOn = Literal["child", "parent"]
+"""The link that the pads of a prismatic joint are fixed to."""
+
+_APART: Final = 1e-12
+"""Relative difference of two heights below which they count as equal."""
+
+
+def seat_axes(chain: Chain, joint: int) -> Array:
+    """Return the matrix ``(6, 6)`` from ``[d; δ]`` in the seat's axes (z on the axis of the 0-based joint) to its place's."""
+    return _block_diagonal(chain.axis_alignment(joint))
+
+
+def seat_wrench(posture: Posture, joint: int) -> dict[Factors, Array]:
+    """Return the wrench ``[F; M]`` (N, N·m) of all loads beyond a 0-based joint on it.
+
+    In the seat's axes and about its origin, on the arm on which the loads act, by the parameters that multiply it.
+    """
+    beyond = [load for load in posture.loads if load.link > joint]
+    seat = posture.loaded_ends[joint]
+    wrenches = posture.wrench_on(beyond, seat[:3, 3])
+    aligned = posture.chain.axis_alignment(joint)
+    return {factors: in_axes(seat[:3, :3], aligned, wrench) for factors, wrench in wrenches.items()}
+
+
+def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
+    """Return a wrench ``(6[, P])``, base axes, in axes ``(3, 3)`` of a frame turned by ``(3, 3[, P])``."""
+    if rotation.ndim == 2:
+        turned: Array = _block_diagonal((rotation @ axes).T) @ wrench
+        return turned
+    back = np.einsum("ijp,jk->kip", rotation, axes)
+    return np.concatenate([se3.turn(back, wrench[:3]), se3.turn(back, wrench[3:])])
+
+
+def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:
+    """Return the height (m) above the seat's origin of a bearing at ``height`` on the axis of a 0-based joint.
+
+    The bearing travels if the joint is prismatic and the pads are not on the link that carries the seat: forward with the
+    child link, or back with the parent link if the base is beyond the joint. Child and parent are those of the file.
+    """
+    chain = posture.chain
+    if not travels(chain, joint, pads_on):
+        return height
+    return height + (-1.0 if chain.reversed_joints[joint] else 1.0) * float(posture.q[joint])
+
+
+def travels(chain: Chain, joint: int, pads_on: PadsOn) -> bool:
+    """Return whether the pads of a 0-based joint travel along the axis as it slides; see :func:`height_above_seat`."""
+    return bool(chain.prismatic[joint]) and (pads_on == "parent") is bool(chain.reversed_joints[joint])
+
+
+def shift_of_point(height: float, other: float) -> Array:
+    """Return the seat's displacement ``[d; δ]`` per shift ``(x, y)`` of the axis at a height, ``(6, 2)``.
+
+    The axis does not move at the ``other`` height: one of the two points of eqs 18 and 19. By virtual work the transpose
+    gives the radial force on a bearing there, one of two, from a wrench on the seat.
+
+    Raises
+    ------
+    InputError
+        The heights are equal to rounding.
+    """
+    if math.isclose(height, other, rel_tol=_APART, abs_tol=0.0):
+        raise InputError(f"the span is too small: both bearings are at {height:g} m along the axis")
+    share, slope = other / (other - height), 1 / (height - other)
+    return np.array([[share, 0], [0, share], [0, 0], [0, -slope], [slope, 0], [0, 0]])
+
+
+def wrench_at(height: float) -> Array:
+    """Return the matrix ``(6, 6)`` from a wrench about the seat's origin to one about the point of the axis at a height.
+
+    By virtual work the transpose gives the seat's displacement from that of a body clamped to it at that point.
+    """
+    shifted = np.eye(6)
+    shifted[3, 1], shifted[4, 0] = height, -height
+    return shifted
+
+
+def _block_diagonal(turn: Array) -> Array:
+    result = np.zeros((6, 6))
+    result[:3, :3] = result[3:, 3:] = turn
+    return result
+
+
+def check_choice(kind: str, joint: str | None, link: str | None, frame: str | None) -> None:
+    """Check that exactly one of the three is given.
+
+    Raises
+    ------
+    InputError
+        None or several are given.
+    """
+    if sum(name is not None for name in (joint, link, frame)) != 1:
+        raise InputError(f"{kind} needs one of joint:, link: and frame:")
+
+
+def chosen_place(chain: Chain, joint: str | None, link: str | None, frame: str | None) -> Place:
+    """Return the seat of a joint, the end of the chain link that a URDF link belongs to, or a URDF link's own frame.
+
+    Raises
+    ------
+    UnknownNameError
+        No such joint or link.
+    InputError
+        The frame is not on the path to the tip.
+    """
+    if joint is not None:
+        return chain.seat(chain.joint_index(joint))
+    if link is not None:
+        return chain.end(chain.link_frame(link).link)
+    return chain.frame_place(frame or "")
+
+
+_DIRECTION: Final = re.compile(r"(-?)\s*(x|y|z|axis)\s+of\s+(.+)", re.DOTALL)
+_AXES: Final = {"x": 0, "y": 1, "z": 2}
+_PARALLEL: Final = 1e-9
+"""Sine of the angle below which a direction counts as parallel to an axis."""
+
+
+def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
+    """Return the unit vector ``(3[, P])``, base axes, of ``[-]x|y|z|axis of JOINT`` or ``[-]x|y|z of BASE``.
+
+    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after its motion (those of its child link in the file), or
+    of the chain's base link; ``axis`` is the joint's axis as written in the file. The directions in space do not depend
+    on the choice of the base.
+
+    Raises
+    ------
+    InputError
+        Written in another form.
+    UnknownNameError
+        No such joint on the chain.
+    """
+    sign, letter, joint = _parse(text, posture.chain)
+    if joint is None:
+        along = np.eye(3)[_AXES[letter]]
+        return np.asarray(-along if sign < 0 else along, dtype=float)
+    chain = posture.chain
+    is_reversed = bool(chain.reversed_joints[joint])
+    if letter == "axis":
+        direction = -posture.joint_axes[joint] if is_reversed else posture.joint_axes[joint]
+    else:
+        # for a joint that the chain passes against the file, the file's child link is the one before the joint
+        before = se3.compose(posture.link_poses[joint], chain.placements[joint])
+        turned = before if is_reversed else posture.joint_poses[joint]
+        direction = turned[:3, _AXES[letter]]
+    return np.asarray(-direction if sign < 0 else direction, dtype=float)
+
+
+def is_fixed(text: str, chain: Chain, link: int) -> bool:
+    """Return whether a direction, written as for :func:`direction_of`, is fixed in a chain link at all joint values."""
+    _, letter, joint = _parse(text, chain)
+    if joint is None:
+        carrier, direction = 0, np.eye(3)[_AXES[letter]]
+    elif letter == "axis":
+        carrier, direction = joint + 1, chain.axes[joint]
+    elif chain.reversed_joints[joint]:
+        carrier, direction = joint, chain.placements[joint][:3, _AXES[letter]]
+    else:
+        carrier, direction = joint + 1, np.eye(3)[_AXES[letter]]
+    while carrier != link:
+        # forward through the joint after the carrier, or back through the one before it
+        forward = carrier < link
+        passed = carrier if forward else carrier - 1
+        turn = chain.placements[passed][:3, :3]
+        direction = turn.T @ direction if forward else direction
+        if not chain.prismatic[passed] and np.linalg.norm(np.cross(chain.axes[passed], direction)) > _PARALLEL:
+            return False
+        direction = direction if forward else turn @ direction
+        carrier += 1 if forward else -1
+    return True
+
+
+def _parse(text: str, chain: Chain) -> tuple[float, str, int | None]:
+    """Return a direction's sign, its letter or ``axis``, and the joint it belongs to, None for the base."""
+    match = _DIRECTION.fullmatch(text.strip())
+    if match is None:
+        raise InputError(f"direction {text!r} is not understood; allowed: link, [-]x|y|z of JOINT, [-]axis of JOINT")
+    name, sign = match[3].strip(), -1.0 if match[1] else 1.0
+    if name == chain.base and name not in chain.joint_names and match[2] != "axis":
+        return sign, match[2], None
+    return sign, match[2], chain.joint_index(name)
