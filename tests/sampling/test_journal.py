@@ -19,12 +19,11 @@ import pytest
 import precision_pin as pp
 from precision_pin.base.errors import InputError, OutputError
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling import identity as identity_module
 from precision_pin.sampling import journal as journal_module
-from precision_pin.sampling.checkpoint_codec import SAMPLES, packed, unpacked
-from precision_pin.sampling.identity import differences, digest, identity
-from precision_pin.sampling.journal import MAGIC, opened
+from precision_pin.sampling.checkpoint import SAMPLES, packed, unpacked
+from precision_pin.sampling.journal import MAGIC, differences, digest, identity, opened
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Foreign
 from precision_pin.statistics import State, start

@@ -10,7 +10,7 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.base.errors import InputError
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from sampling.cases import MODEL
 
 TARGET = "95 % to 0.03 mm"

@@ -17,7 +17,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.base.versions import versions
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.kernel.blocks import BLOCK, Blocks
+from precision_pin.kernel.sampler import BLOCK, Blocks
 from precision_pin.statistics import Plan
 
 MOST_SAMPLES: Final = 10**12

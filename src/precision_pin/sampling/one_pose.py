@@ -28,21 +28,18 @@ from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.variance_by_provenance import origin_shares
+from precision_pin.model.pose_model import PoseModel, origin_shares
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import Work, check_samples, packages
-from precision_pin.sampling.checkpoint_codec import SAMPLES
+from precision_pin.sampling.checkpoint import SAMPLES
 from precision_pin.sampling.histogram_plan import planned
-from precision_pin.sampling.identity import identity
-from precision_pin.sampling.journal import opened
-from precision_pin.sampling.result import MonteCarloResult
-from precision_pin.sampling.result_findings import find_coarse_bins, find_constant_error
-from precision_pin.sampling.result_parts import Correlated, Until
+from precision_pin.sampling.journal import identity, opened
+from precision_pin.sampling.result import Correlated, MonteCarloResult, Until
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Submitter, chosen
 from precision_pin.statistics import (
+    QUANTITIES,
     Plan,
     State,
     Summary,
@@ -322,3 +319,37 @@ def model_at_pose(
 
 def _nothing(_: object) -> None:
     """Do nothing."""
+
+
+_COARSE: Final = 0.05
+"""Share of the standard deviation above which the bin error of a quantile gives a warning."""
+_ROUNDING: Final = 1e-14
+"""Errors below this value, m or rad, count as rounding."""
+
+
+def find_constant_error(summary: Summary, known: Sequence[Finding], where: str) -> list[Finding]:
+    """Return a warning where the error does not vary, unless the sheet's findings include it."""
+    if any(summary.varying) or any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in known):
+        return []
+    message = f"no source makes the error vary {where}, and no specification can be judged"
+    return [Finding("warning", "W_NOTHING_VARIES", message)]
+
+
+def find_coarse_bins(summary: Summary) -> list[Finding]:
+    """Return a warning for each quantity with a quantile in a bin that is too wide for the sampled spread."""
+    found = []
+    for quantity in QUANTITIES:
+        distribution = summary.distribution(quantity)
+        allowed = max(_COARSE * (distribution.std or 0.0), _ROUNDING)
+        if (distribution.bin_upper - distribution.bin_lower).max() <= allowed:
+            continue
+        errors = {level: distribution.quantile_error(level) or 0.0 for level in distribution.levels}
+        level = max(errors, key=lambda one: errors[one])
+        if errors[level] > allowed:
+            unit = "m" if quantity.startswith("position") else "rad"
+            message = (
+                f"the {100 * level:.4g} % quantile of {quantity} is resolved to {errors[level]:.2g} {unit} only, because rare "
+                "errors lie far outside the range that the bins were planned for; its interval is widened accordingly"
+            )
+            found.append(Finding("warning", "W_BINS", message))
+    return found

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
-from precision_pin.kernel.many_poses import NormBlocks, norm_edges, observe_norms
-from precision_pin.kernel.pose_arrays import JoinedTables
+from precision_pin.kernel.many_poses import JoinedTables, NormBlocks, norm_edges, observe_norms
 from precision_pin.sampling.blocks import check_packages, packages, pickled_with_read_only_arrays
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import COMPONENTS, NORMS, Plan, Specification, clopper_pearson, quantile_ranks

@@ -23,18 +23,15 @@ from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling import Progress, available_cores, check_progress, check_samples
-from precision_pin.sampling.histogram_plan import PILOT, reach
-from precision_pin.sampling.one_pose import makers, model_at_pose
-from precision_pin.sampling.result import MonteCarloResult
-from precision_pin.sampling.result_findings import find_coarse_bins, find_constant_error
-from precision_pin.sampling.result_parts import Correlated, RelativeTo
-from precision_pin.sampling.skewness import first_order_skewness
+from precision_pin.sampling.histogram_plan import PILOT, first_order_skewness, reach
+from precision_pin.sampling.one_pose import find_coarse_bins, find_constant_error, makers, model_at_pose
+from precision_pin.sampling.result import Correlated, MonteCarloResult, RelativeTo
 from precision_pin.statistics import Plan, check_confidence, finish, observe, quantity_values, start
 from precision_pin.statistics.specification import Specifications, listed_specifications
 

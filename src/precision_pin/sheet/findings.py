@@ -11,8 +11,8 @@ from typing import Any, Final, final
 from pydantic import BaseModel, ValidationError
 
 from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
-from precision_pin.sheet.law_reader import SettingError
 from precision_pin.sheet.schema import SettingReason
+from precision_pin.sheet.settings import SettingError
 from precision_pin.sheet.text import Path, Text
 
 _SHAPES: Final = {

@@ -7,7 +7,7 @@ by ``Trans(c)·Exp(ω)`` as the instrument sees it, the target is at
 
 A *position* is y; a *pose* is y and the attitude ``Exp(ω) Exp(δ) R Exp(τ)``. A *distance*, the height over a *plane* and the
 offset from a *socket* are read against a place, which moves in place of the base; see
-:mod:`precision_pin.sheet.measurement_places`.
+:mod:`precision_pin.sheet.measurement`.
 Numbers of the set-up that are not known (c, ω, t, τ, those of the place) are called nuisances; they are estimated with the arm
 and have no prior law.
 """
@@ -17,25 +17,150 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal, final
+from typing import Final, Literal, Protocol, final
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
-from precision_pin.base import se3
-from precision_pin.base.arguments import check_choice, check_flag, check_items, check_numbers
+from precision_pin.base import se3, units
+from precision_pin.base.arguments import check_choice, check_flag, check_items, check_numbers, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.base.units import ANGLE, LENGTH
-from precision_pin.sheet.measurement_places import Anchor, Place, Plane, Sockets
+from precision_pin.robot.chain import Chain
+from precision_pin.sheet.settings import SettingError
 from precision_pin.sources.payload import Payload
+
+_AXES = ("x", "y", "z")
+
+
+class Place(Protocol):
+    """What a target's place is read against; ``own`` are the unknown numbers of the place, zeros where it is known."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the numbers of the place, in m or without unit."""
+
+    def read(self, point: Array, own: Array, near: Array) -> Array:
+        """Return readings ``(m, N)`` of points ``(3, N)`` with ``own`` ``(k, N)``; ``near`` ``(3,)`` is the nominal point."""
+
+    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+        """Return the derivatives by point ``(m, 3)`` and by own numbers ``(m, k)`` at one point ``(3,)``."""
+
+
+@final
+@dataclass(frozen=True)
+class Anchor:
+    """A fixed point that distances are measured from, ``(3,)``."""
+
+    place: tuple[float, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Shift of the anchor."""
+        return tuple(f"anchor.{axis}" for axis in _AXES)
+
+    def read(self, point: Array, own: Array, near: Array) -> Array:
+        """Return distances."""
+        del near
+        away = point - np.array(self.place)[:, None] - own
+        distance: Array = np.sqrt((away**2).sum(axis=0))[None]
+        return distance
+
+    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+        """Return derivatives of a distance."""
+        del near
+        away = point - np.array(self.place) - own
+        length = float(np.linalg.norm(away))
+        if length == 0.0:
+            raise InputError("the target is at the anchor, where the direction of a distance is not defined")
+        direction = away[None] / length
+        return direction, -direction
+
+
+@final
+@dataclass(frozen=True)
+class Plane:
+    """A plane that a target touches: a point on it and its unit normal, ``(3,)`` each."""
+
+    place: tuple[float, ...]
+    normal: tuple[float, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Offset along the normal, and two tilts."""
+        return ("plane.offset", "plane.tilt1", "plane.tilt2")
+
+    @property
+    def axes(self) -> Array:
+        """Normal and two directions in the plane, as columns, ``(3, 3)``."""
+        normal = np.array(self.normal)
+        first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+        first /= np.linalg.norm(first)
+        return np.array([normal, first, np.cross(normal, first)]).T
+
+    def tilted(self, own: Array) -> tuple[Array, Array]:
+        """Return point and unit normal ``(3,)`` of the plane with its own numbers ``(3,)``."""
+        normal = self.axes @ np.array([1.0, own[1], own[2]])
+        normal /= np.linalg.norm(normal)
+        return np.array(self.place) + own[0] * normal, normal
+
+    def read(self, point: Array, own: Array, near: Array) -> Array:
+        """Return heights."""
+        del near
+        away = self.axes.T @ (point - np.array(self.place)[:, None])
+        height = away[0] + own[1] * away[1] + own[2] * away[2]
+        reading: Array = (height / np.sqrt(1 + own[1] ** 2 + own[2] ** 2) - own[0])[None]
+        return reading
+
+    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+        """Return derivatives of a height."""
+        del near
+        away = self.axes.T @ (point - np.array(self.place))
+        length = np.sqrt(1 + own[1] ** 2 + own[2] ** 2)
+        by_point = self.axes @ np.array([1.0, own[1], own[2]]) / length
+        height = by_point @ (point - np.array(self.place))
+        tilts = (away[1:] - own[1:] * height / length) / length
+        return by_point[None], np.array([[-1.0, *tilts]])
+
+
+@final
+@dataclass(frozen=True)
+class Sockets:
+    """Sockets that the tip is put into, ``(3,)`` each; a pose belongs to the one nearest to its nominal target."""
+
+    places: tuple[tuple[float, ...], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Shift of each socket."""
+        return tuple(f"socket{k + 1}.{axis}" for k in range(len(self.places)) for axis in _AXES)
+
+    def nearest(self, near: Array) -> int:
+        """Return the socket of a pose whose nominal target is ``(3,)``."""
+        return int(np.argmin(np.linalg.norm(np.array(self.places) - near, axis=1)))
+
+    def read(self, point: Array, own: Array, near: Array) -> Array:
+        """Return offsets from the socket."""
+        k = self.nearest(near)
+        offset: Array = point - np.array(self.places[k])[:, None] - own[3 * k : 3 * k + 3]
+        return offset
+
+    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+        """Return derivatives of an offset."""
+        del point
+        by_own = np.zeros((3, own.size))
+        k = self.nearest(near)
+        by_own[:, 3 * k : 3 * k + 3] = -np.eye(3)
+        return np.eye(3), by_own
+
 
 Kind = Literal["position", "pose", "distance", "plane", "socket"]
 KINDS: Final[tuple[Kind, ...]] = ("position", "pose", "distance", "plane", "socket")
 _OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
 """Settings that belong to one kind."""
 
-_AXES: Final = ("x", "y", "z")
 _LEVER: Final = 0.1
 """Distance (m) between the targets from which an attitude is measured, where no attitude's deviation is given."""
 
@@ -375,3 +500,123 @@ def _direction(what: str, value: object) -> tuple[float, ...]:
 
 def _load_entry(payload: Payload) -> dict[str, object]:
     return {"at": payload.at, "mass": payload.mass, "com": list(payload.com)}
+
+
+class PlaneEntry(BaseModel):
+    """A plane that is touched."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    point: str = Field(description="A point on it, such as '300 0 50 mm', in base axes.")
+    normal: str = Field(description="Its normal, such as '0 0 1', in base axes.")
+
+
+class LoadEntry(BaseModel):
+    """A load while the arm is measured."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    at: str = Field(description="The link that carries it.")
+    mass: str = Field(description="Its mass, such as '1 kg'.")
+    com: str = Field("0 0 0 mm", description="Its centre of mass in that link's frame.")
+
+
+class MeasurementEntry(BaseModel):
+    """Instrument and set-up of a calibration."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Kind = Field("position", description=f"What is measured: {', '.join(KINDS)}.")
+    std: str = Field("0.02 mm", description="Standard deviation of a measured length, or of a contact.")
+    attitude_std: str | None = Field(
+        None, description="That of a measured angle of a pose; std / 100 mm if left out, as of targets 100 mm apart."
+    )
+    target: str = Field("0 0 0 mm", description="The measured point in the tip's axes.")
+    target_known: Literal["true", "false"] = Field("true", description="false: its place on the tool is estimated.")
+    base: Literal["known", "free"] = Field(
+        "known", description="free: the base in the instrument's axes (or anchor, plane, sockets) is estimated."
+    )
+    anchor: str = Field("0 0 0 mm", description="Where distances are measured from, in base axes.")
+    plane: PlaneEntry | None = Field(None, description="The plane that is touched.")
+    sockets: list[str] = Field(default_factory=list, description="Places of the sockets, in base axes.")
+    seen_from: str | None = Field(
+        None, description="Place of the instrument in base axes, where it must see the target."
+    )
+    facing: str | None = Field(
+        None, description="Direction in the tip's axes to which the target faces, such as '0 0 1'."
+    )
+    cone: str = Field("60 deg", description="Largest angle between that direction and the instrument.")
+    load: list[LoadEntry] | Literal["none"] | None = Field(
+        None, description="What the arm carries while measured, in place of the payloads; none: nothing."
+    )
+
+
+def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
+    """Return the measurement of an entry.
+
+    Raises
+    ------
+    InputError
+        A number or a combination of settings is wrong; a :class:`~precision_pin.sheet.settings.SettingError` where one key is at
+        fault.
+    """
+    plane = None
+    if entry.plane is not None:
+        point = _read_point(("plane", "point"), entry.plane.point)
+        plane = (point, _read_vector(("plane", "normal"), entry.plane.normal, units.RATIO))
+    angle = None if entry.attitude_std is None else _read_number(("attitude_std",), entry.attitude_std, units.ANGLE)
+    return Measurement(
+        kind=entry.kind,
+        std=_read_number(("std",), entry.std, units.LENGTH),
+        target=_read_point(("target",), entry.target),
+        base=entry.base,
+        target_known=entry.target_known == "true",
+        attitude_std=angle,
+        anchor=_read_point(("anchor",), entry.anchor),
+        plane=plane,
+        sockets=tuple(_read_point(("sockets", k), one) for k, one in enumerate(entry.sockets)),
+        seen_from=None if entry.seen_from is None else _read_point(("seen_from",), entry.seen_from),
+        facing=None if entry.facing is None else _read_vector(("facing",), entry.facing, units.RATIO),
+        cone=_read_number(("cone",), entry.cone, units.ANGLE),
+        load=_load(entry, chain),
+    )
+
+
+def _load(entry: MeasurementEntry, chain: Chain) -> tuple[Payload, ...] | None:
+    if entry.load is None:
+        return None
+    payloads = []
+    for k, one in enumerate(() if entry.load == "none" else entry.load):
+        try:
+            chain.link_frame(one.at)
+        except InputError as error:
+            raise SettingError(("load", k, "at"), error.findings[0].message) from None
+        mass = _read_number(("load", k, "mass"), one.mass, units.MASS)
+        payloads.append(Payload(at=one.at, mass=mass, com=_read_point(("load", k, "com"), one.com)))
+    return tuple(payloads)
+
+
+def _read_number(below: tuple[str | int, ...], text: object, quantity: units.Quantity) -> float:
+    try:
+        value = units.parse(text, quantity)
+    except InputError as error:
+        raise SettingError(below, f"{_word(below)}: {error.findings[0].message}") from None
+    if value <= 0 and "std" in str(below[-1]):
+        raise SettingError(below, f"{below[-1]} must be above zero, got {shown(text)}")
+    return value
+
+
+def _read_vector(below: tuple[str | int, ...], text: str, quantity: units.Quantity) -> tuple[float, float, float]:
+    try:
+        x, y, z = units.parse_vector(text, quantity, count=3)
+    except InputError as error:
+        raise SettingError(below, f"{_word(below)}: {error.findings[0].message}") from None
+    return x, y, z
+
+
+def _read_point(below: tuple[str | int, ...], text: str) -> tuple[float, float, float]:
+    return _read_vector(below, text, units.LENGTH)
+
+
+def _word(below: tuple[str | int, ...]) -> str:
+    return ".".join(map(str, below))

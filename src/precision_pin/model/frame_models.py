@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance
+from precision_pin.base.arrays import Array
 from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
@@ -24,3 +28,29 @@ def every_frame(chain: Chain) -> ErrorModel:
     sources += [Frame(joint=name, **free) for name in chain.joint_names]  # type: ignore[arg-type]
     sources.append(Frame(frame=chain.tip, **free))  # type: ignore[arg-type]
     return ErrorModel(chain, Space(), sources)
+
+
+_NAMES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def displaced_arm(chain: Chain, placements: Array, model: ErrorModel | None = None) -> ErrorModel:
+    """Return the model of an arm with other placements, each by a displacement of fixed numbers.
+
+    Parameters
+    ----------
+    chain
+        The arm.
+    placements
+        Placements of the joints' seats, and last that of the tip, each in the chain link before it, ``(n + 1, 4, 4)``.
+    model
+        A model of the arm, whose sources are kept beside these.
+    """
+    sources: list[Source] = [] if model is None else list(model.sources)
+    for k, (old, new) in enumerate(zip(chain.placements, placements, strict=True)):
+        moved = se3.inverse(old) @ new
+        values = np.concatenate([moved[:3, 3], se3.log_rotation(moved[:3, :3])]).tolist()
+        place = {"joint": chain.joint_names[k]} if k < len(chain.joints) else {"frame": chain.tip}
+        sources.append(Frame(**place, **dict(zip(_NAMES, values, strict=True))))
+    if model is None:
+        return ErrorModel(chain, Space(), sources)
+    return ErrorModel(chain, model.space, sources, model.poses, model.statics)
