@@ -87,15 +87,7 @@ def rare_laws(space: Space) -> Wanted:
 
 
 def convert_draws(space: Space, constants: Mapping[float, int]) -> Draws:
-    """Return the arrays of a space's draws, with a row for each component, in order, and for each constant.
-
-    Parameters
-    ----------
-    space
-        The draws.
-    constants
-        Rows of constants, keyed by their values.
-    """
+    """Return the arrays of a space's draws, with a row for each component, in order, and for each constant."""
     placed = list(zip((draw.law for draw in space.draws), space.slices, strict=True))
     streamed = [columns.start + k for law, columns in placed for k in law.streamed]
     by_branch: dict[Branch, dict[int, Array]] = {branch: {} for branch in get_args(Branch)}
@@ -179,13 +171,7 @@ def _stack_rows(parts: Sequence[Array], columns: int) -> tuple[Array, NDArray[np
 
 
 def intervals(space: Space) -> list[Interval]:
-    """Return the bounds of each component, drawn with uniform numbers of 53 bits.
-
-    Raises
-    ------
-    InputError
-        The compiled sampler does not support a law.
-    """
+    """Return the bounds of each component, drawn with uniform numbers of 53 bits."""
     found: list[Interval] = []
     for draw in space.draws:
         known = _kernel_row(draw.law).intervals
@@ -254,13 +240,7 @@ class SamplerArrays:
 
 
 def convert_table(table: TermTable, space: Space) -> SamplerArrays:
-    """Return the arrays of a term table.
-
-    Raises
-    ------
-    InputError
-        The compiled sampler does not support a law.
-    """
+    """Return the arrays of a term table."""
     return convert_tables((table,), space)[0]
 
 
@@ -283,11 +263,6 @@ def convert_tables(tables: Sequence[TermTable], space: Space) -> list[SamplerArr
 
     The arrays of consecutive tables with the same targets, program and factors, such as those of one model at several
     poses, share draws and formulas.
-
-    Raises
-    ------
-    InputError
-        The compiled sampler does not support a law.
     """
     found: list[SamplerArrays] = []
     for _, alike in groupby(tables, key=lambda table: (id(table.program), id(table.target), id(table.factors))):

@@ -93,11 +93,6 @@ class JoinedTables:
         """Join the arrays of one model at several poses.
 
         Arrays from one call of :func:`precision_pin.kernel.sampler.to_arrays_at_poses` are joined faster.
-
-        Raises
-        ------
-        InputError
-            There are no poses, or their draws, targets or formulas differ.
         """
         if not layouts:
             raise InputError("no poses to sample; give at least one")
@@ -308,25 +303,7 @@ def observe_poses(
     first_pose: int = 0,
     visit: int = 0,
 ) -> list[Blocks]:
-    """Return the statistics of blocks at P poses, as :func:`precision_pin.kernel.sampler.observe_blocks` at each.
-
-    Parameters
-    ----------
-    tables
-        Arrays of one model at the poses.
-    plans
-        A plan for each pose, all with the same specifications.
-    model, seed, first_block, blocks, samples, visit
-        As in :func:`precision_pin.kernel.sampler.observe_blocks`.
-    first_pose
-        Number of the first pose, for draws of pose and visit scope; the others follow.
-
-    Raises
-    ------
-    InputError
-        There are no poses, or a different number of plans; the poses are of different models; the plans have different
-        specifications; or as in :func:`precision_pin.kernel.sampler.observe_blocks`, with the number of the pose.
-    """
+    """Return the statistics of blocks at P poses, as :func:`precision_pin.kernel.sampler.observe_blocks` at each."""
     units = _Units(seed, *check_blocks(first_block, blocks, samples), first_pose, visit)
     counts = _run(tables, plans, model, units, 8 * COLUMNS, LARGEST, tiles=HELD)
     return [

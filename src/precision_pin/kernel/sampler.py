@@ -119,13 +119,7 @@ class Blocks:
 
 
 def check_blocks(first_block: int, blocks: int, samples: int | None) -> tuple[int, int]:
-    """Return the first unit and the number of units of some blocks, in a run of the given number of samples.
-
-    Raises
-    ------
-    InputError
-        The blocks are outside the run, or too many for one call.
-    """
+    """Return the first unit and the number of units of some blocks, in a run of the given number of samples."""
     first = int(first_block) * BLOCK
     end = min(first + int(blocks) * BLOCK, MOST_UNITS)
     count = (end if samples is None else min(end, int(samples))) - first
@@ -163,13 +157,7 @@ def to_arrays(pose_model: PoseModel) -> SamplerArrays:
 
 
 def to_arrays_at_poses(pose_models: Sequence[PoseModel]) -> list[SamplerArrays]:
-    """Convert one model at several poses to arrays, faster than by `to_arrays` for each.
-
-    Raises
-    ------
-    InputError
-        The compiled sampler does not support a law.
-    """
+    """Convert one model at several poses to arrays, faster than by `to_arrays` for each."""
     return convert_tables([at.table for at in pose_models], pose_models[0].space) if pose_models else []
 
 
@@ -270,26 +258,7 @@ def observe_blocks(
     pose: int = 0,
     visit: int = 0,
 ) -> Blocks:
-    """Return the statistics of blocks ``first_block … first_block + blocks - 1``; release Python's global lock.
-
-    Parameters
-    ----------
-    layout, model, seed, pose, visit
-        As in `errors`.
-    plan
-        Centres, bins and specifications.
-    first_block, blocks
-        First block of `BLOCK` units, and number of blocks.
-    samples
-        Number of units of the whole run, at which its last block ends.
-    keep_errors
-        Return the errors as well.
-
-    Raises
-    ------
-    InputError
-        As in `errors`.
-    """
+    """Return the statistics of blocks ``first_block … first_block + blocks - 1``; release Python's global lock."""
     first, count = check_blocks(first_block, blocks, samples)
     result = Blocks(
         count=count,
@@ -343,25 +312,13 @@ def is_compiled(rare: Wanted = None, linear: Wanted = None) -> bool:
 
 
 def stage_of(model: Model) -> int:
-    """Return the stage of the compiled loops for a model.
-
-    Raises
-    ------
-    InputError
-        The model is neither ``"exact"`` nor ``"linear"``.
-    """
+    """Return the stage of the compiled loops for a model."""
     check_choice("model", model, ("exact", "linear"))
     return _STAGES[model]
 
 
 def variant_of(space: Space, model: Model) -> tuple[Wanted, Wanted]:
-    """Return the variant of the loops for a model of a space: whether it has rare laws, and whether it is linear.
-
-    Raises
-    ------
-    InputError
-        There is no such model.
-    """
+    """Return the variant of the loops for a model of a space: whether it has rare laws, and whether it is linear."""
     return rare_laws(space), True if stage_of(model) == LINEAR else None
 
 

@@ -118,11 +118,6 @@ def settle(
         Change of the displacements (m, rad) from one round to the next at which the arm is at rest.
     values
         Values of the components, ``(d,)``; their means if left out.
-
-    Raises
-    ------
-    InputError
-        The arm buckles below its full loads, or does not come to rest.
     """
     feedback = Feedback(posture, space, make_terms, space.mean if values is None else values)
     aside = max(_PUSH, 100 * within) * feedback.loaded[:, None]
@@ -197,13 +192,7 @@ class Feedback:
         return np.array(ways).reshape(-1, 2 * len(targets), 6)
 
     def term_slopes(self, displacements: Array, ways: Array) -> Array:
-        """Return the derivatives of all terms' twists along every direction, ``(T, 6, M)``.
-
-        Raises
-        ------
-        InputError
-            A step moves the load of a backlash or clearance across the edge of its band.
-        """
+        """Return the derivatives of all terms' twists along every direction, ``(T, 6, M)``."""
         posture = self._displace(displacements)
         here = tuple(self._make_terms(posture))
         if not self._layout.fits(here):
@@ -404,13 +393,7 @@ def _growth(slopes: Array) -> float:
 
 
 def refuse_buckling(slopes: Array) -> None:
-    """Raise an error if a rest state with this ∂G/∂v is not stable.
-
-    Raises
-    ------
-    InputError
-        The arm buckles.
-    """
+    """Raise an error if a rest state with this ∂G/∂v is not stable."""
     growth = _growth(slopes)
     if growth >= 1.0:
         raise InputError(_BUCKLES.format(1 / growth))
@@ -423,18 +406,7 @@ _LONGEST_PRODUCT: Final = 32
 
 
 def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
-    """Return the terms about v*; those not caused by loads are unchanged.
-
-    Parameters
-    ----------
-    settled
-        The arm at rest with every parameter at its mean.
-
-    Raises
-    ------
-    InputError
-        The arm buckles: its rest state is not stable.
-    """
+    """Return the terms about v*; those not caused by loads are unchanged."""
     feedback, table = settled.feedback, settled.table
     reacting = np.flatnonzero(feedback.loaded)
     if not reacting.size:

@@ -228,15 +228,7 @@ OriginShares = Mapping[str, tuple[float, float]]
 
 
 def origins_of_numbers(stated: Mapping[str, Origin], space: Space, owners: Sequence[Sequence[str]]) -> dict[str, str]:
-    """Return where each number of a space comes from, by its name; nothing where nothing is stated.
-
-    Parameters
-    ----------
-    stated
-        As `precision_pin.sheet.Sheet.origins`.
-    space, owners
-        The draws, and the labels of the sources that use each of them.
-    """
+    """Return where each number of a space comes from, by its name; nothing where nothing is stated."""
     kinds = map(partial(_origin, stated), space.draws, owners)
     return {name: kind for draw, kind in zip(space.draws, kinds, strict=True) for name in draw.components}
 
@@ -257,13 +249,6 @@ def origin_shares(origins: Mapping[str, str], at: PoseModel) -> OriginShares:
     """Return the shares in the first-order variance, ``Cov(e_k, e)`` summed over the numbers of each provenance.
 
     Empty where no provenance is stated.
-
-    Parameters
-    ----------
-    origins
-        As `precision_pin.model.error_model.ErrorModel.origins`.
-    at
-        The pose.
     """
     if not any(origins.values()):
         return {}

@@ -255,15 +255,6 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
     Warnings about the range of validity of the statics are left to the analysis, since they concern an assumption of the
     model and no mistake in the sheet. With more than 500 random numbers some robots are sampled in place of the
     first-order check.
-
-    Parameters
-    ----------
-    model
-        The model.
-    pose
-        The name of the pose.
-    spread
-        Warn if no error varies.
     """
     try:
         with np.errstate(over="raise"):

@@ -24,13 +24,7 @@ MOST_SAMPLES: Final = 10**12
 
 
 def check_samples(samples: int) -> None:
-    """Check that the number of samples is a whole number from 1 to 10¹².
-
-    Raises
-    ------
-    InputError
-        The number is not whole or lies outside.
-    """
+    """Check that the number of samples is a whole number from 1 to 10¹²."""
     check_whole("the number of samples", samples, 1, MOST_SAMPLES, f"from 1 to {MOST_SAMPLES:.0e}")
 
 
@@ -42,13 +36,7 @@ def packages() -> tuple[tuple[str, str], ...]:
 
 
 def check_packages(started_with: Sequence[tuple[str, str]]) -> None:
-    """Check that this process has the packages of the process that started a run.
-
-    Raises
-    ------
-    InputError
-        One has another version.
-    """
+    """Check that this process has the packages of the process that started a run."""
     here = dict(packages())
     for name, version in started_with:
         if here[name] != version:
@@ -101,14 +89,7 @@ class Work:
         return -(-self.samples // BLOCK)
 
     def observe(self, first_block: int, blocks: int) -> Blocks:
-        """Return the statistics of blocks ``first_block … first_block + blocks - 1``.
-
-        Raises
-        ------
-        InputError
-            As :func:`precision_pin.kernel.sampler.observe_blocks`; or the package versions of this process differ from
-            those of the process that started the run.
-        """
+        """Return the statistics of blocks ``first_block … first_block + blocks - 1``."""
         check_packages(self.packages)
         return sampler.observe_blocks(
             self.layout, self.plan, self.model, self.seed, first_block, blocks,

@@ -60,11 +60,6 @@ def unpacked(data: bytes, pattern: S, check: Callable[[S], None]) -> S:
     """Return the state from its packed bytes; ``pattern`` is a state of the same run with the types and shapes to read.
 
     No more bytes are read than a state takes, whatever the input.
-
-    Raises
-    ------
-    InputError
-        The bytes are not such a state.
     """
     most = largest(pattern)
     try:
@@ -94,13 +89,7 @@ def _read(members: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[An
 
 
 def _check_samples(state: State) -> None:
-    """Check that samples could give this state: a correct digest does not prove that a run wrote the record.
-
-    Raises
-    ------
-    ValueError
-        The counts are inconsistent, sums or extremes are not finite, or the extremes are out of order.
-    """
+    """Check that samples could give this state: a correct digest does not prove that a run wrote the record."""
     sketched, inside = state.sketch.sum(axis=1), state.inside
     sums = (state.sums, state.products, state.norm_squares)
     if state.count < 0 or state.sketch.min() < 0 or (sketched != state.count).any():
@@ -200,14 +189,7 @@ def start_of_poses(part: Mapping[str, Array], poses: int) -> PosesDone:
 
 
 def _check_poses(state: PosesDone) -> None:
-    """Check that samples could give this state.
-
-    Raises
-    ------
-    ValueError
-        More poses are finished than there are, or numbers of them are infinite, or not numbers where samples always give
-        some.
-    """
+    """Check that samples could give this state."""
     if not 0 <= state.count <= state.values[0].shape[-1]:
         raise ValueError("its counts are inconsistent")
     for name, array in state.arrays().items():

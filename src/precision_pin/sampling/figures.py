@@ -72,13 +72,7 @@ def figures_of(analysis: MonteCarloResult) -> dict[str, Figure]:
 
 
 def plot(analysis: MonteCarloResult, quantity: str, axes: Axes | None) -> Axes | Figure:
-    """Return what :meth:`precision_pin.sampling.result.MonteCarloResult.plot` does.
-
-    Raises
-    ------
-    UnknownNameError
-        No such quantity.
-    """
+    """Return what :meth:`precision_pin.sampling.result.MonteCarloResult.plot` does."""
     names = ("position", "attitude", "components", *QUANTITIES)
     if quantity not in names:
         raise UnknownNameError("quantity", quantity, names)
@@ -115,24 +109,7 @@ def histogram(
     specifications: Sequence[SpecificationResult] = (),
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw the probability density with mean, quantiles (and their intervals) and limits marked.
-
-    Parameters
-    ----------
-    distribution
-        What is drawn.
-    title
-        Above the figure, wrapped to its width.
-    unit
-        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
-    seed
-        Named in the caption if given, together with N.
-    specifications
-        Those of this quantity are marked, others are left out.
-    axes
-        Where to draw. None makes a figure of its own with title, legend and caption; on given axes the
-        lines carry labels, and legend and caption are the caller's.
-    """
+    """Draw the probability density with mean, quantiles (and their intervals) and limits marked."""
     return _alone_or_on(axes, distribution, draw_histogram, title, unit, seed, specifications)
 
 
@@ -152,19 +129,7 @@ def cumulative(
 def figure_position(
     summary: Summary, *, title: str = "Position error", seed: int | None = None, unit: WrittenUnit | None = None
 ) -> Figure:
-    """Return the distribution of |d|, density above and cumulative below (the paper's figure 5), 85 mm wide.
-
-    Parameters
-    ----------
-    summary
-        What is drawn; its specifications of ``position.norm`` are marked.
-    title
-        Above the figure, wrapped to its width.
-    seed
-        Named in the caption if given.
-    unit
-        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
-    """
+    """Return the distribution of |d|, density above and cumulative below (the paper's figure 5), 85 mm wide."""
     return _figure_of_norm(summary, summary.position.norm, title, seed, unit)
 
 
@@ -183,19 +148,7 @@ def figure_components(
     position_unit: WrittenUnit | None = None,
     attitude_unit: WrittenUnit | None = None,
 ) -> Figure:
-    """Return the densities of dx, dy, dz, δx, δy, δz as two rows of three, 174 mm wide.
-
-    Parameters
-    ----------
-    summary
-        What is drawn; its specifications of components are marked.
-    title
-        Above the figure, wrapped to its width.
-    seed
-        Named in the caption if given.
-    position_unit, attitude_unit
-        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
-    """
+    """Return the densities of dx, dy, dz, δx, δy, δz as two rows of three, 174 mm wide."""
     with style():
         figure = new_figure(DOUBLE_COLUMN)
         grid = figure.subplots(2, 3)
@@ -221,11 +174,6 @@ def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[P
     """Write a figure as PNG (200 dpi) and SVG, the same bytes for the same figure, and return both paths.
 
     Both are written or neither, and neither is ever seen half-written.
-
-    Raises
-    ------
-    OutputError
-        They cannot be written.
     """
     base = Path(path_without_suffix)
     metadata: dict[str, dict[str, str | None]] = {
@@ -310,13 +258,7 @@ _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
 
 
 def plot_poses(result: PosesResult, quantity: str, axes: Axes | None) -> Axes | Figure:
-    """Return what :meth:`precision_pin.sampling.poses_result.PosesResult.plot` does.
-
-    Raises
-    ------
-    UnknownNameError
-        No such quantity.
-    """
+    """Return what :meth:`precision_pin.sampling.poses_result.PosesResult.plot` does."""
     names = ("position", "attitude")
     if quantity not in names:
         raise UnknownNameError("quantity", quantity, names)

@@ -38,17 +38,7 @@ def planned(
     seed: int,
     specifications: Sequence[Specification] = (),
 ) -> Plan:
-    """Return the plan of a run at a pose.
-
-    Parameters
-    ----------
-    at, layout
-        The error model at the pose, and its arrays for the sampler.
-    model, seed
-        ``"exact"`` or ``"linear"``; 64-bit seed.
-    specifications
-        Limits to count against.
-    """
+    """Return the plan of a run at a pose."""
     _, slopes = at.tangent
     skewness = first_order_skewness(at.space.draws, slopes)
     try:

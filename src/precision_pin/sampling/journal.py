@@ -50,22 +50,7 @@ _PLAN: Final = "the planned centres and scales"
 
 
 def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:
-    """Return all inputs that determine the bits of a run, keyed by their names in messages.
-
-    Parameters
-    ----------
-    work
-        The work of the run.
-    posture
-        The pose.
-    files
-        Files that the model was read from, keyed by their names in messages.
-
-    Raises
-    ------
-    InputError
-        A file cannot be read.
-    """
+    """Return all inputs that determine the bits of a run, keyed by their names in messages."""
     # the processor that numba compiles for, as detected or configured
     triple, processor, features = cpu_target.target_context.codegen().magic_tuple()
     joints = zip(posture.chain.joint_names, posture.q, strict=True)
@@ -106,13 +91,7 @@ def differences(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
 
 
 def digest(value: Any) -> str:
-    """Return a digest of numbers, text, arrays, and sequences, mappings and data classes of them.
-
-    Raises
-    ------
-    InternalError
-        A value of another type is among them.
-    """
+    """Return a digest of numbers, text, arrays, and sequences, mappings and data classes of them."""
     hasher = hashlib.blake2b(digest_size=16)
     _update(hasher, value)
     return hasher.hexdigest()
@@ -193,28 +172,7 @@ def opened(
     resume: bool,
     tell: Callable[[str], None],
 ) -> Iterator[tuple[Journal[S], S]]:
-    """Yield an open journal and the state to resume from; the file is locked against other processes.
-
-    Parameters
-    ----------
-    path
-        Path of the file.
-    identity
-        All inputs that determine the bits of the run.
-    start, codec
-        The state before any sample, and what the journal must know of states.
-    resume
-        Resume from the file, or start the run where the file does not exist. If false, the file must not exist.
-    tell
-        Called with one line about the contents of the file.
-
-    Raises
-    ------
-    InputError
-        The file exists although it must not, is in use, is not a journal, or belongs to another run.
-    OutputError
-        The file cannot be written.
-    """
+    """Yield an open journal and the state to resume from; the file is locked against other processes."""
     name = os.fspath(path)
     journal = Journal(name, _open_locked(name, resume=resume), identity, codec)
     try:
@@ -298,24 +256,12 @@ class Journal(Generic[S]):
         return self._last_state(start, size, tell)
 
     def save_if_due(self, state: S) -> None:
-        """Add a record if the pause since the last one is over.
-
-        Raises
-        ------
-        OutputError
-            The record cannot be written; the earlier records remain.
-        """
+        """Add a record if the pause since the last one is over."""
         if time.monotonic() >= self._due:
             self.save(state)
 
     def save(self, state: S) -> None:
-        """Add a record, unless the last one has the same samples.
-
-        Raises
-        ------
-        OutputError
-            The record cannot be written; the earlier records remain.
-        """
+        """Add a record, unless the last one has the same samples."""
         if self._codec.count(state) == self._saved:
             return
         begun = time.monotonic()

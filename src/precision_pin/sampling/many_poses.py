@@ -357,20 +357,6 @@ def count_everywhere(
     """Return how many robots keep each specification at all poses ``(n, P)``.
 
     Robot k has the draws that it has where each pose is sampled alone, so the counts are the same for any pool.
-
-    Parameters
-    ----------
-    error_model, values, approaches, specifications, model, seed, samples
-        As in :func:`precision_pin.sampling.many_poses.sample_poses`.
-    pool
-        What the robots are sampled on; threads, which share memory.
-    step
-        Called with the number of samples made since the last call.
-
-    Raises
-    ------
-    InputError
-        More robots than there is memory for, or errors too large to compute with.
     """
     if not specifications:
         return ()

@@ -244,13 +244,7 @@ def monte_carlo(
 
 
 def check_progress(progress: object) -> None:
-    """Check that progress is a function of a number of samples, a flag or None.
-
-    Raises
-    ------
-    InputError
-        It is none of them.
-    """
+    """Check that progress is a function of a number of samples, a flag or None."""
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
         raise InputError(f"progress must be a function, or True for a bar, got {shown(progress)}")
 

@@ -48,13 +48,7 @@ class GroupWork:
     packages: tuple[tuple[str, str], ...]
 
     def observe(self, first_block: int, blocks: int) -> NormBlocks:
-        """Return the statistics of some blocks.
-
-        Raises
-        ------
-        InputError
-            A sample cannot be computed, or this process has other packages than the one that started the run.
-        """
+        """Return the statistics of some blocks."""
         check_packages(self.packages)
         work = self.work
         return observe_norms(

@@ -24,19 +24,7 @@ def task_size(blocks: int, most: int) -> int:
 
 @final
 class Stream:
-    """Tasks submitted ahead of the one being awaited, at most as many as the workers accept.
-
-    Parameters
-    ----------
-    work
-        The work of the run.
-    workers
-        Workers that compute the tasks.
-    first_block, end_block
-        The first block, and the one after the last.
-    size
-        Blocks in a task; it does not change the result.
-    """
+    """Tasks submitted ahead of the one being awaited, at most as many as the workers accept."""
 
     def __init__(self, work: Work, workers: Workers, first_block: int, end_block: int, size: int) -> None:
         self._work = work
@@ -50,11 +38,6 @@ class Stream:
         """Wait for the task that begins with a block, and submit further tasks.
 
         The block must be the one after the last of the task before.
-
-        Raises
-        ------
-        InputError
-            A sample cannot be computed, or the workers failed.
         """
         self._forget_before(block)
         while len(self._futures) < self._workers.most and self._next < self._end:
@@ -76,19 +59,7 @@ class Stream:
 
 @final
 class Sampling:
-    """Run from a given state to the last sample.
-
-    Parameters
-    ----------
-    work
-        The work of the run.
-    state
-        State of the samples before.
-    progress
-        Function called with the number of samples added since its last call.
-    journal
-        Journal in which the state is saved from time to time.
-    """
+    """Run from a given state to the last sample."""
 
     def __init__(
         self, work: Work, state: State, progress: Callable[[int], None], journal: Journal[State] | None
@@ -105,24 +76,6 @@ class Sampling:
         """Sample to the end, or to the first check that is passed: after 1, 2, 4, 8 … blocks.
 
         The checks do not depend on the workers, and so neither does the result.
-
-        Parameters
-        ----------
-        workers
-            Workers that compute the blocks. Neither they nor their speed change the result.
-        blocks_in_a_task
-            Blocks in a task, by default the number suited to the workers. It does not change the result.
-        enough
-            Check that ends the run where it returns true; by default none.
-
-        Raises
-        ------
-        KeyboardInterrupt
-            Raised with a note after the running tasks are finished and saved in the journal, if there is one.
-        InputError
-            A sample cannot be computed, or workers failed. The blocks finished before are in the journal.
-        OutputError
-            The journal cannot be written.
         """
         for end in self._check_blocks() if enough is not None else [self._work.blocks]:
             if self._next_block() < end and self.state.count < self._work.samples:

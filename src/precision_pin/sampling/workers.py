@@ -67,13 +67,7 @@ class Workers(ABC):
 
     @abstractmethod
     def result(self, future: Any) -> Any:
-        """Wait for a task and return its blocks.
-
-        Raises
-        ------
-        InputError
-            A sample cannot be computed, or the workers failed.
-        """
+        """Wait for a task and return its blocks."""
 
     @abstractmethod
     def close(self, *, done: bool) -> None:
@@ -264,13 +258,7 @@ def _observe(work: Observing, first_block: int, blocks: int) -> Any:
 def chosen(
     threads: int | None, processes: int | None, executor: Submitter | None, tasks_under_way: int | None
 ) -> Workers:
-    """Return the requested workers, by default threads on all cores.
-
-    Raises
-    ------
-    InputError
-        A number is wrong, or more than one kind of worker is given.
-    """
+    """Return the requested workers, by default threads on all cores."""
     asked = [
         name
         for name, value in (("threads", threads), ("processes", processes), ("executor", executor))

@@ -68,11 +68,6 @@ def split_pose(value: PoseText, chain: Chain) -> tuple[PlainPose, Any]:
     """Return the joint values of a pose as text, and its approach, which is empty where none is given.
 
     A mapping with ``q`` and ``approach`` has both, unless these are names of joints.
-
-    Raises
-    ------
-    InputError
-        The mapping has other keys beside these, or a joint's value is no text.
     """
     approach: Any = ()
     if isinstance(value, Mapping) and {VALUES, APPROACH} & (value.keys() - set(chain.joint_names)):
@@ -92,13 +87,7 @@ def split_pose(value: PoseText, chain: Chain) -> tuple[PlainPose, Any]:
 
 
 def parse_pose(value: PlainPose, chain: Chain) -> Array:
-    """Return joint values in chain order from text: numbers with one unit, a list, or a mapping by joint.
-
-    Raises
-    ------
-    InputError
-        Wrong count, unit or joint.
-    """
+    """Return joint values in chain order from text: numbers with one unit, a list, or a mapping by joint."""
     quantities = [joint_quantity(joint) for joint in chain.joints]
     if isinstance(value, Mapping):
         named = {name: _parse_at(name, text, quantities[chain.joint_index(name)]) for name, text in value.items()}
@@ -130,13 +119,7 @@ _EXAMPLE: Final = "0 0 100 mm"
 
 
 def parse_target(text: str) -> list[float]:
-    """Return a point in the tip's axes, m, from text such as ``0 0 100 mm``.
-
-    Raises
-    ------
-    SettingError
-        Not three lengths with one unit, or farther from the tip than a target may be.
-    """
+    """Return a point in the tip's axes, m, from text such as ``0 0 100 mm``."""
     try:
         point = units.parse_vector(text, units.LENGTH, count=3)
         if max(map(abs, point)) > FARTHEST_TARGET:

@@ -552,14 +552,7 @@ class MeasurementEntry(BaseModel):
 
 
 def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
-    """Return the measurement of an entry.
-
-    Raises
-    ------
-    InputError
-        A number or a combination of settings is wrong; a :class:`~precision_pin.sheet.settings.SettingError` where one key is at
-        fault.
-    """
+    """Return the measurement of an entry."""
     plane = None
     if entry.plane is not None:
         point = _read_point(("plane", "point"), entry.plane.point)

@@ -67,17 +67,7 @@ class GridEntry:
             raise self.wrong(first.message) from None
 
     def keys(self, allowed: Sequence[str], expected: str, *, all_needed: bool = False) -> dict[str, GridEntry]:
-        """Return the values by key.
-
-        Parameters
-        ----------
-        allowed
-            The keys there may be.
-        expected
-            What the keys mean, for messages.
-        all_needed
-            Whether every key must be there.
-        """
+        """Return the values by key."""
         if not isinstance(self.data, dict) or not self.data:
             raise self.wrong(f"{self._named}{expected}; got {self._shown}")
         for key in self.data:

@@ -301,13 +301,7 @@ def _contents(file: str) -> str:
 
 
 def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
-    """Return the sheet's contents and the top-level keys that are wrong; these are left out, so that reading continues.
-
-    Raises
-    ------
-    SheetError
-        The sheet does not consist of keys with values.
-    """
+    """Return the sheet's contents and the top-level keys that are wrong; these are left out, so that reading continues."""
     if not isinstance(text.data, dict):
         findings.error((), "a sheet must begin with 'precision-pin: 1' and contain keys such as robot: and sources:")
         findings.refuse()
@@ -448,19 +442,7 @@ def _try_terms(
 def correlated_space(
     draws: Sequence[Draw], entries: Sequence[object], findings: Findings, unread: Sequence[str]
 ) -> Space:
-    """Return the space of the sheet's draws with its correlations; errors in these become findings.
-
-    Parameters
-    ----------
-    draws
-        The sheet's parameters.
-    entries
-        The entries under ``correlations``.
-    findings
-        Collector of the errors.
-    unread
-        Names of parameters that could not be read; a correlation that uses one is left out.
-    """
+    """Return the space of the sheet's draws with its correlations; errors in these become findings."""
     space = Space(tuple(draws))
     for k, entry in enumerate(entries):
         path: Path = ("correlations", k)
@@ -514,20 +496,7 @@ _LARGEST_RESULT: Final = 64 * 2**20
 
 
 def read_estimates(file: str, folder: FilePath) -> Estimates:
-    """Return the estimates in the JSON that ``calibrate`` writes.
-
-    Parameters
-    ----------
-    file
-        Its name.
-    folder
-        Folder that it is relative to.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or is no result of a calibration.
-    """
+    """Return the estimates in the JSON that ``calibrate`` writes."""
     path = folder / file
     try:
         data = json.loads(read_text_file(path, _LARGEST_RESULT))

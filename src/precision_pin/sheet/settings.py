@@ -19,15 +19,7 @@ from precision_pin.sheet.text import Path
 
 @final
 class SettingError(InputError):
-    """Error inside a setting.
-
-    Parameters
-    ----------
-    below
-        Path from the setting down to the error.
-    reason
-        A message, or the error raised there.
-    """
+    """Error inside a setting."""
 
     def __init__(self, below: Path, reason: str | InputError) -> None:
         super().__init__(reason if isinstance(reason, str) else reason.findings)
@@ -36,17 +28,7 @@ class SettingError(InputError):
 
 @final
 class LawReader:
-    """Reader of a law's settings, whose numbers all have one quantity; :attr:`unit` is the first unit read.
-
-    Parameters
-    ----------
-    settings
-        The law as a mapping.
-    quantities
-        Possible quantities of the numbers; each unit that is read narrows them down.
-    folder
-        The folder that file names are relative to.
-    """
+    """Reader of a law's settings, whose numbers all have one quantity; :attr:`unit` is the first unit read."""
 
     def __init__(self, settings: Mapping[str, Any], quantities: tuple[Quantity, ...], folder: FilePath) -> None:
         self.settings = settings
@@ -185,13 +167,7 @@ class NamedParameter:
 
 
 def parse_number(value: object, quantities: Sequence[Quantity]) -> float:
-    """Return a quantity in SI, refusing laws.
-
-    Raises
-    ------
-    InputError
-        A law, a name, or a wrong number.
-    """
+    """Return a quantity in SI, refusing laws."""
     if isinstance(value, Mapping) or tolerance_law(value) is not None:
         raise InputError("expected a plain quantity, not a law or a tolerance")
     return units.parse(value, *quantities)
@@ -200,26 +176,7 @@ def parse_number(value: object, quantities: Sequence[Quantity]) -> float:
 def parse_setting(
     value: object, quantities: Sequence[Quantity], named: Mapping[str, NamedParameter], folder: FilePath
 ) -> Setting:
-    """Return a setting: a number in SI, an unnamed draw, or a parameter's name.
-
-    Parameters
-    ----------
-    value
-        Text, such as ``0.1 mm``, ``±0.1 mm`` or ``a1``, or a law as a mapping.
-    quantities
-        The quantities allowed for the setting.
-    named
-        The sheet's parameters by the name of each of their numbers.
-    folder
-        The folder that file names are relative to.
-
-    Raises
-    ------
-    InputError
-        Malformed, in the wrong unit, or naming a parameter of another quantity.
-    UnknownNameError
-        A name that is no parameter.
-    """
+    """Return a setting: a number in SI, an unnamed draw, or a parameter's name."""
     law = value if isinstance(value, Mapping) else tolerance_law(value)
     if law is not None:
         parameter = parse_law("", law, quantities, folder)
@@ -268,13 +225,7 @@ def tolerance_law(value: object) -> dict[str, str] | None:
 
 
 def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], folder: FilePath) -> NamedParameter:
-    """Return a named parameter: a law, or a tolerance as text.
-
-    Raises
-    ------
-    InputError
-        Neither, or as :func:`parse_law`.
-    """
+    """Return a named parameter: a law, or a tolerance as text."""
     law = value if isinstance(value, Mapping) else tolerance_law(value)
     if law is None:
         raise InputError(
@@ -287,13 +238,7 @@ def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], fo
 def parse_law(
     name: str, value: Mapping[str, Any], quantities: Sequence[Quantity], folder: FilePath = _HERE
 ) -> NamedParameter:
-    """Return the draw of a law written as a mapping with one law key; file names are relative to the folder.
-
-    Raises
-    ------
-    InputError
-        No law key or several, an unknown key, or a bad number; a :class:`SettingError` where one key is at fault.
-    """
+    """Return the draw of a law written as a mapping with one law key; file names are relative to the folder."""
     laws = laws_of_sheets()
     found = [key for key in value if key in laws]
     if len(found) != 1:
