@@ -73,7 +73,6 @@ if TYPE_CHECKING:
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
     from precision_pin.sampling.poses_result import PosesResult as PosesResult
     from precision_pin.sampling.relative import relative as relative
-    from precision_pin.sampling.result import Analysis as Analysis
     from precision_pin.sampling.result import MonteCarloResult as MonteCarloResult
     from precision_pin.sheet.measurement import Measurement as Measurement
     from precision_pin.statistics.specification import specification as specification
@@ -81,7 +80,6 @@ if TYPE_CHECKING:
     from precision_pin.terms.term import Term as Term
 
 _HOMES: Final = {
-    "Analysis": "sampling.result",
     "ApproachedPose": "robot.approach",
     "Arcsine": "draws.laws",
     "Chain": "robot.chain",

@@ -16,7 +16,7 @@ from sampling.cases import MODEL
 TARGET = "95 % to 0.03 mm"
 
 
-def numbers(result: pp.Analysis) -> dict[str, object]:
+def numbers(result: pp.MonteCarloResult) -> dict[str, object]:
     """Return a result without its targets."""
     return {key: value for key, value in result.to_dict().items() if key != "until"}
 

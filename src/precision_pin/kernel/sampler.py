@@ -161,12 +161,6 @@ def to_arrays_at_poses(pose_models: Sequence[PoseModel]) -> list[SamplerArrays]:
     return convert_tables([at.table for at in pose_models], pose_models[0].space) if pose_models else []
 
 
-# former names, kept as aliases
-CompiledTable = SamplerArrays
-compile_table = to_arrays
-compile_tables = to_arrays_at_poses
-
-
 def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
     """Return the components ``(d, count)`` of units ``first … first + count - 1``.
 

@@ -45,16 +45,23 @@ def check_packages(started_with: Sequence[tuple[str, str]]) -> None:
             )
 
 
-def pickled_with_read_only_arrays(value: object) -> bytes:
-    """Return a value pickled so that read-only arrays stay read-only."""
-    buffer = io.BytesIO()
-    _Pickler(buffer, protocol=5).dump(value)
-    return buffer.getvalue()
+class Sent:
+    """Data class that is pickled with its read-only arrays read-only."""
+
+    def __reduce__(self) -> tuple[Callable[[bytes], Any], tuple[bytes]]:
+        buffer = io.BytesIO()
+        _Pickler(buffer, protocol=5).dump((type(self), tuple(vars(self).values())))
+        return _unpickle, (buffer.getvalue(),)
+
+
+def _unpickle(data: bytes) -> Any:
+    kind, values = pickle.loads(data)
+    return kind(*values)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Work:
+class Work(Sent):
     """All inputs of a block's statistics except the block number. Can be pickled.
 
     Attributes
@@ -95,13 +102,6 @@ class Work:
             self.layout, self.plan, self.model, self.seed, first_block, blocks,
             samples=self.samples, keep_errors=self.keep_errors,
         )  # fmt: skip
-
-    def __reduce__(self) -> tuple[Callable[..., Work], tuple[bytes]]:
-        return _unpickle_work, (pickled_with_read_only_arrays(tuple(vars(self).values())),)
-
-
-def _unpickle_work(data: bytes) -> Work:
-    return Work(*pickle.loads(data))
 
 
 class _Pickler(pickle.Pickler):

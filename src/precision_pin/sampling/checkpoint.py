@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
+from precision_pin.sampling.poses_result import POSE_ARRAYS
 from precision_pin.statistics import State
 from precision_pin.statistics.accumulate import LARGEST
 
@@ -145,11 +146,6 @@ def _parts(value: Any) -> list[tuple[str, Any]]:
     return [(str(k), entry) for k, entry in enumerate(value)]
 
 
-NAMES: Final = (
-    "mean", "covariance", "norm_mean", "norm_std", "norm_max", "quantile", "quantile_interval", "quantile_resolution",
-    "probability", "probability_interval",
-)  # fmt: skip
-"""Arrays of a group of poses, fields of :class:`precision_pin.sampling.poses_result.PosesResult`."""
 _ALWAYS: Final = ("mean", "norm_mean", "norm_max", "probability", "probability_interval")
 """Those that any number of samples gives."""
 
@@ -164,7 +160,7 @@ class PosesDone:
     count
         Number of poses that are finished.
     values
-        The arrays of `NAMES`; the last axis is the pose.
+        The arrays of `POSE_ARRAYS`; the last axis is the pose.
     """
 
     count: int
@@ -172,7 +168,7 @@ class PosesDone:
 
     def arrays(self) -> dict[str, Array]:
         """Return the arrays by name."""
-        return dict(zip(NAMES, self.values, strict=True))
+        return dict(zip(POSE_ARRAYS, self.values, strict=True))
 
     def with_part(self, part: Mapping[str, Array]) -> PosesDone:
         """Return the state with the next poses filled, in place."""
@@ -185,7 +181,7 @@ class PosesDone:
 
 def start_of_poses(part: Mapping[str, Array], poses: int) -> PosesDone:
     """Return the state before any of P poses, with the types and shapes of the part of a pose."""
-    return PosesDone(0, tuple(np.zeros((*part[name].shape[:-1], poses), part[name].dtype) for name in NAMES))
+    return PosesDone(0, tuple(np.zeros((*part[name].shape[:-1], poses), part[name].dtype) for name in POSE_ARRAYS))
 
 
 def _check_poses(state: PosesDone) -> None:

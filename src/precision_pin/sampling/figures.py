@@ -53,9 +53,6 @@ from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary
 
-DisplayUnit = WrittenUnit
-"""The earlier name of :class:`~precision_pin.render.display_units.WrittenUnit`."""
-
 DOTS_PER_INCH: Final = 200
 
 _Draw = Callable[[Axes, Distribution, WrittenUnit, Sequence[SpecificationResult]], None]

@@ -39,6 +39,7 @@ from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.blocks import Work, packages
 from precision_pin.sampling.checkpoint import POSES, PosesDone, start_of_poses
 from precision_pin.sampling.journal import Journal, digest, identity, opened
+from precision_pin.sampling.one_pose import do_nothing
 from precision_pin.sampling.pose_group import PILOTS, Model, PoseGroup, PosesWork
 from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.sampling.workers import Submitter, Workers, chosen
@@ -155,13 +156,13 @@ def sample_poses(
     workers = chosen(threads, processes, executor, tasks_under_way)
     with ExitStack() as stack:
         total = count * work.samples * (2 if everywhere and work.specifications else 1)
-        step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or _nothing
+        step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or do_nothing
         state, kept_in = None, None
         if journal is not None:
             start = start_of_poses(_first_part(error_model, values, approaches, work, confidence), count)
             known_run = _identity(error_model, values, approaches, work, confidence, files or {})
             kept_in, state = stack.enter_context(
-                opened(journal, known_run, start, POSES, resume=resume, tell=tell or _silent)
+                opened(journal, known_run, start, POSES, resume=resume, tell=tell or do_nothing)
             )
             step(state.count * work.samples)
         sampled = _sample(error_model, values, approaches, work, workers, state, kept_in, confidence, step)
@@ -329,14 +330,6 @@ def _tasks(
                 yield group, first_block, min(size, blocks - first_block)
             first_pose += alike
             layouts = layouts[alike:]
-
-
-def _nothing(_: int) -> None:
-    """Do nothing."""
-
-
-def _silent(_: str) -> None:
-    """Say nothing."""
 
 
 _ROBOTS: Final = 4 * BLOCK

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,7 +48,7 @@ from precision_pin.statistics import (
     start,
 )
 from precision_pin.statistics.precision import Precision, Target, reached, target
-from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.statistics.specification import Specification, Specifications, listed_specifications
 
 _LARGEST_SQUARE: Final = 1e75
 """Largest square of errors accepted, m² or rad²: beyond, the sums of fourth powers for the intervals overflow."""
@@ -153,11 +153,7 @@ def monte_carlo(
         raise InputError("q and pose mean the same; give one of them")
     pose = q if pose is None else pose
     pose = pose if approach is None else ApproachedPose(pose, approach)
-    check_samples(samples)
-    check_seed(seed)
-    sampler.stage_of(model)
-    check_confidence(confidence)
-    specifications = listed_specifications(specifications)
+    specifications = check_run(samples, seed, model, confidence, specifications)
     until = (until,) if isinstance(until, str) else check_items("until, targets,", until, str)
     findings = check_items("findings", findings, Finding)
     check_flag("keep_samples", keep_samples)
@@ -185,26 +181,24 @@ def monte_carlo(
     work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
     state = start(plan)
     with ExitStack() as stack:
-        step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or _nothing
+        step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or do_nothing
         kept_in = None
         if journal is not None:
             urdf = error_model.chain.robot.file
             known = identity(work, at.posture, {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **(files or {})})
             known["until"] = "; ".join(until)
             kept_in, state = stack.enter_context(
-                opened(journal, known, state, SAMPLES, resume=resume, tell=tell or _nothing)
+                opened(journal, known, state, SAMPLES, resume=resume, tell=tell or do_nothing)
             )
             if state.count:
                 step(state.count)
         sampling = Sampling(work, state, step, kept_in)
         done = False
         try:
-            sampling.run(workers, enough=_enough(targets, plan, confidence, tell or _nothing) if targets else None)
+            sampling.run(workers, enough=_enough(targets, plan, confidence, tell or do_nothing) if targets else None)
             done = True
         finally:
             workers.close(done=done)
-    chain = error_model.chain
-    error, _ = at.tangent
     spread = np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
     summary = finish(plan, sampling.state, confidence, spread=spread)
     if specifications:
@@ -217,6 +211,40 @@ def monte_carlo(
         *(_missed_target(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
     )  # fmt: skip
     add(found)
+    return result_at(
+        error_model, at, pose, summary, work.layout, int(seed), model,
+        nominal=at.tangent[0],
+        origins=origin_shares(error_model.origins, at),
+        until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
+        warnings=tuple(str(finding) for finding in (*findings, *found)),
+        errors=sampling.errors,
+        findings=findings,
+    )  # fmt: skip
+
+
+def check_run(
+    samples: int, seed: int, model: str, confidence: float, specifications: Specifications
+) -> tuple[Specification, ...]:
+    """Check the settings of a run at one pose, and return its specifications."""
+    check_samples(samples)
+    check_seed(seed)
+    sampler.stage_of(model)  # type: ignore[arg-type]
+    check_confidence(confidence)
+    return listed_specifications(specifications)
+
+
+def result_at(
+    error_model: ErrorModel,
+    at: PoseModel,
+    pose: object,
+    summary: Summary,
+    layout: SamplerArrays,
+    seed: int,
+    model: str,
+    **found: Any,
+) -> MonteCarloResult:
+    """Return the result at a pose, with what its model tells of it."""
+    chain, draws = error_model.chain, at.space.draws
     return MonteCarloResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
@@ -224,22 +252,17 @@ def monte_carlo(
         pose_name=error_model.pose_name(pose),
         q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
         approach=written_approach(chain.joint_names, at.posture.approach),
-        seed=int(seed),
+        seed=seed,
         model=model,
         statics=error_model.statics,
-        scopes={scope.value: sum(draw.law.size for draw in at.space.draws if draw.scope is scope) for scope in Scope},
-        nominal=error,
+        scopes={scope.value: sum(draw.law.size for draw in draws if draw.scope is scope) for scope in Scope},
         sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
         correlations=Correlated.all_of(at.space),
         summary=summary,
-        makers=makers(work.layout, int(seed), summary),
+        makers=makers(layout, seed, summary),
         assumed=error_model.assumed,
         sources=len(error_model.sources),
-        origins=origin_shares(error_model.origins, at),
-        until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
-        warnings=tuple(str(finding) for finding in (*findings, *found)),
-        errors=sampling.errors,
-        findings=findings,
+        **found,
     )
 
 
@@ -311,7 +334,7 @@ def model_at_pose(
         ) from None
 
 
-def _nothing(_: object) -> None:
+def do_nothing(_: object) -> None:
     """Do nothing."""
 
 

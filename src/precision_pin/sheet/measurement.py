@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal, Protocol, final
+from typing import Any, Final, Literal, Protocol, final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -245,17 +245,13 @@ class Measurement:
         check_choice("the kind of a measurement", self.kind, KINDS)
         check_choice("the base of a measurement", self.base, ("known", "free"))
         check_flag("target_known of a measurement", self.target_known)
-        std = check_quantity(
-            "std, the standard deviation of a measurement,", self.std, LENGTH, "above zero and finite", lambda n: n > 0
-        )
-        object.__setattr__(self, "std", std)
+        above, what = "above zero and finite", "std, the standard deviation of a measurement,"
+        self._fix("std", check_quantity(what, self.std, LENGTH, above, lambda n: n > 0))
         if self.attitude_std is not None:
-            angle = check_quantity(
-                "attitude_std of a measurement", self.attitude_std, ANGLE, "above zero and finite", lambda n: n > 0
-            )
-            object.__setattr__(self, "attitude_std", angle)
+            what = "attitude_std of a measurement"
+            self._fix("attitude_std", check_quantity(what, self.attitude_std, ANGLE, above, lambda n: n > 0))
         for name in ("target", "anchor"):
-            object.__setattr__(self, name, _point(f"the {name} of a measurement", getattr(self, name)))
+            self._fix(name, _point(f"the {name} of a measurement", getattr(self, name)))
         self._check_places()
         self._check_sight()
         self._check_load()
@@ -272,36 +268,31 @@ class Measurement:
             if not isinstance(self.plane, tuple | list) or len(self.plane) != 2:
                 raise InputError("the plane of a measurement must be a point and a normal")
             point = _point("the point of the plane of a measurement", self.plane[0])
-            normal = np.array(_direction("the normal of the plane of a measurement", self.plane[1]))
-            length = float(np.linalg.norm(normal))
-            if length == 0:
-                raise InputError("the normal of the plane of a measurement is zero")
-            object.__setattr__(self, "plane", (point, tuple((normal / length).tolist())))
+            self._fix("plane", (point, _direction("the normal of the plane of a measurement", self.plane[1])))
         if not isinstance(self.sockets, tuple | list):
             raise InputError("the sockets of a measurement must be a list of points")
         sockets = tuple(
             _point(f"entry {k + 1} of the sockets of a measurement", one) for k, one in enumerate(self.sockets)
         )
-        object.__setattr__(self, "sockets", sockets)
+        self._fix("sockets", sockets)
         if len(set(sockets)) < len(sockets):
             raise InputError("two sockets of a measurement are at one place")
 
     def _check_sight(self) -> None:
         limits = "above zero and at most a half turn"
         cone = check_quantity("the cone of a measurement", self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi)
-        object.__setattr__(self, "cone", cone)
+        self._fix("cone", cone)
         if (self.seen_from is None) != (self.facing is None):
             raise InputError(
                 "seen_from and facing of a measurement belong together: where from a target is seen, and its direction"
             )
         if self.seen_from is None or self.facing is None:
             return
-        object.__setattr__(self, "seen_from", _point("seen_from of a measurement", self.seen_from))
-        facing = np.array(_direction("facing of a measurement", self.facing))
-        length = float(np.linalg.norm(facing))
-        if length == 0:
-            raise InputError("facing of a measurement is zero")
-        object.__setattr__(self, "facing", tuple((facing / length).tolist()))
+        self._fix("seen_from", _point("seen_from of a measurement", self.seen_from))
+        self._fix("facing", _direction("facing of a measurement", self.facing))
+
+    def _fix(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
 
     def sees(self, pose: Array) -> bool:
         """Return whether the instrument sees the nominal target, which only its direction may prevent."""
@@ -319,7 +310,7 @@ class Measurement:
             raise InputError(
                 "the load of a measurement is given by fixed numbers; what varies is a payload of the sheet"
             )
-        object.__setattr__(self, "load", load)
+        self._fix("load", load)
 
     @cached_property
     def place(self) -> Place | None:
@@ -495,7 +486,12 @@ def _point(what: str, value: object) -> tuple[float, ...]:
 
 
 def _direction(what: str, value: object) -> tuple[float, ...]:
-    return tuple(check_numbers(what, value, (3,), "three numbers").tolist())
+    """Return a unit vector."""
+    direction = check_numbers(what, value, (3,), "three numbers")
+    length = float(np.linalg.norm(direction))
+    if length == 0:
+        raise InputError(f"{what} is zero")
+    return tuple((direction / length).tolist())
 
 
 def _load_entry(payload: Payload) -> dict[str, object]:
@@ -551,31 +547,43 @@ class MeasurementEntry(BaseModel):
     )
 
 
+_QUANTITIES: Final = {
+    "point": units.LENGTH,
+    "normal": units.RATIO,
+    "attitude_std": units.ANGLE,
+    "std": units.LENGTH,
+    "target": units.LENGTH,
+    "anchor": units.LENGTH,
+    "sockets": units.LENGTH,
+    "seen_from": units.LENGTH,
+    "facing": units.RATIO,
+    "cone": units.ANGLE,
+    "mass": units.MASS,
+    "com": units.LENGTH,
+}
+"""Quantity of each setting that is text, in the order in which they are read: the first mistake is reported."""
+_SINGLE: Final = ("attitude_std", "std", "cone", "mass")
+"""Settings of one number; all others have three."""
+
+
 def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
-    """Return the measurement of an entry."""
-    plane = None
-    if entry.plane is not None:
-        point = _read_point(("plane", "point"), entry.plane.point)
-        plane = (point, _read_vector(("plane", "normal"), entry.plane.normal, units.RATIO))
-    angle = None if entry.attitude_std is None else _read_number(("attitude_std",), entry.attitude_std, units.ANGLE)
+    """Return the measurement of an entry; a :class:`SettingError` where one key is at fault."""
+    plane = entry.plane and (
+        _read(("plane", "point"), entry.plane.point),
+        _read(("plane", "normal"), entry.plane.normal),
+    )
+    own = [name for name in _QUANTITIES if name in MeasurementEntry.model_fields]
     return Measurement(
+        **{name: _read((name,), getattr(entry, name)) for name in own},
         kind=entry.kind,
-        std=_read_number(("std",), entry.std, units.LENGTH),
-        target=_read_point(("target",), entry.target),
         base=entry.base,
         target_known=entry.target_known == "true",
-        attitude_std=angle,
-        anchor=_read_point(("anchor",), entry.anchor),
         plane=plane,
-        sockets=tuple(_read_point(("sockets", k), one) for k, one in enumerate(entry.sockets)),
-        seen_from=None if entry.seen_from is None else _read_point(("seen_from",), entry.seen_from),
-        facing=None if entry.facing is None else _read_vector(("facing",), entry.facing, units.RATIO),
-        cone=_read_number(("cone",), entry.cone, units.ANGLE),
-        load=_load(entry, chain),
+        load=_read_load(entry, chain),
     )
 
 
-def _load(entry: MeasurementEntry, chain: Chain) -> tuple[Payload, ...] | None:
+def _read_load(entry: MeasurementEntry, chain: Chain) -> tuple[Payload, ...] | None:
     if entry.load is None:
         return None
     payloads = []
@@ -584,32 +592,24 @@ def _load(entry: MeasurementEntry, chain: Chain) -> tuple[Payload, ...] | None:
             chain.link_frame(one.at)
         except InputError as error:
             raise SettingError(("load", k, "at"), error.findings[0].message) from None
-        mass = _read_number(("load", k, "mass"), one.mass, units.MASS)
-        payloads.append(Payload(at=one.at, mass=mass, com=_read_point(("load", k, "com"), one.com)))
+        mass, com = (_read(("load", k, name), getattr(one, name)) for name in ("mass", "com"))
+        payloads.append(Payload(at=one.at, mass=mass, com=com))
     return tuple(payloads)
 
 
-def _read_number(below: tuple[str | int, ...], text: object, quantity: units.Quantity) -> float:
+def _read(below: tuple[str | int, ...], text: Any) -> Any:
+    """Return the numbers of a setting, in SI; of a list those of each entry."""
+    if text is None:
+        return None
+    if isinstance(text, list):
+        return tuple(_read((*below, k), one) for k, one in enumerate(text))
+    name = next(key for key in reversed(below) if isinstance(key, str))
     try:
-        value = units.parse(text, quantity)
+        if name not in _SINGLE:
+            return tuple(units.parse_vector(text, _QUANTITIES[name], count=3))
+        value = units.parse(text, _QUANTITIES[name])
     except InputError as error:
-        raise SettingError(below, f"{_word(below)}: {error.findings[0].message}") from None
-    if value <= 0 and "std" in str(below[-1]):
-        raise SettingError(below, f"{below[-1]} must be above zero, got {shown(text)}")
+        raise SettingError(below, f"{'.'.join(map(str, below))}: {error.findings[0].message}") from None
+    if value <= 0 and name.endswith("std"):
+        raise SettingError(below, f"{name} must be above zero, got {shown(text)}")
     return value
-
-
-def _read_vector(below: tuple[str | int, ...], text: str, quantity: units.Quantity) -> tuple[float, float, float]:
-    try:
-        x, y, z = units.parse_vector(text, quantity, count=3)
-    except InputError as error:
-        raise SettingError(below, f"{_word(below)}: {error.findings[0].message}") from None
-    return x, y, z
-
-
-def _read_point(below: tuple[str | int, ...], text: str) -> tuple[float, float, float]:
-    return _read_vector(below, text, units.LENGTH)
-
-
-def _word(below: tuple[str | int, ...]) -> str:
-    return ".".join(map(str, below))
