@@ -5,7 +5,10 @@ sheet, then draws the components, evaluates derived parameters, displaces the ch
 (:mod:`precision_pin.kernel.loops`). Results agree with :meth:`precision_pin.model.pose_model.PoseModel.exact` and
 ``linear`` on :meth:`precision_pin.draws.space.Space.sample` to rounding.
 
-Units are sampled in blocks (:mod:`precision_pin.kernel.sampler`), whose sums do not depend on their distribution over calls.
+Units are sampled in *blocks* of `BLOCK`. Each block has its own sums, which depend on the error model, the seed and the
+block's number only. Added in block order (`Blocks.add_to`) they give the same bits for any distribution of the blocks over
+calls, threads or machines of one type, and the same bits as :func:`precision_pin.statistics.observe`. The size of a block
+must therefore not change.
 """
 
 from __future__ import annotations

@@ -3,6 +3,15 @@
 ``v = G(v, x)`` with v the displacements of all targets, and G the displacements given by the terms for parameters x when
 the loads act on the arm displaced by v. Displacements are in *slots*, two for each target: the first K slots of K targets
 are displacements without loads, the second K those by loads, which bend the links.
+
+About the rest state v* at the parameters' means, with A = (I - ∂G/∂v)⁻¹ there,
+
+    v(x) = v* + A (G(v*, x) - v*) + Σ (f - f̄) S_f A Σ (h - h̄) t_h
+
+keeps every term with its factors: 1/k stays 1/k, and products of load and stiffness stay products. The last sum is the
+change of the feedback itself with the parameters: f and h are the products of factors of terms caused by loads, t_h their
+twists and S_f the slopes of these. The derivative of v(x) at the means equals that of the arm solved again; the neglected
+terms are of third order.
 """
 
 from __future__ import annotations

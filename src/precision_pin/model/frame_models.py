@@ -1,4 +1,4 @@
-"""A model in which every frame of a chain may be displaced."""
+"""Models whose frames are displaced: by random numbers at every frame, or by known amounts at joints and tip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warnings that the statics of a pose are beyond their range of validity."""
+"""Warnings about the statics of a pose, and sides of play that flip under an individual robot's load."""
 
 from __future__ import annotations
 

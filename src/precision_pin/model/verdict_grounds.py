@@ -1,4 +1,4 @@
-"""What a verdict rests on besides its samples: joints inside their limits, and tolerances that a change has removed."""
+"""Findings about a model at poses before it is sampled, and what a verdict rests on besides its samples."""
 
 from __future__ import annotations
 

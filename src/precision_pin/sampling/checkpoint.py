@@ -1,4 +1,4 @@
-"""Statistics of the poses that a run has finished, as its journal keeps them."""
+"""State of a run as its journal keeps it: serialised without pickles, and checked when it is read."""
 
 from __future__ import annotations
 

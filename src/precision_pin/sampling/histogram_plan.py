@@ -3,6 +3,11 @@
 First-order spreads are of no use where they vanish, as along the axis of a stretched arm: there products of errors
 dominate. The plan does not depend on the number of samples that follow nor on the workers, so that neither changes a bit
 of the result.
+
+Samples without any of a law's rare or large values do not show its skewness, which is therefore taken from the laws. The
+cumulants of independent variables add, each multiplied by a power of its slope. Here correlated draws are treated as
+independent, and laws with tails no heavier than normal as normal: the result only serves to judge the intervals of the
+moments.
 """
 
 from __future__ import annotations

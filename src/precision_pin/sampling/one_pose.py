@@ -41,6 +41,7 @@ from precision_pin.sampling.workers import Submitter, chosen
 from precision_pin.statistics import (
     QUANTITIES,
     Plan,
+    Specification,
     State,
     Summary,
     check_confidence,
@@ -48,7 +49,7 @@ from precision_pin.statistics import (
     start,
 )
 from precision_pin.statistics.precision import Precision, Target, reached, target
-from precision_pin.statistics.specification import Specification, Specifications, listed_specifications
+from precision_pin.statistics.specification import Specifications, listed_specifications
 
 _LARGEST_SQUARE: Final = 1e75
 """Largest square of errors accepted, m² or rad²: beyond, the sums of fourth powers for the intervals overflow."""

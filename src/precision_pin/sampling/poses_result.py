@@ -1,4 +1,4 @@
-"""Sampled pose error at many poses, as arrays over the poses."""
+"""Sampled pose error at many poses, as arrays over the poses; a specification is met only if met at every one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Workers that compute blocks: threads of this process, child processes, or an executor passed in."""
+"""Workers that compute blocks: threads of this process, child processes, an executor passed in, a Dask cluster."""
 
 from __future__ import annotations
 

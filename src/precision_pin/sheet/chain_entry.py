@@ -1,4 +1,4 @@
-"""Reader of a sheet's arm: robot, tip, base, gravity, locked joints and target."""
+"""Reader of a sheet's arm and poses: robot, tip, base, gravity, locked joints, target, joint values, approaches."""
 
 from __future__ import annotations
 

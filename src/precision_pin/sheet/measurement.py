@@ -6,10 +6,14 @@ by ``Trans(c)·Exp(ω)`` as the instrument sees it, the target is at
     y = Exp(ω) (p + d + Exp(δ) R t) + c.
 
 A *position* is y; a *pose* is y and the attitude ``Exp(ω) Exp(δ) R Exp(τ)``. A *distance*, the height over a *plane* and the
-offset from a *socket* are read against a place, which moves in place of the base; see
-:mod:`precision_pin.sheet.measurement`.
+offset from a *socket* are read against a place, which moves in place of the base.
 Numbers of the set-up that are not known (c, ω, t, τ, those of the place) are called nuisances; they are estimated with the arm
 and have no prior law.
+
+With the target at y, a *distance* is ``|y - a|`` from an anchor a; a *plane* reads the height ``n·(y - p)`` over a plane with a
+point p and a unit normal n, zero at contact; a *socket* reads ``y - s`` from the place s of one of several sockets, zero where
+the target is put into it. A place that is not known is estimated: a shift of a or s, and for a plane its offset along n and
+two tilts α, β: ``n ∝ n₀ + α t₁ + β t₂`` with unit vectors t in the plane.
 """
 
 from __future__ import annotations
@@ -568,10 +572,9 @@ _SINGLE: Final = ("attitude_std", "std", "cone", "mass")
 
 def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
     """Return the measurement of an entry; a :class:`SettingError` where one key is at fault."""
-    plane = entry.plane and (
-        _read(("plane", "point"), entry.plane.point),
-        _read(("plane", "normal"), entry.plane.normal),
-    )
+    plane = None
+    if entry.plane is not None:
+        plane = (_read(("plane", "point"), entry.plane.point), _read(("plane", "normal"), entry.plane.normal))
     own = [name for name in _QUANTITIES if name in MeasurementEntry.model_fields]
     return Measurement(
         **{name: _read((name,), getattr(entry, name)) for name in own},

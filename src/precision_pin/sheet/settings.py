@@ -1,4 +1,4 @@
-"""Parser of the text of a setting: a quantity, a law or a parameter's name."""
+"""Parser of the text of a setting: a quantity, a law or a parameter's name. A law itself defines its settings."""
 
 from __future__ import annotations
 
