@@ -18,7 +18,6 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.base.errors import InputError, OutputError
-from precision_pin.kernel import sampler
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling import journal as journal_module
 from precision_pin.sampling.checkpoint import SAMPLES, packed, unpacked
@@ -425,7 +424,7 @@ def test_the_identity_tells_runs_apart(names: dict[str, str], monkeypatch, tmp_p
         patch.setattr(journal_module, "versions", lambda: dict.fromkeys(("python", "precision-pin", "numba"), "0"))
         assert {"python", "precision-pin", "numba"} <= changed()
     with monkeypatch.context() as patch:
-        patch.setattr(sampler, "BLOCK", 1 << 15)
+        patch.setattr(journal_module, "BLOCK", 1 << 15)
         assert changed() == {"block"}
     with monkeypatch.context() as patch:
         patch.setattr(journal_module.loops, "__file__", str(tmp_path / "other.urdf"))

@@ -94,7 +94,7 @@ def test_a_run_that_ends_before_the_pilot_fails_is_not_stopped_by_it():
         if (sampler.sample(layout, seed, 0, 512) > 0).any() and not (sampler.sample(layout, seed, 0, 30) > 0).any()
     )
     assert pp.monte_carlo(model, [0, 0, 0, 0], samples=30, seed=seed).samples == 30
-    with pytest.raises(pp.errors.InputError, match="half a turn"):
+    with pytest.raises(pp.InputError, match="half a turn"):
         pp.monte_carlo(model, [0, 0, 0, 0], samples=512, seed=seed)
 
 
