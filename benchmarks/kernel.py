@@ -19,7 +19,7 @@ from benchmarks.sampler import BLOCKS, run_uncounted
 from benchmarks.tables import Part, Ratio, Table, figure, times
 from benchmarks.timing import Work, nanoseconds
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 

@@ -12,7 +12,7 @@ from benchmarks.sampler import BLOCKS, run_uncounted
 from benchmarks.tables import Part, Ratio, Table, figure
 from benchmarks.timing import Work, nanoseconds
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.statistics import COLUMNS, QUANTITIES, finish, quantity_values
 
 __all__ = ["measure"]

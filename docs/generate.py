@@ -26,7 +26,7 @@ from precision_pin.cli.commands import list_commands, list_groups, load_command
 from precision_pin.cli.explain import list_codes
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import laws_of_sheets
-from precision_pin.sheet.measurement_entry import MeasurementEntry
+from precision_pin.sheet.measurement import MeasurementEntry
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
 from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue

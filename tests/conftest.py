@@ -55,18 +55,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def _compile_all_variants() -> None:
     from precision_pin.base.compile_ahead import Job, compile_jobs
-    from precision_pin.kernel import part_list
+    from precision_pin.kernel import parts
 
-    source = Path(part_list.__file__).with_name("loops.py")
+    source = Path(parts.__file__).with_name("loops.py")
     cache = Path(os.environ.get("NUMBA_CACHE_DIR") or source.parent / "__pycache__")
     indices = [path.stat().st_mtime for path in cache.rglob("loops.run*.nbi")]
     if os.environ.get("NUMBA_DISABLE_JIT") or (indices and min(indices) > source.stat().st_mtime):
         return
     variants = [(rare, linear) for rare in (None, True) for linear in (None, True)]
-    parts = dict.fromkeys(job for variant in variants for job in part_list.part_jobs(*variant))
+    ahead = dict.fromkeys(job for variant in variants for job in parts.part_jobs(*variant))
     modules = ("precision_pin.kernel.sampler", "precision_pin.kernel.many_poses")
     whole = [Job(module, "warm_up", variant, 3.5, last=True) for module in modules for variant in variants]
-    compile_jobs([*parts, *whole])
+    compile_jobs([*ahead, *whole])
 
 
 def pytest_collection_finish() -> None:

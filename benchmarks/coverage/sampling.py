@@ -19,7 +19,7 @@ from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.examples import PAPER_SHEET

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from precision_pin.draws.laws import Uniform as Uniform
     from precision_pin.draws.space import Space as Space
     from precision_pin.model.error_model import ErrorModel as ErrorModel
-    from precision_pin.model.full_frame_model import every_frame as every_frame
+    from precision_pin.model.frame_models import every_frame as every_frame
     from precision_pin.robot import mcpc as mcpc
     from precision_pin.robot.approach import ApproachedPose as ApproachedPose
     from precision_pin.robot.chain import Chain as Chain
@@ -73,7 +73,6 @@ if TYPE_CHECKING:
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
     from precision_pin.sampling.poses_result import PosesResult as PosesResult
     from precision_pin.sampling.relative import relative as relative
-    from precision_pin.sampling.result import Analysis as Analysis
     from precision_pin.sampling.result import MonteCarloResult as MonteCarloResult
     from precision_pin.sheet.measurement import Measurement as Measurement
     from precision_pin.statistics.plan import specification as specification
@@ -81,7 +80,6 @@ if TYPE_CHECKING:
     from precision_pin.terms.term import Term as Term
 
 _HOMES: Final = {
-    "Analysis": "sampling.result",
     "ApproachedPose": "robot.approach",
     "Arcsine": "draws.laws",
     "Chain": "robot.chain",

@@ -16,7 +16,6 @@ from precision_pin.analyses.result import Result
 from precision_pin.base.errors import Finding
 from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.sampling.result import MonteCarloResult
 
 MODEL = pp.ErrorModel.load(PAPER_SHEET)
 pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
@@ -133,10 +132,3 @@ def test_every_result_is_a_frame_a_dataset_and_a_view(results: dict[str, Any]) -
         assert frame.attrs["seed"] == 3, name
         assert result.to_xarray().sizes
         assert "4dof.urdf" in result._repr_html_()
-
-
-def test_old_names_stay() -> None:
-    assert pp.Analysis is pp.MonteCarloResult is MonteCarloResult
-    result = CALLS["worst-case"]()
-    assert result.heading is result.provenance
-    assert result.poses[0].heading is result.poses[0].pose

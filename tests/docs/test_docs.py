@@ -38,7 +38,7 @@ from precision_pin.cli.commands import list_commands
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.expressions import MOST_OPERATIONS
 from precision_pin.draws.laws.projection import FARTHEST_NORMAL
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.sheet import read

@@ -367,10 +367,10 @@ NAMED = {
     # a name that could not be read as anything must stand for something while the rest of a sheet is read
     "sheet/reader.py": {"Fixed"},
     # loops of rare laws are compiled for the types of any space that has one
-    "kernel/parts.py": {"Disc"},
+    "kernel/arrays.py": {"Disc"},
     # what is left uncertain is normal, and geometric errors of one size
     "draws/estimates.py": {"JointNormal"},
-    "model/full_frame_model.py": {"Normal"},
+    "model/frame_models.py": {"Normal"},
     # the physics of a source says what its own draws follow
     "sources/axis_install.py": {"Disc"},
     "sources/backlash.py": {"Uniform"},

@@ -16,7 +16,7 @@ from precision_pin.draws.expressions import Component, sqrt
 from precision_pin.draws.laws import Fixed, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.statistics import LARGEST, Plan, Specification, State, finish, merge, observe, start
 
 AT = random_table(8, targets=6, terms=25, shift=1e-3, turn=1e-3)

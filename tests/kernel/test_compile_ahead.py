@@ -15,7 +15,7 @@ import pytest
 
 from precision_pin.base import compile_ahead
 from precision_pin.base.compile_ahead import Job, compile_jobs, shown_by, silent
-from precision_pin.kernel import part_list
+from precision_pin.kernel import parts
 
 
 @pytest.fixture
@@ -141,13 +141,13 @@ def test_jobs_begun_ahead_that_nobody_asks_for_end_with_the_process() -> None:
 
 def test_compiling_begins_only_where_no_loops_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    monkeypatch.setattr(part_list, "begin_jobs", lambda jobs: asked.append(len(jobs)))
+    monkeypatch.setattr(parts, "begin_jobs", lambda jobs: asked.append(len(jobs)))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    part_list.begin_compiling()
-    assert asked == [len(part_list.PARTS) - 2]  # without the laws, which the sheet decides, and the linear model
+    parts.begin_compiling()
+    assert asked == [len(parts.PARTS) - 2]  # without the laws, which the sheet decides, and the linear model
     (tmp_path / "kernel_1").mkdir()
     (tmp_path / "kernel_1" / f"loops.run-1.py{sys.version_info.major}{sys.version_info.minor}.nbi").touch()
-    part_list.begin_compiling()
+    parts.begin_compiling()
     assert len(asked) == 1
 
 

@@ -10,14 +10,12 @@ import pytest
 from scipy.linalg import expm, logm
 
 from kernel.cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table, single_formula
-from precision_pin import kernel
 from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component, Program, sqrt
 from precision_pin.draws.laws import Fixed, Normal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
-from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.loops import FINE, NARROW, WIDE
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.terms.table import TermTable
@@ -295,9 +293,3 @@ def test_more_than_the_memory_holds_is_refused_at_once(count):
     for keep in (lambda: sampler.sample(layout, 1, 0, count), lambda: sampler.errors(layout, "exact", 1, 0, count)):
         with pytest.raises(InputError, match=r"keeping \d+ numbers for each of [\d,]+ robots takes .* GB"):
             keep()
-
-
-def test_the_former_names_still_lay_a_model_out() -> None:
-    assert kernel.compile_table is sampler.compile_table is sampler.to_arrays
-    assert sampler.compile_tables is sampler.to_arrays_at_poses
-    assert sampler.CompiledTable is SamplerArrays

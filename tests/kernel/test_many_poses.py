@@ -19,9 +19,9 @@ from precision_pin.draws.laws import Circle, Empirical, Fixed, Normal, Rows, Uni
 from precision_pin.draws.space import Space
 from precision_pin.kernel import loops, many_poses, sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.kernel.blocks import BLOCK, Blocks
 from precision_pin.kernel.loops import WIDE
-from precision_pin.kernel.pose_arrays import JoinedTables
+from precision_pin.kernel.many_poses import JoinedTables
+from precision_pin.kernel.sampler import BLOCK, Blocks
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan, Specification
 from precision_pin.terms.table import TermTable

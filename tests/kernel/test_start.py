@@ -31,7 +31,7 @@ from precision_pin.draws.laws import (
 )
 from precision_pin.draws.space import Space
 from precision_pin.kernel import loops, many_poses, parts, sampler
-from precision_pin.kernel.part_list import PARTS
+from precision_pin.kernel.parts import PARTS
 from precision_pin.statistics import Plan, Specification
 
 MODELS: tuple[sampler.Model, ...] = ("exact", "linear")

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from precision_pin.base.errors import OutputError
+from precision_pin.render.display_units import WrittenUnit
 from precision_pin.sampling import figures as plots
 from precision_pin.statistics import Plan, Specification, Summary, finish, observe, start
 
@@ -239,7 +240,7 @@ def test_given_axes_are_drawn_on_and_keep_their_figure() -> None:
     figure = Figure()
     left, right = figure.subplots(1, 2)
     summary = summary_of(errors_of("offset"))
-    micrometres = plots.DisplayUnit("µm", 1e6)
+    micrometres = WrittenUnit("µm", 1e6)
     assert plots.histogram(summary.position.z, axes=left, unit=micrometres, title="dz") is left
     assert plots.cumulative(summary.position.z, axes=right) is right
     assert left.get_xlabel() == "dz [µm]"

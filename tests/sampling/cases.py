@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import workers as executors

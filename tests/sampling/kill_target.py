@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling import journal
 from precision_pin.sampling.one_pose import monte_carlo
 from precision_pin.sampling.workers import available_cores

@@ -16,9 +16,9 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.base.errors import InputError
-from precision_pin.kernel.blocks import BLOCK
-from precision_pin.sampling import cluster
-from precision_pin.sampling.cluster import dask_cluster
+from precision_pin.kernel.sampler import BLOCK
+from precision_pin.sampling import workers
+from precision_pin.sampling.workers import dask_cluster
 from sampling.cases import MODEL, wait_until
 from support.thinning import mostly_slow
 
@@ -145,7 +145,7 @@ class Lost:
 
 @pytest.mark.slow
 def test_a_task_submitted_when_the_scheduler_is_already_lost_is_not_waited_for() -> None:
-    task = cluster.DaskCluster(Lost()).submit(abs, -1)
+    task = workers.DaskCluster(Lost()).submit(abs, -1)
     with pytest.raises(ConnectionError, match="the scheduler is lost"):
         task.result()
     task.cancel()
@@ -153,7 +153,7 @@ def test_a_task_submitted_when_the_scheduler_is_already_lost_is_not_waited_for()
 
 def test_a_timeout_of_the_task_itself_is_passed_on() -> None:
     with pytest.raises(TimeoutError, match="its own"):
-        cluster.DaskCluster(Lost(TimeoutError("its own"))).submit(abs, -1).result()
+        workers.DaskCluster(Lost(TimeoutError("its own"))).submit(abs, -1).result()
 
 
 def test_no_address_is_one_line() -> None:
@@ -173,7 +173,7 @@ def test_no_client_is_made_of_what_is_no_address(monkeypatch, address: str) -> N
 
 @pytest.mark.parametrize("address", mostly_slow(["tcp://127.0.0.1:1", "127.0.0.1:1", "no address"], fast=1))
 def test_no_scheduler_is_one_line(monkeypatch, address: str) -> None:
-    monkeypatch.setattr(cluster, "PATIENCE", 0.5)
+    monkeypatch.setattr(workers, "PATIENCE", 0.5)
     with (
         pytest.raises(InputError, match=rf"no Dask scheduler answers at '{address}' \(\w+\)$"),
         dask_cluster(address),
@@ -183,7 +183,7 @@ def test_no_scheduler_is_one_line(monkeypatch, address: str) -> None:
 
 @pytest.mark.slow
 def test_a_cluster_without_workers_is_one_line(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(cluster, "PATIENCE", 5)
+    monkeypatch.setattr(workers, "PATIENCE", 5)
     empty = Cluster(tmp_path)
     try:
         with (

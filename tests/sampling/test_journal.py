@@ -18,13 +18,10 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.base.errors import InputError, OutputError
-from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
-from precision_pin.sampling import identity as identity_module
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling import journal as journal_module
-from precision_pin.sampling.checkpoint_codec import SAMPLES, packed, unpacked
-from precision_pin.sampling.identity import differences, digest, identity
-from precision_pin.sampling.journal import MAGIC, opened
+from precision_pin.sampling.checkpoint import SAMPLES, packed, unpacked
+from precision_pin.sampling.journal import MAGIC, differences, digest, identity, opened
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Foreign
 from precision_pin.statistics import State, start
@@ -424,15 +421,15 @@ def test_the_identity_tells_runs_apart(names: dict[str, str], monkeypatch, tmp_p
     (tmp_path / "other.urdf").write_text(Path(AT.posture.chain.robot.file).read_text("utf-8") + "<!-- -->", "utf-8")
     assert changed(file=tmp_path / "other.urdf") == {"the URDF"}
     with monkeypatch.context() as patch:
-        patch.setattr(identity_module, "versions", lambda: dict.fromkeys(("python", "precision-pin", "numba"), "0"))
+        patch.setattr(journal_module, "versions", lambda: dict.fromkeys(("python", "precision-pin", "numba"), "0"))
         assert {"python", "precision-pin", "numba"} <= changed()
     with monkeypatch.context() as patch:
-        patch.setattr(sampler, "BLOCK", 1 << 15)
+        patch.setattr(journal_module, "BLOCK", 1 << 15)
         assert changed() == {"block"}
     with monkeypatch.context() as patch:
-        patch.setattr(identity_module.loops, "__file__", str(tmp_path / "other.urdf"))
+        patch.setattr(journal_module.loops, "__file__", str(tmp_path / "other.urdf"))
         assert changed() == {"the sampler's code"}
-    codegen = identity_module.cpu_target.target_context.codegen()
+    codegen = journal_module.cpu_target.target_context.codegen()
     triple, processor, features = codegen.magic_tuple()
     for place, (tuple_, name) in enumerate(
         [((triple, "386", features), "machine"), ((triple, processor, features + ",+x"), "the processor's features")]

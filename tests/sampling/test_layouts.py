@@ -20,9 +20,9 @@ from precision_pin.base import progress as progress_bar
 from precision_pin.base.errors import InputError
 from precision_pin.kernel import loops, sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling.blocks import MOST_SAMPLES, check_samples
-from precision_pin.sampling.identity import digest
+from precision_pin.sampling.journal import digest
 from precision_pin.sampling.workers import Foreign, Processes, Threads, chosen
 from precision_pin.statistics import start
 from sampling.cases import MODEL, PLAN, SAMPLES, Muddled, assert_same_bits, in_one_go, sampled, work

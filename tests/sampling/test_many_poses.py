@@ -15,7 +15,7 @@ from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.many_poses import sample_poses

@@ -13,8 +13,7 @@ from precision_pin.draws.laws import Empirical, Law, Lognormal, Normal, Rows, Tw
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.sampling.histogram_plan import planned
-from precision_pin.sampling.skewness import first_order_skewness
+from precision_pin.sampling.histogram_plan import first_order_skewness, planned
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import QUANTITIES, Plan, finish, observe, quantity_values, start
 from sampling.cases import AT, MODEL
@@ -95,7 +94,7 @@ def test_a_run_that_ends_before_the_pilot_fails_is_not_stopped_by_it():
         if (sampler.sample(layout, seed, 0, 512) > 0).any() and not (sampler.sample(layout, seed, 0, 30) > 0).any()
     )
     assert pp.monte_carlo(model, [0, 0, 0, 0], samples=30, seed=seed).samples == 30
-    with pytest.raises(pp.errors.InputError, match="half a turn"):
+    with pytest.raises(pp.InputError, match="half a turn"):
         pp.monte_carlo(model, [0, 0, 0, 0], samples=512, seed=seed)
 
 

@@ -17,7 +17,7 @@ from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
-from precision_pin.sampling.pose_verdicts import PosesSpecification
+from precision_pin.sampling.poses_result import PosesSpecification
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import Specification, SpecificationResult
 from sampling.cases import MODEL

@@ -11,7 +11,7 @@ from precision_pin.base.errors import InputError, PrecisionPinWarning, UnknownNa
 from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sources import JointOffset
 from sampling.cases import MODEL
 

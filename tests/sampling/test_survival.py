@@ -20,7 +20,7 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.cli import main
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.workers import Processes
 from sampling import kill_target

@@ -10,13 +10,13 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.base.errors import InputError
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from sampling.cases import MODEL
 
 TARGET = "95 % to 0.03 mm"
 
 
-def numbers(result: pp.Analysis) -> dict[str, object]:
+def numbers(result: pp.MonteCarloResult) -> dict[str, object]:
     """Return a result without its targets."""
     return {key: value for key, value in result.to_dict().items() if key != "until"}
 

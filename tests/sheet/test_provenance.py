@@ -12,7 +12,7 @@ import pytest
 import precision_pin as pp
 from cli.conftest import GANTRY, LONG
 from precision_pin.base.errors import InputError, SheetError
-from precision_pin.model.variance_by_provenance import origin_shares
+from precision_pin.model.pose_model import origin_shares
 from precision_pin.robot.examples import PAPER_SHEET
 
 SLIDE, TURN = "joint_offset[y_axis]", f"joint_offset[{LONG}]"

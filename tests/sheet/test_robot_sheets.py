@@ -17,7 +17,7 @@ import precision_pin as pp
 from precision_pin.cli import inputs
 from precision_pin.draws.draw import Scope
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, shipped_sheet, shipped_sheets
-from precision_pin.sampling.result import Analysis
+from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet import read
 
 POSES = ("ready", "stretched", "folded")
@@ -56,7 +56,7 @@ def model_of(robot: str) -> pp.ErrorModel:
 
 
 @functools.cache
-def forecast(robot: str, pose: str) -> Analysis:
+def forecast(robot: str, pose: str) -> MonteCarloResult:
     return pp.monte_carlo(model_of(robot), pose, samples=40_000)
 
 

@@ -19,9 +19,8 @@ HOMES = (
     "sources/",
     "export/scaffold.py",
     "export/starting_tolerances.py",
-    "model/full_frame_model.py",
-    "model/calibrated_geometry.py",
-    "sheet/measurement_entry.py",
+    "model/frame_models.py",
+    "sheet/measurement.py",
     "sheet/measurement.py",
 )
 """Where kinds of sources may be named: the last four are models made of them, and the load of a measurement, a payload."""

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from precision_pin.base.errors import InputError
 from precision_pin.base.versions import versions
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.variance_by_provenance import OriginShares, origin_shares
+from precision_pin.model.pose_model import OriginShares, PoseModel, origin_shares
 from precision_pin.render.tables import origins_entry
 from precision_pin.robot.approach import ApproachedPose, approach_entry, written_approach
 

@@ -95,8 +95,7 @@ def _find(
     error_model: ErrorModel, poses: Sequence[AskedPose], model: Literal["exact", "linear"]
 ) -> tuple[Finding, ...]:
     """Return the warnings at each pose, as an analysis of it has them; beyond the first 200, those about joint limits."""
-    from precision_pin.model.pose_checks import MOST_POSES
-    from precision_pin.model.verdict_grounds import exact_findings
+    from precision_pin.model.verdict_grounds import MOST_POSES, exact_findings
 
     found = []
     for rank, (pose, label) in enumerate(zip(poses, pose_labels([pose.name for pose in poses]), strict=True)):
@@ -114,10 +113,9 @@ def _find(
 
 
 def _write_folder(result: PosesResult, folder: Path) -> None:
-    from precision_pin.sampling import figures
-    from precision_pin.sampling.poses_figure import figure
+    from precision_pin.sampling.figures import figure_of_poses, save
 
     with whole_folder(folder) as stage:
         write_text(stage / "poses.json", result.to_json() + "\n")
         for quantity in ("position", "attitude"):
-            figures.save(figure(result, quantity), stage / quantity)
+            save(figure_of_poses(result, quantity), stage / quantity)

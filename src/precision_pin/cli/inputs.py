@@ -132,7 +132,7 @@ def read_inputs(found: Inputs, options: ChainOptions) -> Sheet:
         Anything in them is wrong; first that the sheet is of another robot, if it names joints or links that this has not.
     """
     from precision_pin.sheet import Overrides, parse_change, read
-    from precision_pin.sheet.target import parse_target
+    from precision_pin.sheet.chain_entry import parse_target
 
     assert found.sheet is not None
     target = options.get("target")

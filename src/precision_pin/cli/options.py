@@ -69,7 +69,7 @@ class SamplingCommand(Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""
-        from precision_pin.kernel.part_list import begin_compiling
+        from precision_pin.kernel.parts import begin_compiling
 
         begin_compiling()
         return super().invoke(ctx)

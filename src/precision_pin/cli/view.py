@@ -207,7 +207,7 @@ def _sampled(
     """Return the errors of the same robots at every pose, and the shares that rest on assumptions; print warnings."""
     from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.model.variance_by_provenance import origin_shares
+    from precision_pin.model.pose_model import origin_shares
     from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
     from precision_pin.pages.view import ViewPose
     from precision_pin.render.tables import resting_on

@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any, Final
 
-_SAMPLER: Final = ("BLOCK", "compile_table", "errors", "sample", "to_arrays", "warm_up")
+_SAMPLER: Final = ("BLOCK", "errors", "sample", "to_arrays", "warm_up")
 
 
 def __getattr__(name: str) -> Any:

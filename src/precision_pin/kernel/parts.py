@@ -1,38 +1,93 @@
-"""Parallel compilation of the parts of the compiled loops, with arguments of the types they are called with."""
+"""Parallel compilation of the parts of the compiled loops; listing them does not load the compiler."""
 
 from __future__ import annotations
 
-from typing import Any
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, Literal
 
-import numpy as np
+from precision_pin.base.compile_ahead import Job, begin_jobs, compile_jobs
 
-from precision_pin.base.jit import make_ready
-from precision_pin.draws.draw import Draw
-from precision_pin.draws.expressions import Program
-from precision_pin.draws.laws import Disc
-from precision_pin.draws.space import Space
-from precision_pin.kernel import loops
-from precision_pin.kernel.arrays import SamplerArrays, convert_table
-from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Counting, Wanted
-from precision_pin.terms.table import TermTable
+Wanted = Literal[True] | None
+
+PARTS: Final[Mapping[str, float]] = {
+    "_displace": 2.4,
+    "apply_laws": 1.3,
+    "_superpose": 1.4,
+    "_measure": 0.8,
+    "uniforms": 0.5,
+    "_derive": 0.5,
+    "_keep_largest": 0.3,
+    "_add_products": 0.3,
+    "_find_bins": 0.3,
+    "_fold": 0.2,
+    "_norms": 0.2,
+    "_count_inside": 0.2,
+    "_empty_lanes": 0.1,
+    "_fold_extremes": 0.1,
+    "_count_all_bins": 0.1,
+}
+"""Parts and their approximate compilation times in seconds."""
+
+_LAWS: Final = "apply_laws"
+_RARE: Final = 1.5
+"""Additional compilation time of the rare laws, in seconds."""
+_TOGETHER: Final = 3.5
+"""Seconds that the outermost function takes to compile once its parts are compiled."""
 
 
-def empty_table(rare: Wanted = None) -> SamplerArrays:
-    """Return the arrays of a model without errors, optionally with a rare law."""
-    table = TermTable(
-        pose=np.eye(4),
-        targets=(),
-        frames=np.zeros((0, 4, 4)),
-        program=Program(0, (), (), ()),
-        target=np.zeros(0, dtype=np.intp),
-        twists=np.zeros((0, 6)),
-        factors=np.zeros((0, 3), dtype=np.intp),
-    )
-    return convert_table(table, Space((Draw("disc", Disc(1.0)),) if rare else ()))
+def part_jobs(rare: Wanted, linear: Wanted) -> list[Job]:
+    """Return the jobs that compile the parts of a variant."""
+    laws = Job(__name__, "compile_part", (_LAWS, rare), PARTS[_LAWS] + (_RARE if rare else 0.0))
+    return [laws, *_list_common_jobs("_displace" if linear else "_superpose")]
+
+
+def compile_parts(rare: Wanted, linear: Wanted, module: str) -> None:
+    """Compile the parts of a variant in parallel in other processes, then run the module's ``warm_up``."""
+    from precision_pin.base.jit import can_keep
+    from precision_pin.kernel import loops
+
+    if can_keep(loops.run):
+        last = Job(module, "warm_up", (rare, linear), _TOGETHER, last=True)
+        compile_jobs([*part_jobs(rare, linear), last])
+
+
+def _list_common_jobs(unused: str) -> list[Job]:
+    """Return the jobs of the parts that do not depend on the laws, except one unused part."""
+    return [
+        Job(__name__, "compile_part", (name, None), seconds)
+        for name, seconds in PARTS.items()
+        if name not in (_LAWS, unused)
+    ]
+
+
+def begin_compiling() -> None:
+    """Start compiling the parts of the exact model in other processes, if the cache is empty.
+
+    The first use of the loops waits for the jobs that are still running; without a use nothing waits for them. The cache is
+    recognised by its file names alone, because numba takes long to load.
+    """
+    beside = Path(__file__).parent / "__pycache__"
+    folder = Path(os.environ["NUMBA_CACHE_DIR"]) if os.environ.get("NUMBA_CACHE_DIR") else beside
+    index = f"loops.run-*.py{sys.version_info.major}{sys.version_info.minor}.nbi"
+    try:
+        is_there = any(folder.glob(index)) or any(folder.glob(f"*/{index}"))
+        is_ours = folder != beside or os.access(beside if beside.is_dir() else beside.parent, os.W_OK)
+    except OSError:
+        return
+    if is_ours and not is_there:
+        begin_jobs(_list_common_jobs("_superpose"))
 
 
 def part_arguments(name: str, rare: Wanted = None) -> tuple[Any, ...]:
     """Return arguments of the types that a part is called with, for compilation only."""
+    import numpy as np
+
+    from precision_pin.kernel.arrays import empty_table
+    from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Counting
+
     layout = empty_table(rare)
     s, w, eight = np.zeros(SCRATCH * STRIDE), np.zeros(layout.rows * STRIDE), np.zeros(8)
     bins, offsets, offset = np.zeros(8 * (HELD + 1) * TILE, np.uint32), np.zeros(0, np.uint64), np.uint64(0)
@@ -60,4 +115,7 @@ def part_arguments(name: str, rare: Wanted = None) -> tuple[Any, ...]:
 
 def compile_part(name: str, rare: Wanted) -> None:
     """Compile a part into the cache."""
+    from precision_pin.base.jit import make_ready
+    from precision_pin.kernel import loops
+
     make_ready(getattr(loops, name), part_arguments(name, rare))

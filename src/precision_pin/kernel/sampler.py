@@ -5,7 +5,10 @@ sheet, then draws the components, evaluates derived parameters, displaces the ch
 (:mod:`precision_pin.kernel.loops`). Results agree with :meth:`precision_pin.model.pose_model.PoseModel.exact` and
 ``linear`` on :meth:`precision_pin.draws.space.Space.sample` to rounding.
 
-Units are sampled in blocks (:mod:`precision_pin.kernel.blocks`), whose sums do not depend on their distribution over calls.
+Units are sampled in *blocks* of `BLOCK`. Each block has its own sums, which depend on the error model, the seed and the
+block's number only. Added in block order (`Blocks.add_to`) they give the same bits for any distribution of the blocks over
+calls, threads or machines of one type, and the same bits as :func:`precision_pin.statistics.observe`. The size of a block
+must therefore not change.
 """
 
 from __future__ import annotations
@@ -25,11 +28,10 @@ from precision_pin.base.jit import call, is_kept
 from precision_pin.base.memory import check_memory
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.kernel import loops
-from precision_pin.kernel.arrays import SamplerArrays, convert_table, convert_tables
-from precision_pin.kernel.blocks import BLOCK, MOST_UNITS, Blocks, check_blocks
-from precision_pin.kernel.draw_arrays import rare_laws
+from precision_pin.kernel.arrays import SamplerArrays, convert_table, convert_tables, empty_table, rare_laws
 from precision_pin.kernel.loops import (
     ANGLE,
+    ATOM,
     DRAW,
     EXACT,
     FORMULA,
@@ -45,12 +47,92 @@ from precision_pin.kernel.loops import (
     Motions,
     Wanted,
 )
-from precision_pin.kernel.part_list import compile_parts
-from precision_pin.kernel.parts import empty_table
-from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, start
+from precision_pin.kernel.parts import compile_parts
+from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, largest_of, start
 
 if TYPE_CHECKING:
     from precision_pin.model.pose_model import PoseModel
+
+BLOCK: Final = ATOM
+"""Units in a block, 16,384."""
+
+MOST_UNITS: Final = 2**63
+"""Number of units that signed integers of 64 bits can index."""
+
+# the sketch counts with 32 bits: with more samples in a call a bin could overflow
+_MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
+_UPPER: Final = np.triu_indices(6)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Sums, extremes, bins and counts of consecutive blocks.
+
+    Attributes
+    ----------
+    count
+        Number of samples.
+    lowest, highest
+        ``(8,)`` smallest and largest value of each quantity.
+    sums
+        ``(blocks, 31)`` sums of each block: of (value - centre) of the eight quantities, of the products of two
+        components' (value - centre) (upper triangle of 6 × 6, by rows), and of the squared (value - centre) of the norms.
+    sketch
+        ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.sketch`.
+    inside
+        ``(S,)`` samples inside each specification.
+    largest, largest_units
+        ``(2, LARGEST)`` largest |d| and |δ|, and the units with these errors, see
+        :class:`precision_pin.statistics.State`.
+    errors
+        ``(6, count)`` the errors themselves, or None if they are not kept.
+    """
+
+    count: int
+    lowest: Array
+    highest: Array
+    sums: Array
+    sketch: NDArray[np.uint32]
+    inside: NDArray[np.int64]
+    largest: Array
+    largest_units: NDArray[np.int64]
+    errors: Array | None
+
+    def add_to(self, state: State) -> State:
+        """Return the state with these blocks added; in block order, the bits do not depend on the grouping."""
+        before = np.concatenate([state.sums, state.products[_UPPER], state.norm_squares])
+        # one block after another: np.sum would add pairwise
+        sums = np.add.accumulate(np.vstack([before, self.sums]), axis=0)[-1]
+        products = np.empty((6, 6))
+        products[_UPPER] = products.T[_UPPER] = sums[8:29]
+        largest, units = largest_of(state.largest, state.largest_units, self.largest, self.largest_units)
+        return State(
+            count=state.count + self.count,
+            lowest=np.minimum(state.lowest, self.lowest),
+            highest=np.maximum(state.highest, self.highest),
+            sums=sums[:8],
+            products=products,
+            norm_squares=sums[29:],
+            sketch=state.sketch + self.sketch,
+            inside=state.inside + self.inside,
+            largest=largest,
+            largest_units=units,
+        )
+
+
+def check_blocks(first_block: int, blocks: int, samples: int | None) -> tuple[int, int]:
+    """Return the first unit and the number of units of some blocks, in a run of the given number of samples."""
+    first = int(first_block) * BLOCK
+    end = min(first + int(blocks) * BLOCK, MOST_UNITS)
+    count = (end if samples is None else min(end, int(samples))) - first
+    if first_block < 0 or not 0 < blocks <= _MOST_BLOCKS_IN_A_CALL or count <= 0:
+        raise InputError(
+            f"blocks {first_block} to {first_block + blocks - 1} of {samples} samples: from block 0, "
+            f"1 to {_MOST_BLOCKS_IN_A_CALL} blocks in a call, none beyond the last sample"
+        )
+    return first, count
+
 
 Model = Literal["exact", "linear"]
 
@@ -78,20 +160,8 @@ def to_arrays(pose_model: PoseModel) -> SamplerArrays:
 
 
 def to_arrays_at_poses(pose_models: Sequence[PoseModel]) -> list[SamplerArrays]:
-    """Convert one model at several poses to arrays, faster than by `to_arrays` for each.
-
-    Raises
-    ------
-    InputError
-        The compiled sampler does not support a law.
-    """
+    """Convert one model at several poses to arrays, faster than by `to_arrays` for each."""
     return convert_tables([at.table for at in pose_models], pose_models[0].space) if pose_models else []
-
-
-# former names, kept as aliases
-CompiledTable = SamplerArrays
-compile_table = to_arrays
-compile_tables = to_arrays_at_poses
 
 
 def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
@@ -185,26 +255,7 @@ def observe_blocks(
     pose: int = 0,
     visit: int = 0,
 ) -> Blocks:
-    """Return the statistics of blocks ``first_block … first_block + blocks - 1``; release Python's global lock.
-
-    Parameters
-    ----------
-    layout, model, seed, pose, visit
-        As in `errors`.
-    plan
-        Centres, bins and specifications.
-    first_block, blocks
-        First block of `BLOCK` units, and number of blocks.
-    samples
-        Number of units of the whole run, at which its last block ends.
-    keep_errors
-        Return the errors as well.
-
-    Raises
-    ------
-    InputError
-        As in `errors`.
-    """
+    """Return the statistics of blocks ``first_block … first_block + blocks - 1``; release Python's global lock."""
     first, count = check_blocks(first_block, blocks, samples)
     result = Blocks(
         count=count,
@@ -258,25 +309,13 @@ def is_compiled(rare: Wanted = None, linear: Wanted = None) -> bool:
 
 
 def stage_of(model: Model) -> int:
-    """Return the stage of the compiled loops for a model.
-
-    Raises
-    ------
-    InputError
-        The model is neither ``"exact"`` nor ``"linear"``.
-    """
+    """Return the stage of the compiled loops for a model."""
     check_choice("model", model, ("exact", "linear"))
     return _STAGES[model]
 
 
 def variant_of(space: Space, model: Model) -> tuple[Wanted, Wanted]:
-    """Return the variant of the loops for a model of a space: whether it has rare laws, and whether it is linear.
-
-    Raises
-    ------
-    InputError
-        There is no such model.
-    """
+    """Return the variant of the loops for a model of a space: whether it has rare laws, and whether it is linear."""
     return rare_laws(space), True if stage_of(model) == LINEAR else None
 
 

@@ -26,12 +26,9 @@ from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.model.equilibrium import settle
-from precision_pin.model.equilibrium_expansion import terms_about_rest
-from precision_pin.model.named_poses import read_poses
-from precision_pin.model.pose_model import PoseModel, joint_value
+from precision_pin.model.equilibrium import settle, terms_about_rest
+from precision_pin.model.pose_model import PoseModel, joint_value, origins_of_numbers
 from precision_pin.model.statics_findings import statics_findings
-from precision_pin.model.variance_by_provenance import origins_of_numbers
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.chain import Chain, Posture
@@ -464,3 +461,19 @@ def _settings(source: Source) -> str:
         elif value is not None and value != ():
             texts.append(f"{name}={value!r}")
     return ", ".join(texts)
+
+
+def read_poses(
+    chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float] | ApproachedPose]
+) -> tuple[dict[str, Array], dict[str, Approach]]:
+    """Return joint values by the poses' names, and the approaches of those that have one."""
+    found, approaches = {}, {}
+    for name, q in check_mapping("the poses", poses).items():
+        try:
+            pose, approach = (q.pose, q.approach) if isinstance(q, ApproachedPose) else (q, ())
+            found[name] = chain.configuration(pose)
+            if own := read_approach(chain.joint_names, approach):
+                approaches[name] = own
+        except InputError as error:
+            raise InputError(f"pose {name!r}: {error.findings[0].message}") from None
+    return found, approaches

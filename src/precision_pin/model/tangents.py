@@ -53,13 +53,7 @@ class Tangents:
 
 
 def tangents(models: Iterable[PoseModel]) -> Iterator[Tangents]:
-    """Yield the first-order models of poses in order, up to `AT_ONCE` poses at a time.
-
-    Raises
-    ------
-    InputError
-        A place turns by half a turn or more at the means, or an error overflows.
-    """
+    """Yield the first-order models of poses in order, up to `AT_ONCE` poses at a time."""
     remaining = iter(models)
     while chunk := list(islice(remaining, AT_ONCE)):
         while chunk:

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from precision_pin.sampling.blocks import MOST_SAMPLES as MOST_SAMPLES
     from precision_pin.sampling.blocks import check_samples as check_samples
-    from precision_pin.sampling.cluster import dask_cluster as dask_cluster
     from precision_pin.sampling.one_pose import Progress as Progress
     from precision_pin.sampling.one_pose import check_progress as check_progress
     from precision_pin.sampling.one_pose import monte_carlo as monte_carlo
     from precision_pin.sampling.workers import Submitter as Submitter
     from precision_pin.sampling.workers import available_cores as available_cores
+    from precision_pin.sampling.workers import dask_cluster as dask_cluster
 
 _HOMES: Final = {
     "MOST_SAMPLES": "blocks",
@@ -28,7 +28,7 @@ _HOMES: Final = {
     "available_cores": "workers",
     "check_progress": "one_pose",
     "check_samples": "blocks",
-    "dask_cluster": "cluster",
+    "dask_cluster": "workers",
     "monte_carlo": "one_pose",
 }
 __all__ = [

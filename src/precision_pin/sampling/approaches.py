@@ -21,7 +21,7 @@ from precision_pin.base.units import LENGTH
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.approach import Approach
 

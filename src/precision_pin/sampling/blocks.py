@@ -17,20 +17,14 @@ from precision_pin.base.errors import InputError
 from precision_pin.base.versions import versions
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.kernel.blocks import BLOCK, Blocks
+from precision_pin.kernel.sampler import BLOCK, Blocks
 from precision_pin.statistics import Plan
 
 MOST_SAMPLES: Final = 10**12
 
 
 def check_samples(samples: int) -> None:
-    """Check that the number of samples is a whole number from 1 to 10¹².
-
-    Raises
-    ------
-    InputError
-        The number is not whole or lies outside.
-    """
+    """Check that the number of samples is a whole number from 1 to 10¹²."""
     check_whole("the number of samples", samples, 1, MOST_SAMPLES, f"from 1 to {MOST_SAMPLES:.0e}")
 
 
@@ -42,13 +36,7 @@ def packages() -> tuple[tuple[str, str], ...]:
 
 
 def check_packages(started_with: Sequence[tuple[str, str]]) -> None:
-    """Check that this process has the packages of the process that started a run.
-
-    Raises
-    ------
-    InputError
-        One has another version.
-    """
+    """Check that this process has the packages of the process that started a run."""
     here = dict(packages())
     for name, version in started_with:
         if here[name] != version:
@@ -57,16 +45,23 @@ def check_packages(started_with: Sequence[tuple[str, str]]) -> None:
             )
 
 
-def pickled_with_read_only_arrays(value: object) -> bytes:
-    """Return a value pickled so that read-only arrays stay read-only."""
-    buffer = io.BytesIO()
-    _Pickler(buffer, protocol=5).dump(value)
-    return buffer.getvalue()
+class Sent:
+    """Data class that is pickled with its read-only arrays read-only."""
+
+    def __reduce__(self) -> tuple[Callable[[bytes], Any], tuple[bytes]]:
+        buffer = io.BytesIO()
+        _Pickler(buffer, protocol=5).dump((type(self), tuple(vars(self).values())))
+        return _unpickle, (buffer.getvalue(),)
+
+
+def _unpickle(data: bytes) -> Any:
+    kind, values = pickle.loads(data)
+    return kind(*values)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Work:
+class Work(Sent):
     """All inputs of a block's statistics except the block number. Can be pickled.
 
     Attributes
@@ -101,26 +96,12 @@ class Work:
         return -(-self.samples // BLOCK)
 
     def observe(self, first_block: int, blocks: int) -> Blocks:
-        """Return the statistics of blocks ``first_block … first_block + blocks - 1``.
-
-        Raises
-        ------
-        InputError
-            As :func:`precision_pin.kernel.sampler.observe_blocks`; or the package versions of this process differ from
-            those of the process that started the run.
-        """
+        """Return the statistics of blocks ``first_block … first_block + blocks - 1``."""
         check_packages(self.packages)
         return sampler.observe_blocks(
             self.layout, self.plan, self.model, self.seed, first_block, blocks,
             samples=self.samples, keep_errors=self.keep_errors,
         )  # fmt: skip
-
-    def __reduce__(self) -> tuple[Callable[..., Work], tuple[bytes]]:
-        return _unpickle_work, (pickled_with_read_only_arrays(tuple(vars(self).values())),)
-
-
-def _unpickle_work(data: bytes) -> Work:
-    return Work(*pickle.loads(data))
 
 
 class _Pickler(pickle.Pickler):

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -22,6 +23,12 @@ from precision_pin.base.files import write_files
 from precision_pin.base.text_escape import visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import (
+    BLACK,
+    BLUE,
+    LIMIT_COLOURS,
+    PURPLE,
+    SKY,
+    VERMILION,
     display_unit,
     draw_cumulative,
     draw_histogram,
@@ -37,15 +44,14 @@ from precision_pin.render.figure_style import (
     legend_below,
     new_figure,
     set_height,
+    shortened,
     style,
     wrapped,
 )
-from precision_pin.render.tables import symbol
+from precision_pin.render.tables import pose_labels, symbol
+from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary
-
-DisplayUnit = WrittenUnit
-"""The earlier name of :class:`~precision_pin.render.display_units.WrittenUnit`."""
 
 DOTS_PER_INCH: Final = 200
 
@@ -63,13 +69,7 @@ def figures_of(analysis: MonteCarloResult) -> dict[str, Figure]:
 
 
 def plot(analysis: MonteCarloResult, quantity: str, axes: Axes | None) -> Axes | Figure:
-    """Return what :meth:`precision_pin.sampling.result.MonteCarloResult.plot` does.
-
-    Raises
-    ------
-    UnknownNameError
-        No such quantity.
-    """
+    """Return what :meth:`precision_pin.sampling.result.MonteCarloResult.plot` does."""
     names = ("position", "attitude", "components", *QUANTITIES)
     if quantity not in names:
         raise UnknownNameError("quantity", quantity, names)
@@ -106,24 +106,7 @@ def histogram(
     specifications: Sequence[SpecificationResult] = (),
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw the probability density with mean, quantiles (and their intervals) and limits marked.
-
-    Parameters
-    ----------
-    distribution
-        What is drawn.
-    title
-        Above the figure, wrapped to its width.
-    unit
-        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
-    seed
-        Named in the caption if given, together with N.
-    specifications
-        Those of this quantity are marked, others are left out.
-    axes
-        Where to draw. None makes a figure of its own with title, legend and caption; on given axes the
-        lines carry labels, and legend and caption are the caller's.
-    """
+    """Draw the probability density with mean, quantiles (and their intervals) and limits marked."""
     return _alone_or_on(axes, distribution, draw_histogram, title, unit, seed, specifications)
 
 
@@ -143,19 +126,7 @@ def cumulative(
 def figure_position(
     summary: Summary, *, title: str = "Position error", seed: int | None = None, unit: WrittenUnit | None = None
 ) -> Figure:
-    """Return the distribution of |d|, density above and cumulative below (the paper's figure 5), 85 mm wide.
-
-    Parameters
-    ----------
-    summary
-        What is drawn; its specifications of ``position.norm`` are marked.
-    title
-        Above the figure, wrapped to its width.
-    seed
-        Named in the caption if given.
-    unit
-        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
-    """
+    """Return the distribution of |d|, density above and cumulative below (the paper's figure 5), 85 mm wide."""
     return _figure_of_norm(summary, summary.position.norm, title, seed, unit)
 
 
@@ -174,19 +145,7 @@ def figure_components(
     position_unit: WrittenUnit | None = None,
     attitude_unit: WrittenUnit | None = None,
 ) -> Figure:
-    """Return the densities of dx, dy, dz, δx, δy, δz as two rows of three, 174 mm wide.
-
-    Parameters
-    ----------
-    summary
-        What is drawn; its specifications of components are marked.
-    title
-        Above the figure, wrapped to its width.
-    seed
-        Named in the caption if given.
-    position_unit, attitude_unit
-        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
-    """
+    """Return the densities of dx, dy, dz, δx, δy, δz as two rows of three, 174 mm wide."""
     with style():
         figure = new_figure(DOUBLE_COLUMN)
         grid = figure.subplots(2, 3)
@@ -212,11 +171,6 @@ def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[P
     """Write a figure as PNG (200 dpi) and SVG, the same bytes for the same figure, and return both paths.
 
     Both are written or neither, and neither is ever seen half-written.
-
-    Raises
-    ------
-    OutputError
-        They cannot be written.
     """
     base = Path(path_without_suffix)
     metadata: dict[str, dict[str, str | None]] = {
@@ -288,3 +242,87 @@ def _finish(
     legend_below(figure, entries, columns, below)
     lines = len(above) + len(below) + sum(1 + label.count("\n") for label in entries) / columns
     set_height(figure, height + lines * LINE_HEIGHT)
+
+
+_MOST_NAMED: Final = 24
+"""Most poses named below the axis; more are numbered."""
+_MOST_LETTERS: Final = 18
+_MOST_LEVEL: Final = 80
+"""Most letters of all names together without turning them."""
+_LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
+_STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
+"""Colour and dashes of each quantile."""
+
+
+def plot_poses(result: PosesResult, quantity: str, axes: Axes | None) -> Axes | Figure:
+    """Return what :meth:`precision_pin.sampling.poses_result.PosesResult.plot` does."""
+    names = ("position", "attitude")
+    if quantity not in names:
+        raise UnknownNameError("quantity", quantity, names)
+    if axes is None:
+        return figure_of_poses(result, quantity)
+    with style():
+        _draw_poses(axes, result, quantity)
+        axes.set_title(_title(result, quantity))
+    return axes
+
+
+def figure_of_poses(result: PosesResult, quantity: str) -> Figure:
+    """Return the figure_of_poses of ``"position"`` or ``"attitude"``, 174 mm wide."""
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        axes = made.subplots()
+        _draw_poses(axes, result, quantity)
+        caption = (
+            f"N = {result.samples:,} at each pose, seed {result.seed}; bars: {100 * result.confidence:g} % intervals"
+        )
+        entries, below = labelled([axes]), wrapped(caption, made)
+        made.suptitle("\n".join(wrapped(_title(result, quantity), made)))
+        legend_below(made, entries, 3, below)
+        set_height(made, 80.0 + (len(below) + 1 + len(entries) / 3) * LINE_HEIGHT)
+    return made
+
+
+def _title(result: PosesResult, quantity: str) -> str:
+    return f"{symbol(f'{quantity}.norm')} of {visible(result.robot, 60)} at {result.poses:,} poses"
+
+
+def _draw_poses(axes: Axes, result: PosesResult, quantity: str) -> None:
+    norm = ("position", "attitude").index(quantity)
+    quantiles, ends = result.quantile[:, norm], result.quantile_interval[:, norm]
+    unit = WrittenUnit.of_axis(f"{quantity}.norm", float(result.norm_max[norm].max()))
+    places = np.arange(1, result.poses + 1)
+    for rank, (level, (colour, dashes)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
+        value = quantiles[rank] * unit.per_si
+        # a sketch's bin may reach no farther than its quantile: never a negative bar
+        bars = np.maximum(np.abs(ends[rank] * unit.per_si - value), 0.0)
+        label = "median" if level == LEVELS[0] else f"{100 * level:g} % of robots"
+        axes.errorbar(
+            places, value, yerr=bars, color=colour, linestyle=dashes, marker="o", markersize=2.5,
+            elinewidth=0.6, capsize=1.2, label=label,
+        )  # fmt: skip
+    for specification in result.specification_results:
+        specified = specification.results[0]
+        if specified.quantity == f"{quantity}.norm":
+            axes.axhline(
+                specified.limit * unit.per_si,
+                color=LIMIT_COLOURS.get(specification.verdict, BLACK),
+                linestyle=_LIMIT_DASHES,
+                linewidth=1.2,
+                label=f"limit {unit.short(specified.limit)} for {100 * specified.required:.6g} %",
+            )
+    judged = [of for of in result.specification_results if of.results[0].quantity.startswith(quantity)]
+    missed = [pose + 1 for pose in range(result.poses) if any(of.results[pose].verdict == "not met" for of in judged)]
+    for place in missed:
+        axes.axvspan(place - 0.5, place + 0.5, color=VERMILION, alpha=0.15, linewidth=0)
+    if missed:
+        axes.fill_between([], [], [], color=VERMILION, alpha=0.15, linewidth=0, label="specification not met")
+    axes.set_xlim(0.5, result.poses + 0.5)
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel(f"{symbol(f'{quantity}.norm')} [{unit.name}]")
+    if result.poses <= _MOST_NAMED:
+        labels = [shortened(visible(label), _MOST_LETTERS) for label in pose_labels(result.names)]
+        turned = sum(map(len, labels)) > _MOST_LEVEL
+        axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
+    else:
+        axes.set_xlabel("pose, in the order given")

@@ -9,21 +9,136 @@ file is replaced atomically by one with the last state only.
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numba.core.registry import cpu_target
+
+from precision_pin.base.errors import InputError, InternalError
+from precision_pin.base.versions import versions
+from precision_pin.kernel import loops
+from precision_pin.kernel.sampler import BLOCK
+from precision_pin.robot.approach import written_approach
+from precision_pin.sampling.blocks import Work
+
+if TYPE_CHECKING:
+    import os
+
+    from precision_pin.robot.chain import Posture
+
+
 import errno
 import fcntl
-import hashlib
 import json
 import os
 import stat
 import struct
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Final, Generic, final
+from typing import Generic, final
 
-from precision_pin.base.errors import InputError, OutputError
-from precision_pin.sampling.checkpoint_codec import Codec, S, largest, packed, unpacked
-from precision_pin.sampling.identity import differences
+from precision_pin.base.errors import OutputError
+from precision_pin.sampling.checkpoint import Codec, S, largest, packed, unpacked
+
+_PLAN: Final = "the planned centres and scales"
+
+
+def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:
+    """Return all inputs that determine the bits of a run, keyed by their names in messages."""
+    # the processor that numba compiles for, as detected or configured
+    triple, processor, features = cpu_target.target_context.codegen().magic_tuple()
+    joints = zip(posture.chain.joint_names, posture.q, strict=True)
+    signs = written_approach(posture.chain.joint_names, posture.approach)
+    return {
+        **{f"the {name}": _file_digest(Path(path)) for name, path in files.items()},
+        "pose": ", ".join(
+            f"{name} {float(value)!r}" + (f" ({signs[name]})" if name in signs else "") for name, value in joints
+        ),
+        "the error model": digest(work.layout),
+        _PLAN: digest((work.plan.centre, work.plan.scale)),
+        "specifications": ", ".join(
+            f"{specification.quantity} {specification.limit!r} @ {specification.required!r}"
+            for specification in work.plan.specifications
+        ),
+        "model": work.model,
+        "seed": str(work.seed),
+        "samples": str(work.samples),
+        "block": str(BLOCK),
+        **versions(),
+        "the sampler's code": _file_digest(Path(loops.__file__)),
+        "machine": f"{triple} {processor}",
+        "the processor's features": digest(features),
+    }
+
+
+def differences(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """Return one text for each difference between two runs.
+
+    The plan follows from the other inputs and is listed only where nothing else differs.
+    """
+    found = [name for name in dict.fromkeys([*now, *then]) if then.get(name) != now.get(name)]
+    return [
+        f"{name} {'has changed' if name.startswith('the ') else f'was {then.get(name)!r}, is {now.get(name)!r}'}"
+        for name in found
+        if name != _PLAN or found == [_PLAN]
+    ]
+
+
+def digest(value: Any) -> str:
+    """Return a digest of numbers, text, arrays, and sequences, mappings and data classes of them."""
+    hasher = hashlib.blake2b(digest_size=16)
+    _update(hasher, value)
+    return hasher.hexdigest()
+
+
+def _update(hasher: hashlib.blake2b, value: Any) -> None:
+    match value:
+        case np.ndarray():
+            _say(hasher, "array", value.dtype.str, *map(str, value.shape))
+            hasher.update(np.ascontiguousarray(value).tobytes())
+        case Enum():
+            _say(hasher, type(value).__name__, value.name)
+        case None | bool() | int() | float() | str() | np.number():
+            _say(hasher, type(value).__name__, str(value) if isinstance(value, str) else repr(value))
+        case Mapping():
+            _say(hasher, "mapping", str(len(value)))
+            for key, entry in value.items():
+                _update(hasher, key)
+                _update(hasher, entry)
+        case Sequence():
+            _say(hasher, "sequence", str(len(value)))
+            for entry in value:
+                _update(hasher, entry)
+        case _ if is_dataclass(value):
+            _say(hasher, type(value).__name__)
+            for field in fields(value):
+                _say(hasher, field.name)
+                _update(hasher, getattr(value, field.name))
+        case _:
+            raise InternalError(f"no digest of a {type(value).__name__}")
+
+
+def _say(hasher: hashlib.blake2b, *words: str) -> None:
+    """Hash words with their lengths, so that different lists of words never hash the same bytes."""
+    for word in words:
+        data = word.encode("utf-8", "surrogatepass")
+        hasher.update(len(data).to_bytes(8, "little") + data)
+
+
+def _file_digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(
+            f"cannot read {path}, which identifies the run in the journal: {error.strerror or error}"
+        ) from None
+
 
 MAGIC: Final = b"precision-pin journal 1\n"
 MOST_RECORDS: Final = 64
@@ -57,28 +172,7 @@ def opened(
     resume: bool,
     tell: Callable[[str], None],
 ) -> Iterator[tuple[Journal[S], S]]:
-    """Yield an open journal and the state to resume from; the file is locked against other processes.
-
-    Parameters
-    ----------
-    path
-        Path of the file.
-    identity
-        All inputs that determine the bits of the run.
-    start, codec
-        The state before any sample, and what the journal must know of states.
-    resume
-        Resume from the file, or start the run where the file does not exist. If false, the file must not exist.
-    tell
-        Called with one line about the contents of the file.
-
-    Raises
-    ------
-    InputError
-        The file exists although it must not, is in use, is not a journal, or belongs to another run.
-    OutputError
-        The file cannot be written.
-    """
+    """Yield an open journal and the state to resume from; the file is locked against other processes."""
     name = os.fspath(path)
     journal = Journal(name, _open_locked(name, resume=resume), identity, codec)
     try:
@@ -162,24 +256,12 @@ class Journal(Generic[S]):
         return self._last_state(start, size, tell)
 
     def save_if_due(self, state: S) -> None:
-        """Add a record if the pause since the last one is over.
-
-        Raises
-        ------
-        OutputError
-            The record cannot be written; the earlier records remain.
-        """
+        """Add a record if the pause since the last one is over."""
         if time.monotonic() >= self._due:
             self.save(state)
 
     def save(self, state: S) -> None:
-        """Add a record, unless the last one has the same samples.
-
-        Raises
-        ------
-        OutputError
-            The record cannot be written; the earlier records remain.
-        """
+        """Add a record, unless the last one has the same samples."""
         if self._codec.count(state) == self._saved:
             return
         begun = time.monotonic()

@@ -9,11 +9,11 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import islice
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,25 +27,25 @@ from precision_pin.base.memory import check_memory
 from precision_pin.draws.draw import MOST_POSES, Scope
 from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
-from precision_pin.kernel.blocks import BLOCK
-from precision_pin.kernel.many_poses import MOST_TOGETHER
-from precision_pin.kernel.pose_arrays import JoinedTables, is_alike
+from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.kernel.many_poses import MOST_TOGETHER, JoinedTables, is_alike
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_checks import strained_findings
-from precision_pin.model.verdict_grounds import exact_findings
+from precision_pin.model.verdict_grounds import exact_findings, strained_findings
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.blocks import Work, packages
 from precision_pin.sampling.checkpoint import POSES, PosesDone, start_of_poses
-from precision_pin.sampling.identity import digest, identity
-from precision_pin.sampling.joint_yield import count_everywhere
-from precision_pin.sampling.journal import Journal, opened
+from precision_pin.sampling.journal import Journal, digest, identity, opened
+from precision_pin.sampling.one_pose import do_nothing
 from precision_pin.sampling.pose_group import PILOTS, Model, PoseGroup, PosesWork
 from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.sampling.workers import Submitter, Workers, chosen
 from precision_pin.statistics import (
+    COMPONENTS,
+    NORMS,
     Plan,
     Specification,
     check_confidence,
@@ -156,13 +156,13 @@ def sample_poses(
     workers = chosen(threads, processes, executor, tasks_under_way)
     with ExitStack() as stack:
         total = count * work.samples * (2 if everywhere and work.specifications else 1)
-        step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or _nothing
+        step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or do_nothing
         state, kept_in = None, None
         if journal is not None:
             start = start_of_poses(_first_part(error_model, values, approaches, work, confidence), count)
             known_run = _identity(error_model, values, approaches, work, confidence, files or {})
             kept_in, state = stack.enter_context(
-                opened(journal, known_run, start, POSES, resume=resume, tell=tell or _silent)
+                opened(journal, known_run, start, POSES, resume=resume, tell=tell or do_nothing)
             )
             step(state.count * work.samples)
         sampled = _sample(error_model, values, approaches, work, workers, state, kept_in, confidence, step)
@@ -332,9 +332,52 @@ def _tasks(
             layouts = layouts[alike:]
 
 
-def _nothing(_: int) -> None:
-    """Do nothing."""
+_ROBOTS: Final = 4 * BLOCK
+"""Robots of a task."""
 
 
-def _silent(_: str) -> None:
-    """Say nothing."""
+def count_everywhere(
+    error_model: ErrorModel,
+    values: Array,
+    approaches: NDArray[np.int8] | None,
+    specifications: Sequence[Specification],
+    model: Literal["exact", "linear"],
+    seed: int,
+    samples: int,
+    pool: Executor,
+    step: Callable[[int], object],
+) -> tuple[int, ...]:
+    """Return how many robots keep each specification at all poses ``(n, P)``.
+
+    Robot k has the draws that it has where each pose is sampled alone, so the counts are the same for any pool.
+    """
+    if not specifications:
+        return ()
+    check_memory(float(samples * len(specifications)), f"marking {samples:,} robots", "sample fewer of them")
+    kept = np.ones((len(specifications), samples), dtype=np.bool_)
+    models, first_pose = error_model.at_columns(values, approaches), 0
+    while together := list(islice(models, MOST_TOGETHER)):
+        layouts = sampler.to_arrays_at_poses(together)
+
+        def mark(first: int, layouts: Sequence[SamplerArrays], first_pose: int) -> int:
+            count = min(_ROBOTS, samples - first)
+            for pose, layout in enumerate(layouts, start=first_pose):
+                errors = sampler.errors(layout, model, seed, first, count, pose=pose)
+                kept[:, first : first + count] &= _inside(errors, specifications)
+            return count * len(layouts)
+
+        tasks = [pool.submit(mark, first, layouts, first_pose) for first in range(0, samples, _ROBOTS)]
+        for task in tasks:
+            step(task.result())
+        first_pose += len(layouts)
+    return tuple(kept.sum(axis=1).tolist())
+
+
+def _inside(errors: Array, specifications: Sequence[Specification]) -> NDArray[np.bool_]:
+    """Return which errors ``(6, N)`` keep each specification, ``(S, N)``."""
+    quantities = np.empty((8, errors.shape[1]))
+    quantities[list(COMPONENTS)] = np.abs(errors)
+    quantities[list(NORMS)] = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
+    rows, limits = zip(*((spec.row, spec.limit) for spec in specifications), strict=True)
+    inside: NDArray[np.bool_] = quantities[list(rows)] <= np.array(limits)[:, None]
+    return inside

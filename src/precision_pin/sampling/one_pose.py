@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,22 +28,20 @@ from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.variance_by_provenance import origin_shares
+from precision_pin.model.pose_model import PoseModel, origin_shares
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import Work, check_samples, packages
-from precision_pin.sampling.checkpoint_codec import SAMPLES
+from precision_pin.sampling.checkpoint import SAMPLES
 from precision_pin.sampling.histogram_plan import planned
-from precision_pin.sampling.identity import identity
-from precision_pin.sampling.journal import opened
-from precision_pin.sampling.result import MonteCarloResult
-from precision_pin.sampling.result_findings import find_coarse_bins, find_constant_error
-from precision_pin.sampling.result_parts import Correlated, Until
+from precision_pin.sampling.journal import identity, opened
+from precision_pin.sampling.result import Correlated, MonteCarloResult, Until
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Submitter, chosen
 from precision_pin.statistics import (
+    QUANTITIES,
     Plan,
+    Specification,
     State,
     Summary,
     check_confidence,
@@ -156,11 +154,7 @@ def monte_carlo(
         raise InputError("q and pose mean the same; give one of them")
     pose = q if pose is None else pose
     pose = pose if approach is None else ApproachedPose(pose, approach)
-    check_samples(samples)
-    check_seed(seed)
-    sampler.stage_of(model)
-    check_confidence(confidence)
-    specifications = listed_specifications(specifications)
+    specifications = check_run(samples, seed, model, confidence, specifications)
     until = (until,) if isinstance(until, str) else check_items("until, targets,", until, str)
     findings = check_items("findings", findings, Finding)
     check_flag("keep_samples", keep_samples)
@@ -188,26 +182,24 @@ def monte_carlo(
     work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
     state = start(plan)
     with ExitStack() as stack:
-        step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or _nothing
+        step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or do_nothing
         kept_in = None
         if journal is not None:
             urdf = error_model.chain.robot.file
             known = identity(work, at.posture, {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **(files or {})})
             known["until"] = "; ".join(until)
             kept_in, state = stack.enter_context(
-                opened(journal, known, state, SAMPLES, resume=resume, tell=tell or _nothing)
+                opened(journal, known, state, SAMPLES, resume=resume, tell=tell or do_nothing)
             )
             if state.count:
                 step(state.count)
         sampling = Sampling(work, state, step, kept_in)
         done = False
         try:
-            sampling.run(workers, enough=_enough(targets, plan, confidence, tell or _nothing) if targets else None)
+            sampling.run(workers, enough=_enough(targets, plan, confidence, tell or do_nothing) if targets else None)
             done = True
         finally:
             workers.close(done=done)
-    chain = error_model.chain
-    error, _ = at.tangent
     spread = np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
     summary = finish(plan, sampling.state, confidence, spread=spread)
     if specifications:
@@ -220,6 +212,40 @@ def monte_carlo(
         *(_missed_target(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
     )  # fmt: skip
     add(found)
+    return result_at(
+        error_model, at, pose, summary, work.layout, int(seed), model,
+        nominal=at.tangent[0],
+        origins=origin_shares(error_model.origins, at),
+        until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
+        warnings=tuple(str(finding) for finding in (*findings, *found)),
+        errors=sampling.errors,
+        findings=findings,
+    )  # fmt: skip
+
+
+def check_run(
+    samples: int, seed: int, model: str, confidence: float, specifications: Specifications
+) -> tuple[Specification, ...]:
+    """Check the settings of a run at one pose, and return its specifications."""
+    check_samples(samples)
+    check_seed(seed)
+    sampler.stage_of(model)  # type: ignore[arg-type]
+    check_confidence(confidence)
+    return listed_specifications(specifications)
+
+
+def result_at(
+    error_model: ErrorModel,
+    at: PoseModel,
+    pose: object,
+    summary: Summary,
+    layout: SamplerArrays,
+    seed: int,
+    model: str,
+    **found: Any,
+) -> MonteCarloResult:
+    """Return the result at a pose, with what its model tells of it."""
+    chain, draws = error_model.chain, at.space.draws
     return MonteCarloResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
@@ -227,33 +253,22 @@ def monte_carlo(
         pose_name=error_model.pose_name(pose),
         q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
         approach=written_approach(chain.joint_names, at.posture.approach),
-        seed=int(seed),
+        seed=seed,
         model=model,
         statics=error_model.statics,
-        scopes={scope.value: sum(draw.law.size for draw in at.space.draws if draw.scope is scope) for scope in Scope},
-        nominal=error,
+        scopes={scope.value: sum(draw.law.size for draw in draws if draw.scope is scope) for scope in Scope},
         sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
         correlations=Correlated.all_of(at.space),
         summary=summary,
-        makers=makers(work.layout, int(seed), summary),
+        makers=makers(layout, seed, summary),
         assumed=error_model.assumed,
         sources=len(error_model.sources),
-        origins=origin_shares(error_model.origins, at),
-        until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
-        warnings=tuple(str(finding) for finding in (*findings, *found)),
-        errors=sampling.errors,
-        findings=findings,
+        **found,
     )
 
 
 def check_progress(progress: object) -> None:
-    """Check that progress is a function of a number of samples, a flag or None.
-
-    Raises
-    ------
-    InputError
-        It is none of them.
-    """
+    """Check that progress is a function of a number of samples, a flag or None."""
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
         raise InputError(f"progress must be a function, or True for a bar, got {shown(progress)}")
 
@@ -320,5 +335,39 @@ def model_at_pose(
         ) from None
 
 
-def _nothing(_: object) -> None:
+def do_nothing(_: object) -> None:
     """Do nothing."""
+
+
+_COARSE: Final = 0.05
+"""Share of the standard deviation above which the bin error of a quantile gives a warning."""
+_ROUNDING: Final = 1e-14
+"""Errors below this value, m or rad, count as rounding."""
+
+
+def find_constant_error(summary: Summary, known: Sequence[Finding], where: str) -> list[Finding]:
+    """Return a warning where the error does not vary, unless the sheet's findings include it."""
+    if any(summary.varying) or any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in known):
+        return []
+    message = f"no source makes the error vary {where}, and no specification can be judged"
+    return [Finding("warning", "W_NOTHING_VARIES", message)]
+
+
+def find_coarse_bins(summary: Summary) -> list[Finding]:
+    """Return a warning for each quantity with a quantile in a bin that is too wide for the sampled spread."""
+    found = []
+    for quantity in QUANTITIES:
+        distribution = summary.distribution(quantity)
+        allowed = max(_COARSE * (distribution.std or 0.0), _ROUNDING)
+        if (distribution.bin_upper - distribution.bin_lower).max() <= allowed:
+            continue
+        errors = {level: distribution.quantile_error(level) or 0.0 for level in distribution.levels}
+        level = max(errors, key=lambda one: errors[one])
+        if errors[level] > allowed:
+            unit = "m" if quantity.startswith("position") else "rad"
+            message = (
+                f"the {100 * level:.4g} % quantile of {quantity} is resolved to {errors[level]:.2g} {unit} only, because rare "
+                "errors lie far outside the range that the bins were planned for; its interval is widened accordingly"
+            )
+            found.append(Finding("warning", "W_BINS", message))
+    return found

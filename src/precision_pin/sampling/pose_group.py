@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, final
 
@@ -13,9 +12,8 @@ from numpy.typing import NDArray
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
-from precision_pin.kernel.many_poses import NormBlocks, norm_edges, observe_norms
-from precision_pin.kernel.pose_arrays import JoinedTables
-from precision_pin.sampling.blocks import check_packages, packages, pickled_with_read_only_arrays
+from precision_pin.kernel.many_poses import JoinedTables, NormBlocks, norm_edges, observe_norms
+from precision_pin.sampling.blocks import Sent, check_packages, packages
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import COMPONENTS, NORMS, Plan, Specification, clopper_pearson, quantile_ranks
 
@@ -39,7 +37,7 @@ class PosesWork:
 
 @final
 @dataclass(frozen=True, eq=False)
-class GroupWork:
+class GroupWork(Sent):
     """Poses that are sampled together. Can be pickled."""
 
     tables: JoinedTables
@@ -49,26 +47,13 @@ class GroupWork:
     packages: tuple[tuple[str, str], ...]
 
     def observe(self, first_block: int, blocks: int) -> NormBlocks:
-        """Return the statistics of some blocks.
-
-        Raises
-        ------
-        InputError
-            A sample cannot be computed, or this process has other packages than the one that started the run.
-        """
+        """Return the statistics of some blocks."""
         check_packages(self.packages)
         work = self.work
         return observe_norms(
             self.tables, self.plans, work.model, work.seed, first_block, blocks,
             samples=work.samples, first_pose=self.first_pose,
         )  # fmt: skip
-
-    def __reduce__(self) -> tuple[Callable[[bytes], GroupWork], tuple[bytes]]:
-        return _unpickle_group, (pickled_with_read_only_arrays(tuple(vars(self).values())),)
-
-
-def _unpickle_group(data: bytes) -> GroupWork:
-    return GroupWork(*pickle.loads(data))
 
 
 @final

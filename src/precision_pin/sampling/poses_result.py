@@ -1,8 +1,8 @@
-"""Sampled pose error at many poses, as arrays over the poses."""
+"""Sampled pose error at many poses, as arrays over the poses; a specification is met only if met at every one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_name, check_whole
-from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding
+from precision_pin.base.record import Keys, Record
 from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
@@ -23,7 +23,6 @@ from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels
 from precision_pin.robot.approach import approach_entry, written_approach
-from precision_pin.sampling.pose_verdicts import PosesSpecification
 from precision_pin.statistics import (
     COMPONENTS,
     NORMS,
@@ -31,6 +30,7 @@ from precision_pin.statistics import (
     Grounds,
     Specification,
     SpecificationResult,
+    Verdict,
     clopper_pearson,
 )
 from precision_pin.statistics.summary import NO_SPREAD
@@ -41,15 +41,115 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "not judged", "undecided", "nothing to judge", "met")
+
+
+@final
+@dataclass(frozen=True)
+class PosesSpecification(Record):
+    """Result of a specification over several poses.
+
+    Attributes
+    ----------
+    results
+        At each pose.
+    labels
+        Of the poses, no two alike.
+    largest
+        The mean at each pose of the norm that the quantity belongs to, which orders poses with the same share inside.
+    everywhere
+        The share of robots that keep it at all poses, each robot at every one; ``None`` where that was not asked.
+    """
+
+    KEYS: ClassVar[Keys] = (
+        *("quantity=_first.quantity", "limit=_first.limit", "required=_first.required", "met", "verdict", "*grounds"),
+        *("*_everywhere", "worst_pose=_worst_label", "poses=_poses"),
+    )
+
+    results: tuple[SpecificationResult, ...]
+    labels: tuple[str, ...]
+    largest: tuple[float, ...]
+    everywhere: SpecificationResult | None = None
+
+    @cached_property
+    def worst_first(self) -> list[int]:
+        """Numbers of the poses, from 0, the worst first: by verdict, then by the share inside, then by ``largest``."""
+
+        def order(pose: int) -> tuple[int, float, float]:
+            result = self.results[pose]
+            return _WORST_FIRST.index(result.verdict), result.probability, -self.largest[pose]
+
+        return sorted(range(len(self.results)), key=order)
+
+    @property
+    def worst(self) -> int:
+        """Number of the worst pose, which decides the verdict."""
+        return self.worst_first[0]
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of the worst pose or, if that is worse, of the robots that keep it at all poses."""
+        verdicts = [self.results[self.worst].verdict, *([self.everywhere.verdict] if self.everywhere else [])]
+        return min(verdicts, key=_WORST_FIRST.index)
+
+    @property
+    def grounds(self) -> Grounds:
+        """Those of the first pose that is not judged, else of all."""
+        return next((one.grounds for one in self.results if one.grounds.not_judged), self.results[0].grounds)
+
+    @property
+    def said(self) -> str:
+        """The verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        return self.grounds.said(self.verdict)
+
+    @property
+    def met(self) -> bool:
+        """Whether the specification is met at every pose and, where asked, by enough robots at all of them."""
+        return self.verdict == "met"
+
+    @property
+    def _first(self) -> SpecificationResult:
+        return self.results[0]
+
+    @property
+    def _everywhere(self) -> dict[str, Any]:
+        of_all = self.everywhere
+        entry = of_all and {"probability": of_all.probability, "interval": of_all.interval, "met": of_all.met}
+        return {"everywhere": entry} if entry else {}
+
+    @property
+    def _worst_label(self) -> str:
+        return self.labels[self.worst]
+
+    @property
+    def _poses(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "name": label,
+                "probability": result.probability,
+                "interval": result.interval,
+                "met": result.met,
+                "verdict": result.verdict,
+                "judged": not result.grounds.not_judged,
+            }
+            for label, result in zip(self.labels, self.results, strict=True)
+        ]
+
+
 LEVELS: Final = (0.5, 0.95, 0.9973)
 """Probabilities of the quantiles."""
+POSE_ARRAYS: Final = (
+    "mean", "covariance", "norm_mean", "norm_std", "norm_max", "quantile", "quantile_interval", "quantile_resolution",
+    "probability", "probability_interval",
+)  # fmt: skip
+"""Arrays of a result whose last axis is the pose, in the order of the JSON and of a journal."""
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class PosesResult(JsonResult):
+class PosesResult(Record, JsonResult):
     """Distribution of the pose error at P poses, base axes, m and rad.
 
     Every built robot is sampled at all poses: its draws of unit scope are the same at each pose.
@@ -96,6 +196,14 @@ class PosesResult(JsonResult):
     """
 
     schema: ClassVar[str] = "precision-pin/poses/1"
+    complete: ClassVar[bool] = True
+    axes: ClassVar[str] = "base"
+    levels: ClassVar[tuple[float, ...]] = LEVELS
+
+    KEYS: ClassVar[Keys] = (
+        *("schema", "complete", "robot", "base", "tip", "axes", "samples", "seed", "model", "statics", "confidence"),
+        *("versions", "warnings", "findings", "levels", "spec=specification_results", "poses=_entries"),
+    )
 
     robot: str
     base: str
@@ -125,9 +233,6 @@ class PosesResult(JsonResult):
     warnings: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions, init=False)
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def poses(self) -> int:
@@ -169,46 +274,27 @@ class PosesResult(JsonResult):
         """Each specification over all poses, judged at each pose as the result of one pose judges it."""
         labels, varying = tuple(pose_labels(self.names)), self._varying()
         grounds = grounds_at_each(self.error_model, self.q, labels)
-        return tuple(
-            PosesSpecification(
-                tuple(
-                    SpecificationResult(
-                        spec.quantity,
-                        spec.limit,
-                        spec.required,
-                        float(self.probability[rank, pose]),
-                        (
-                            float(self.probability_interval[rank, 0, pose]),
-                            float(self.probability_interval[rank, 1, pose]),
-                        ),
-                        bool(varying[spec.row, pose]),
-                        grounds[pose],
-                    )
-                    for pose in range(self.poses)
-                ),
-                labels,
-                tuple(self.norm_mean[int(spec.quantity.startswith("attitude"))].tolist()),
-                None
-                if self.kept_everywhere is None
-                else self._everywhere(rank, bool(varying[spec.row].any()), grounds),
-            )
-            for rank, spec in enumerate(self.specifications)
-        )
+        of_all = next((one for one in grounds if one.not_judged), grounds[0])
 
-    def _everywhere(self, rank: int, varies: bool, grounds: Sequence[Grounds]) -> SpecificationResult:
-        """Return the share of robots that keep a specification at all poses."""
-        assert self.kept_everywhere is not None
-        spec, kept = self.specifications[rank], self.kept_everywhere[rank]
-        interval = clopper_pearson(kept, self.samples, self.confidence)
-        return SpecificationResult(
-            spec.quantity,
-            spec.limit,
-            spec.required,
-            kept / self.samples,
-            interval,
-            varies=varies,
-            grounds=next((one for one in grounds if one.not_judged), grounds[0]),
-        )
+        def judged(
+            rank: int, share: float, interval: tuple[float, float], varies: object, on: Grounds
+        ) -> SpecificationResult:
+            spec = self.specifications[rank]
+            return SpecificationResult(spec.quantity, spec.limit, spec.required, share, interval, bool(varies), on)
+
+        found = []
+        for rank, spec in enumerate(self.specifications):
+            shares = self.probability[rank].tolist()
+            intervals = map(tuple, self.probability_interval[rank].T.tolist())
+            at_each = zip(shares, intervals, varying[spec.row], grounds, strict=True)
+            everywhere = None
+            if self.kept_everywhere is not None:
+                kept = self.kept_everywhere[rank]
+                interval = clopper_pearson(kept, self.samples, self.confidence)
+                everywhere = judged(rank, kept / self.samples, interval, varying[spec.row].any(), of_all)
+            largest = tuple(self.norm_mean[int(spec.quantity.startswith("attitude"))].tolist())
+            found.append(PosesSpecification(tuple(judged(rank, *one) for one in at_each), labels, largest, everywhere))
+        return tuple(found)
 
     def _varying(self) -> NDArray[np.bool_]:
         """Return which of the eight quantities vary at each pose, ``(8, P)``: in the samples or, where not, to first order."""
@@ -241,7 +327,7 @@ class PosesResult(JsonResult):
             Another quantity.
         """
         # plots rest on results, not results on plots
-        drawn: Axes | Figure = import_module("precision_pin.sampling.poses_figure").plot(self, quantity, axes)
+        drawn: Axes | Figure = import_module("precision_pin.sampling.figures").plot_poses(self, quantity, axes)
         return drawn
 
     def between(self, one: int, other: int) -> Array:
@@ -287,29 +373,19 @@ class PosesResult(JsonResult):
         """
         return self.names.index(check_name("pose", name, [known for known in self.names if known]))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in the ``precision-pin/poses/1`` schema, SI units; null where not resolved."""
-        norms = {name: getattr(self, name) for name in ("norm_mean", "norm_std", "norm_max")}
-        norms |= {name: getattr(self, name) for name in ("quantile", "quantile_interval", "quantile_resolution")}
-        return self._head() | {
-            "levels": list(LEVELS),
-            "spec": [result.to_dict() for result in self.specification_results],
-            "poses": [
-                {
-                    "pose": {
-                        "name": name,
-                        "q": dict(zip(self.joints, self.q[:, pose].tolist(), strict=True)),
-                        **approach_entry(written_approach(self.joints, self._approach(pose))),
-                    },
-                    "mean": _to_lists(self.mean[:, pose]),
-                    "covariance": _to_lists(self.covariance[..., pose]),
-                    **{key: _to_lists(values[..., pose]) for key, values in norms.items()},
-                    "probability": _to_lists(self.probability[..., pose]),
-                    "probability_interval": _to_lists(self.probability_interval[..., pose]),
-                }
-                for pose, name in enumerate(self.names)
-            ],
-        }
+    @property
+    def _entries(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "pose": {
+                    "name": name,
+                    "q": dict(zip(self.joints, self.q[:, pose].tolist(), strict=True)),
+                    **approach_entry(written_approach(self.joints, self._approach(pose))),
+                },
+                **{key: getattr(self, key)[..., pose] for key in POSE_ARRAYS},
+            }
+            for pose, name in enumerate(self.names)
+        ]
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and quantity.
@@ -328,7 +404,7 @@ class PosesResult(JsonResult):
             for pose, label in enumerate(labels)
             for quantity in QUANTITIES
         ]
-        return data_frame(["pose", "quantity"], rows, self._head())
+        return data_frame(["pose", "quantity"], rows, self._head)
 
     def _columns(self, pose: int, quantity: str) -> dict[str, float]:
         row = QUANTITIES.index(quantity)
@@ -358,20 +434,19 @@ class PosesResult(JsonResult):
         InputError
             xarray is not installed.
         """
-        variables: dict[str, Any] = {
-            "q": (("joint", "pose"), self.q),
-            "mean": (("component", "pose"), self.mean),
-            "std": (("component", "pose"), self.std),
-            "covariance": (("component", "component_2", "pose"), self.covariance),
-            "norm_mean": (("norm", "pose"), self.norm_mean),
-            "norm_std": (("norm", "pose"), self.norm_std),
-            "norm_max": (("norm", "pose"), self.norm_max),
-            "quantile": (("probability", "norm", "pose"), self.quantile),
-            "quantile_interval": (("probability", "norm", "end", "pose"), self.quantile_interval),
-            "quantile_resolution": (("probability", "norm", "pose"), self.quantile_resolution),
-            "inside": (("specification", "pose"), self.probability),
-            "inside_interval": (("specification", "end", "pose"), self.probability_interval),
+        dimensions = {
+            "q": ("joint",),
+            "mean": ("component",),
+            "std": ("component",),
+            "covariance": ("component", "component_2"),
+            **dict.fromkeys(("norm_mean", "norm_std", "norm_max"), ("norm",)),
+            "quantile": ("probability", "norm"),
+            "quantile_interval": ("probability", "norm", "end"),
+            "quantile_resolution": ("probability", "norm"),
         }
+        variables: dict[str, Any] = {name: ((*own, "pose"), getattr(self, name)) for name, own in dimensions.items()}
+        variables["inside"] = (("specification", "pose"), self.probability)
+        variables["inside_interval"] = (("specification", "end", "pose"), self.probability_interval)
         if self.approaches is not None:
             variables["approach"] = (("joint", "pose"), self.approaches)
         coordinates: dict[str, Any] = {
@@ -385,20 +460,12 @@ class PosesResult(JsonResult):
             "end": ["lower", "upper"],
             "specification": [f"{spec.quantity} {spec.limit:g} @ {spec.required:g}" for spec in self.specifications],
         }
-        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._head()))
+        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._head))
         return made
 
+    @property
     def _head(self) -> dict[str, Any]:
-        return {
-            "schema": self.schema,
-            "complete": True,
-            **{name: getattr(self, name) for name in ("robot", "base", "tip")},
-            "axes": "base",
-            **{name: getattr(self, name) for name in ("samples", "seed", "model", "statics", "confidence")},
-            "versions": dict(self.versions),
-            "warnings": list(self.warnings),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
+        return self.encoded(self.KEYS[: self.KEYS.index("levels")])
 
     def _repr_html_(self) -> str:
         """Return the notebook view: the norms at every pose, mm and mrad."""
@@ -426,13 +493,6 @@ class PosesResult(JsonResult):
             f"<PosesResult of {self.robot!r}, {self.base!r} to {self.tip!r}: {self.poses:,} poses, "
             f"{self.samples:,} samples at each, seed {self.seed}, {self.model} model{within}>"
         )
-
-
-def _to_lists(values: Array) -> Any:
-    """Return an array as nested lists, with None for NaN."""
-    known = values.astype(object)
-    known[~np.isfinite(values)] = None
-    return known.tolist()
 
 
 def _with_norms(components: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -20,23 +19,26 @@ from precision_pin.base.call_warnings import add, warns_at_end
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.memory import check_kept
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.kernel.blocks import BLOCK
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
-from precision_pin.sampling import Progress, available_cores, check_progress, check_samples
-from precision_pin.sampling.histogram_plan import PILOT, reach
-from precision_pin.sampling.one_pose import makers, model_at_pose
-from precision_pin.sampling.result import MonteCarloResult
-from precision_pin.sampling.result_findings import find_coarse_bins, find_constant_error
-from precision_pin.sampling.result_parts import Correlated, RelativeTo
-from precision_pin.sampling.skewness import first_order_skewness
-from precision_pin.statistics import Plan, check_confidence, finish, observe, quantity_values, start
-from precision_pin.statistics.plan import Specifications, listed_specifications
+from precision_pin.sampling import Progress, available_cores, check_progress
+from precision_pin.sampling.histogram_plan import PILOT, first_order_skewness, reach
+from precision_pin.sampling.one_pose import (
+    check_run,
+    do_nothing,
+    find_coarse_bins,
+    find_constant_error,
+    model_at_pose,
+    result_at,
+)
+from precision_pin.sampling.result import MonteCarloResult, RelativeTo
+from precision_pin.statistics import Plan, finish, observe, quantity_values, start
+from precision_pin.statistics.plan import Specifications
 
 MOST_THREADS: Final = 1024
 
@@ -115,11 +117,7 @@ def relative(
     same joint values: then they are shared, and what is left is what two visits differ by.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    check_samples(samples)
-    check_seed(seed)
-    sampler.stage_of(model)
-    check_confidence(confidence)
-    listed = listed_specifications(specifications)
+    listed = check_run(samples, seed, model, confidence, specifications)
     known = check_items("findings", findings, Finding)
     check_flag("keep_samples", keep_samples)
     if threads is not None:
@@ -131,7 +129,7 @@ def relative(
     plan = replace(pair.plan, specifications=listed)
     state, kept = start(plan), []
     with ExitStack() as stack:
-        step = stack.enter_context(progress_bar.progress(samples)) if progress is True else progress or _nothing
+        step = stack.enter_context(progress_bar.progress(samples)) if progress is True else progress or do_nothing
         workers = threads or available_cores()
         pool = ThreadPoolExecutor(workers)
         # after a failure or an interrupt the running blocks are awaited; each takes a fraction of a second
@@ -160,32 +158,17 @@ def relative(
         *find_coarse_bins(summary),
     )  # fmt: skip
     add(found)
-    chain, space = error_model.chain, error_model.space
-    return MonteCarloResult(
-        robot=os.path.basename(chain.robot.file),
-        base=chain.base,
-        tip=chain.tip_label,
-        pose_name=error_model.pose_name(pose),
-        q=_values(pair.at),
-        approach=written_approach(chain.joint_names, pair.at.posture.approach),
+    joints, approach = error_model.chain.joint_names, pair.other.posture.approach
+    return result_at(
+        error_model, pair.at, pose, summary, pair.layouts[0], int(seed), model,
         relative_to=RelativeTo(
-            label, _values(pair.other), written_approach(chain.joint_names, pair.other.posture.approach)
+            label, dict(zip(joints, map(float, pair.other.posture.q), strict=True)), written_approach(joints, approach)
         ),
-        seed=int(seed),
-        model=model,
-        statics=error_model.statics,
-        scopes={scope.value: sum(draw.law.size for draw in space.draws if draw.scope is scope) for scope in Scope},
         nominal=pair.at.tangent[0] - pair.other.tangent[0],
-        sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
-        correlations=Correlated.all_of(space),
-        summary=summary,
-        makers=makers(pair.layouts[0], int(seed), summary),
-        assumed=error_model.assumed,
-        sources=len(error_model.sources),
         warnings=tuple(str(finding) for finding in (*known, *found)),
         errors=np.concatenate(kept, axis=1) if keep_samples else None,
         findings=known,
-    )
+    )  # fmt: skip
 
 
 @final
@@ -272,15 +255,7 @@ class _Pair:
         return first_order_skewness((*space.draws, *own), np.hstack([columns, -there[:, ~shared]]))
 
 
-def _values(at: PoseModel) -> dict[str, float]:
-    return dict(zip(at.posture.chain.joint_names, map(float, at.posture.q), strict=True))
-
-
 def _named(findings: Sequence[Finding], label: str) -> list[Finding]:
     """Return findings about the other pose that say so."""
     where = f"pose {label!r}, relative to which" if label else "the pose relative to which"
     return [replace(one, message=f"{where} errors are taken: {one.message}") for one in findings]
-
-
-def _nothing(_: object) -> None:
-    """Do nothing."""

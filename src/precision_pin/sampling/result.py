@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 
-from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.record import Keys, Record
 from precision_pin.base.versions import versions
-from precision_pin.model.variance_by_provenance import OriginShares
+from precision_pin.draws.space import Space
+from precision_pin.model.pose_model import OriginShares
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import (
@@ -34,17 +35,16 @@ from precision_pin.render.tables import (
     unit,
 )
 from precision_pin.robot.approach import approach_entry
-from precision_pin.sampling.result_parts import Correlated, RelativeTo, Until
 from precision_pin.statistics import (
     QUANTITIES,
     Distribution,
-    Extreme,
     SpecificationResult,
     Summary,
     VectorDistribution,
     format_share,
 )
 from precision_pin.statistics.distribution import CONTENTS
+from precision_pin.statistics.precision import Precision
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -54,8 +54,75 @@ if TYPE_CHECKING:
 
 
 @final
+@dataclass(frozen=True)
+class Correlated(Record):
+    """Group of correlated parameters.
+
+    Attributes
+    ----------
+    parameters
+        Names of the parameters.
+    scores
+        Correlation matrix of their normal scores, as given, row by row.
+    pearson
+        Correlation matrix of the parameters themselves, which follows from `scores` and the laws.
+    """
+
+    parameters: tuple[str, ...]
+    scores: tuple[tuple[float, ...], ...]
+    pearson: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def all_of(cls, space: Space) -> tuple[Correlated, ...]:
+        """Return every correlation of a space."""
+        found = []
+        for correlation in space.correlations:
+            columns = [space.index[name] for name in correlation.names]
+            pearson = space.pearson_within(columns)
+            found.append(cls(correlation.names, correlation.matrix, tuple(map(tuple, pearson.tolist()))))
+        return tuple(found)
+
+
+@final
+@dataclass(frozen=True)
+class Until(Record):
+    """Target precision, as text, and the precision reached."""
+
+    KEYS: ClassVar[Keys] = ("target=text", "*_reached")
+
+    text: str
+    precision: Precision
+
+    @property
+    def _reached(self) -> dict[str, Any]:
+        return asdict(self.precision)
+
+
+@final
+@dataclass(frozen=True)
+class RelativeTo(Record):
+    """Pose whose errors are subtracted from those of the same robots.
+
+    Attributes
+    ----------
+    name, q, approach
+        Its name, empty for a pose without one, each joint's value (rad, m), and ``+`` or ``-`` where an approach is given.
+    """
+
+    KEYS: ClassVar[Keys] = ("name", "q", "*_approach")
+
+    name: str
+    q: Mapping[str, float]
+    approach: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def _approach(self) -> dict[str, Any]:
+        return approach_entry(self.approach)
+
+
+@final
 @dataclass(frozen=True, eq=False, repr=False)
-class MonteCarloResult(JsonResult):
+class MonteCarloResult(Record, JsonResult):
     """Distribution of the pose error at one pose.
 
     Attributes
@@ -100,6 +167,35 @@ class MonteCarloResult(JsonResult):
     """
 
     schema: ClassVar[str] = "precision-pin/analysis/1"
+    complete: ClassVar[bool] = True
+    axes: ClassVar[str] = "base"
+
+    KEYS: ClassVar[Keys] = (
+        *(
+            "schema",
+            "complete",
+            "robot",
+            "base",
+            "tip",
+            "axes",
+            "pose=_pose",
+            "*_relative_to",
+            "samples",
+            "seed",
+            "model",
+        ),
+        *(
+            "statics",
+            "scopes",
+            "confidence=summary.confidence",
+            "versions",
+            "warnings",
+            "findings",
+            "assumed",
+            "*_origins",
+        ),
+        *("nominal=_nominal", "*summary", "largest=_largest", "*_until", "*_correlations"),
+    )
 
     robot: str
     base: str
@@ -126,9 +222,6 @@ class MonteCarloResult(JsonResult):
     versions: Mapping[str, str] = field(default_factory=versions)
     relative_to: RelativeTo | None = None
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @property
     def samples(self) -> int:
         """Number of samples drawn."""
@@ -149,40 +242,40 @@ class MonteCarloResult(JsonResult):
         """Sample covariance, ``(6, 6)``; ``None`` for one sample."""
         return self.summary.covariance
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in the ``precision-pin/analysis/1`` schema, SI units; null where not resolved."""
+    @property
+    def _pose(self) -> dict[str, Any]:
+        return {"name": self.pose_name, "q": self.q, **approach_entry(self.approach)}
+
+    @property
+    def _relative_to(self) -> dict[str, Any]:
+        return {} if self.relative_to is None else {"relative_to": self.relative_to}
+
+    @property
+    def _origins(self) -> dict[str, Any]:
+        return origins_entry(self.origins)
+
+    @property
+    def _nominal(self) -> dict[str, Array]:
+        return {"position": self.nominal[:3], "attitude": self.nominal[3:]}
+
+    @property
+    def _largest(self) -> dict[str, Any]:
+        listed = {"position": self.summary.largest_position, "attitude": self.summary.largest_attitude}
         return {
-            "schema": self.schema,
-            "complete": True,
-            "robot": self.robot,
-            "base": self.base,
-            "tip": self.tip,
-            "axes": "base",
-            "pose": {"name": self.pose_name, "q": dict(self.q), **approach_entry(self.approach)},
-            **({} if self.relative_to is None else {"relative_to": self.relative_to.to_dict()}),
-            "samples": self.samples,
-            "seed": self.seed,
-            "model": self.model,
-            "statics": self.statics,
-            "scopes": dict(self.scopes),
-            "confidence": self.summary.confidence,
-            "versions": dict(self.versions),
-            "warnings": list(self.warnings),
-            "findings": [finding.to_dict() for finding in self.findings],
-            "assumed": list(self.assumed),
-            **origins_entry(self.origins),
-            "nominal": {"position": self.nominal[:3].tolist(), "attitude": self.nominal[3:].tolist()},
-            **self.summary.to_dict(),
-            "largest": {
-                "position": [self._extreme_to_dict(one) for one in self.summary.largest_position],
-                "attitude": [self._extreme_to_dict(one) for one in self.summary.largest_attitude],
-            },
-            **({"until": [{"target": one.text, **asdict(one.precision)} for one in self.until]} if self.until else {}),
-            **({"correlations": [asdict(group) for group in self.correlations]} if self.correlations else {}),
+            name: [
+                {"unit": one.sample, "value": one.value, "parameters": self.makers.get(one.sample, {})}
+                for one in extremes
+            ]
+            for name, extremes in listed.items()
         }
 
-    def _extreme_to_dict(self, one: Extreme) -> dict[str, Any]:
-        return {"unit": one.sample, "value": one.value, "parameters": dict(self.makers.get(one.sample, {}))}
+    @property
+    def _until(self) -> dict[str, Any]:
+        return {"until": self.until} if self.until else {}
+
+    @property
+    def _correlations(self) -> dict[str, Any]:
+        return {"correlations": self.correlations} if self.correlations else {}
 
     def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
         """Draw the sampled distribution.
@@ -258,52 +351,32 @@ class MonteCarloResult(JsonResult):
         """
         distributions = [self.summary.distribution(name) for name in QUANTITIES]
         levels = sorted({level for distribution in distributions for level in distribution.levels})
-        statistics = ("mean", "std", "min", "max", "mode")
-        variables: dict[str, Any] = {
-            name: ("quantity", [number(getattr(distribution, name)) for distribution in distributions])
-            for name in statistics
-        }
-        variables |= {
-            "quantile": (
-                ("quantity", "probability"),
-                [[number(distribution.quantile(level)) for level in levels] for distribution in distributions],
-            ),
-            "quantile_interval": (
-                ("quantity", "probability", "end"),
-                [
-                    [distribution.quantile_interval(level) or (np.nan, np.nan) for level in levels]
-                    for distribution in distributions
-                ],
-            ),
-            "nominal": ("component", self.nominal),
-            "covariance": (
-                ("component", "component_2"),
-                np.full((6, 6), np.nan) if self.covariance is None else self.covariance,
-            ),
-        }
         nothing = (np.nan, np.nan)
-        variables |= {
-            f"{name}_interval": (
-                ("quantity", "end"),
-                [distribution.interval(name) or nothing for distribution in distributions],
-            )
-            for name in ("mean", "std", "mode")
+
+        def over(values: Callable[[Distribution], Any], *dimensions: str) -> tuple[tuple[str, ...], list[Any]]:
+            return ("quantity", *dimensions), [values(distribution) for distribution in distributions]
+
+        covariance, interval = self.covariance, self.summary.covariance_interval
+        variables: dict[str, Any] = {
+            name: over(lambda one: number(getattr(one, name)))  # noqa: B023 - called at once
+            for name in ("mean", "std", "min", "max", "mode")
         }
-        variables |= {
-            "covariance_interval": (
-                ("component", "component_2", "end"),
-                np.full((6, 6, 2), np.nan)
-                if self.summary.covariance_interval is None
-                else self.summary.covariance_interval,
-            ),
-            "tolerance_bounds": (
-                ("quantity", "content", "end"),
-                [
-                    [distribution.tolerance_bounds(content) or nothing for content in CONTENTS]
-                    for distribution in distributions
-                ],
-            ),
-        }
+        variables["quantile"] = over(lambda one: [number(one.quantile(level)) for level in levels], "probability")
+        variables["quantile_interval"] = over(
+            lambda one: [one.quantile_interval(level) or nothing for level in levels], "probability", "end"
+        )
+        variables["nominal"] = ("component", self.nominal)
+        pair = ("component", "component_2")
+        variables["covariance"] = (pair, np.full((6, 6), np.nan) if covariance is None else covariance)
+        for name in ("mean", "std", "mode"):
+            variables[f"{name}_interval"] = over(lambda one: one.interval(name) or nothing, "end")  # noqa: B023
+        variables["covariance_interval"] = (
+            (*pair, "end"),
+            np.full((6, 6, 2), np.nan) if interval is None else interval,
+        )
+        variables["tolerance_bounds"] = over(
+            lambda one: [one.tolerance_bounds(content) or nothing for content in CONTENTS], "content", "end"
+        )
         if self.errors is not None:
             variables["error"] = (("component", "sample"), self.errors)
         coordinates: dict[str, Any] = {
@@ -367,11 +440,7 @@ class MonteCarloResult(JsonResult):
         return f" relative to {repr(self.relative_to.name) if self.relative_to.name else 'a pose without a name'}"
 
     def _attributes(self) -> dict[str, Any]:
-        return {key: value for key, value in self.to_dict().items() if key in _ATTRIBUTES}
-
-
-Analysis = MonteCarloResult
-"""Former name of `MonteCarloResult`, kept as an alias."""
+        return self.encoded(key for key in self.KEYS if key.strip("*_").partition("=")[0] in _ATTRIBUTES)
 
 
 def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:

@@ -4,35 +4,62 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.errors import OutputError
-from precision_pin.kernel.blocks import BLOCK, Blocks
+from precision_pin.kernel.sampler import BLOCK, Blocks
 from precision_pin.sampling.blocks import Work
 from precision_pin.sampling.journal import Journal
-from precision_pin.sampling.task_queue import Stream, task_size
 from precision_pin.sampling.workers import Workers
 from precision_pin.statistics import State
 
 
+def task_size(blocks: int, most: int) -> int:
+    """Return the number of blocks in a task: enough to keep a worker busy, few enough for regular progress."""
+    return min(most, max(1, blocks // 8))
+
+
+@final
+class Stream:
+    """Tasks submitted ahead of the one being awaited, at most as many as the workers accept."""
+
+    def __init__(self, work: Work, workers: Workers, first_block: int, end_block: int, size: int) -> None:
+        self._work = work
+        self._workers = workers
+        self._size = size
+        self._next = first_block
+        self._end = end_block
+        self._futures: dict[int, Any] = {}
+
+    def result(self, block: int) -> Blocks:
+        """Wait for the task that begins with a block, and submit further tasks.
+
+        The block must be the one after the last of the task before.
+        """
+        self._forget_before(block)
+        while len(self._futures) < self._workers.most and self._next < self._end:
+            length = min(self._size, self._end - self._next)
+            self._futures[self._next] = self._workers.submit(self._work, self._next, length)
+            self._next += self._size
+        found: Blocks = self._workers.result(self._futures[block])
+        return found
+
+    def result_under_way(self, block: int) -> Blocks | None:
+        """Wait for the task that begins with a block, None if it was not submitted; submit no further tasks."""
+        self._forget_before(block)
+        return self._workers.result(self._futures[block]) if block in self._futures else None
+
+    def _forget_before(self, block: int) -> None:
+        for known in [known for known in self._futures if known < block]:
+            del self._futures[known]
+
+
 @final
 class Sampling:
-    """Run from a given state to the last sample.
-
-    Parameters
-    ----------
-    work
-        The work of the run.
-    state
-        State of the samples before.
-    progress
-        Function called with the number of samples added since its last call.
-    journal
-        Journal in which the state is saved from time to time.
-    """
+    """Run from a given state to the last sample."""
 
     def __init__(
         self, work: Work, state: State, progress: Callable[[int], None], journal: Journal[State] | None
@@ -49,24 +76,6 @@ class Sampling:
         """Sample to the end, or to the first check that is passed: after 1, 2, 4, 8 … blocks.
 
         The checks do not depend on the workers, and so neither does the result.
-
-        Parameters
-        ----------
-        workers
-            Workers that compute the blocks. Neither they nor their speed change the result.
-        blocks_in_a_task
-            Blocks in a task, by default the number suited to the workers. It does not change the result.
-        enough
-            Check that ends the run where it returns true; by default none.
-
-        Raises
-        ------
-        KeyboardInterrupt
-            Raised with a note after the running tasks are finished and saved in the journal, if there is one.
-        InputError
-            A sample cannot be computed, or workers failed. The blocks finished before are in the journal.
-        OutputError
-            The journal cannot be written.
         """
         for end in self._check_blocks() if enough is not None else [self._work.blocks]:
             if self._next_block() < end and self.state.count < self._work.samples:

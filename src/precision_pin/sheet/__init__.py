@@ -3,9 +3,8 @@
 The reader collects every finding with its line before it raises an error.
 """
 
-from precision_pin.sheet.chain_entry import Overrides
+from precision_pin.sheet.chain_entry import Overrides, parse_pose
 from precision_pin.sheet.changes import Change, parse_change
-from precision_pin.sheet.poses import parse_pose
 from precision_pin.sheet.reader import Sheet, read, read_data
 from precision_pin.sheet.schema import json_schema
 from precision_pin.sheet.sheet_lint import pose_remark

@@ -1,21 +1,134 @@
-"""Reader of a sheet's arm: robot, tip, base, gravity, locked joints and target."""
+"""Reader of a sheet's arm and poses: robot, tip, base, gravity, locked joints, target, joint values, approaches."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import Final, final
+from typing import Any, Final, final
+
+import numpy as np
 
 from precision_pin.base import units
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UrdfError
+from precision_pin.robot.approach import PREVIOUS, Approach, approaches_along, read_approach
 from precision_pin.robot.chain import EARTH, Chain
+from precision_pin.robot.chain_geometry import FARTHEST_TARGET
 from precision_pin.robot.examples import resolve_robot
-from precision_pin.robot.urdf import Robot
+from precision_pin.robot.urdf import Joint, Robot
 from precision_pin.robot.urdf import read as read_urdf
-from precision_pin.sheet.findings import Findings
-from precision_pin.sheet.poses import joint_quantity
+from precision_pin.sheet.findings import POSE_VALUES, Findings
 from precision_pin.sheet.schema import Document
-from precision_pin.sheet.target import parse_target
+from precision_pin.sheet.settings import SettingError
+
+PlainPose = str | list[str] | Mapping[str, str]
+"""Joint values as text: numbers with one unit, a list, or by joint."""
+PoseText = PlainPose | Mapping[str, str | list[str] | dict[str, str]]
+"""A pose of a sheet: joint values, or these with an approach."""
+
+VALUES: Final = "q"
+APPROACH: Final = "approach"
+
+
+def parse_poses(
+    given: Mapping[str, PoseText], findings: Findings, chain: Chain
+) -> tuple[dict[str, Array], dict[str, Approach]]:
+    """Return joint values by the poses' names, and the approaches of those that have one; those that are wrong are left out."""
+    poses: dict[str, Array] = {}
+    approaches: dict[str, Approach] = {}
+    following: list[str] = []
+    for rank, (name, value) in enumerate(given.items()):
+        if name == "<<":
+            findings.error(("poses", name), "'<<' would merge keys, which sheets do not support; write the keys out")
+            continue
+        try:
+            q, approach = split_pose(value, chain)
+            poses[name] = parse_pose(q, chain)
+        except InputError as error:
+            findings.take(("poses", name), error)
+            continue
+        if approach == PREVIOUS and not rank:
+            message = "the approach is from the previous pose, but this is the first; give + or - by joint"
+            findings.error(("poses", name, APPROACH), message)
+        elif approach == PREVIOUS:
+            following.append(name)
+        else:
+            try:
+                approaches[name] = read_approach(chain.joint_names, approach)
+            except InputError as error:
+                findings.take(("poses", name, APPROACH), error)
+    along = approaches_along(np.column_stack([*poses.values()])) if following else np.zeros(0)
+    ranks = {name: rank for rank, name in enumerate(poses)}
+    approaches |= {name: tuple(along[:, ranks[name]].tolist()) for name in following}
+    return poses, {name: approaches[name] for name in poses if any(approaches.get(name, ()))}
+
+
+def split_pose(value: PoseText, chain: Chain) -> tuple[PlainPose, Any]:
+    """Return the joint values of a pose as text, and its approach, which is empty where none is given.
+
+    A mapping with ``q`` and ``approach`` has both, unless these are names of joints.
+    """
+    approach: Any = ()
+    if isinstance(value, Mapping) and {VALUES, APPROACH} & (value.keys() - set(chain.joint_names)):
+        wrong = [key for key in value if key not in (VALUES, APPROACH)]
+        if wrong or VALUES not in value:
+            what = (
+                f"unknown key {wrong[0]!r} beside q: and approach:"
+                if wrong
+                else "approach: needs the joint values as q:"
+            )
+            raise InputError(f"{what}; write {{q: 10 20 30 deg, approach: {{joint: +}}}}")
+        approach = value.get(APPROACH, ())
+        value = value[VALUES]
+    if isinstance(value, Mapping) and not all(isinstance(text, str) for text in value.values()):
+        raise InputError(POSE_VALUES)
+    return value, approach  # type: ignore[return-value]
+
+
+def parse_pose(value: PlainPose, chain: Chain) -> Array:
+    """Return joint values in chain order from text: numbers with one unit, a list, or a mapping by joint."""
+    quantities = [joint_quantity(joint) for joint in chain.joints]
+    if isinstance(value, Mapping):
+        named = {name: _parse_at(name, text, quantities[chain.joint_index(name)]) for name, text in value.items()}
+        return chain.configuration(named)
+    if isinstance(value, str):
+        if len(set(quantities)) > 1:
+            raise InputError(
+                "the chain has revolute and prismatic joints: give each joint value its own unit, by joint name"
+            )
+        return chain.configuration(units.parse_vector(value, quantities[0]))
+    if len(value) != len(quantities):
+        raise InputError(f"{len(value)} joint values for {len(quantities)} joints: {', '.join(chain.joint_names)}")
+    return chain.configuration([_parse_at(k, text, quantities[k]) for k, text in enumerate(value)])
+
+
+def joint_quantity(joint: Joint) -> units.Quantity:
+    """Return the quantity of a joint's value."""
+    return units.LENGTH if joint.kind == "prismatic" else units.ANGLE
+
+
+def _parse_at(where: str | int, text: str, quantity: units.Quantity) -> float:
+    try:
+        return units.parse(text, quantity)
+    except InputError as error:
+        raise SettingError((where,), error) from None
+
+
+_EXAMPLE: Final = "0 0 100 mm"
+
+
+def parse_target(text: str) -> list[float]:
+    """Return a point in the tip's axes, m, from text such as ``0 0 100 mm``."""
+    try:
+        point = units.parse_vector(text, units.LENGTH, count=3)
+        if max(map(abs, point)) > FARTHEST_TARGET:
+            raise InputError(f"{text!r} is farther than {FARTHEST_TARGET:,.0f} m from the tip")
+    except InputError as error:
+        message = f"target: {error.findings[0].message}; write it as {_EXAMPLE!r}, in the tip's axes"
+        raise SettingError(("target",), InputError(message)) from None
+    return point
+
 
 GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
 

@@ -50,13 +50,7 @@ class Change:
 
 
 def parse_change(text: str) -> Change:
-    """Return the change that ``PATH=VALUE`` asks for.
-
-    Raises
-    ------
-    InputError
-        No path, no value, or a value that is not YAML.
-    """
+    """Return the change that ``PATH=VALUE`` asks for."""
     path, equals, value = (part.strip() for part in text.partition("="))
     if not (path and equals and value):
         message = f"--set: 'PATH=VALUE' is expected, such as 'parameters.a1=±0.1 mm', got {text!r}"
@@ -65,13 +59,7 @@ def parse_change(text: str) -> Change:
 
 
 def parse_value(value: str, origin: str) -> Any:
-    """Return a value as a sheet has it: text, or the lists and mappings of YAML's flow style.
-
-    Raises
-    ------
-    InputError
-        Not YAML.
-    """
+    """Return a value as a sheet has it: text, or the lists and mappings of YAML's flow style."""
     try:
         read = read_text(value, origin)
     except SheetError as error:
@@ -82,13 +70,7 @@ def parse_value(value: str, origin: str) -> Any:
 
 
 def plain_data(value: object, where: str = "") -> Any:
-    """Return numbers, texts, lists and mappings as a sheet has them: every number as text.
-
-    Raises
-    ------
-    InputError
-        A value of another type, or a key that is not text.
-    """
+    """Return numbers, texts, lists and mappings as a sheet has them: every number as text."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool | np.bool_):
@@ -110,24 +92,7 @@ def plain_data(value: object, where: str = "") -> Any:
 def change_text(
     text: Text, changes: Sequence[Change], sources: Sequence[Source], kinds: Mapping[str, type[Source]]
 ) -> Text:
-    """Return the contents of a sheet with some values changed, one change after another.
-
-    Parameters
-    ----------
-    text
-        The contents.
-    changes
-        What to set.
-    sources
-        The sources read from the contents, in their order.
-    kinds
-        Kinds of source by name.
-
-    Raises
-    ------
-    InputError
-        A path that names nothing, or several sources without saying so.
-    """
+    """Return the contents of a sheet with some values changed, one change after another."""
     data = copy.deepcopy(text.data)
     changed: dict[Path, str] = {}
     known = labels(sources)

@@ -11,8 +11,8 @@ from typing import Any, Final, final
 from pydantic import BaseModel, ValidationError
 
 from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
-from precision_pin.sheet.law_reader import SettingError
 from precision_pin.sheet.schema import SettingReason
+from precision_pin.sheet.settings import SettingError
 from precision_pin.sheet.text import Path, Text
 
 _SHAPES: Final = {
@@ -36,15 +36,7 @@ POSE_VALUES: Final = "expected joint values in chain order with one unit, a list
 
 @final
 class Findings:
-    """Collector of findings at the lines of a text.
-
-    Parameters
-    ----------
-    text
-        The sheet's contents.
-    file
-        The sheet's name.
-    """
+    """Collector of findings at the lines of a text."""
 
     def __init__(self, text: Text, file: str) -> None:
         self.text = text
@@ -109,13 +101,7 @@ class Findings:
         return path
 
     def refuse(self) -> None:
-        """Raise the findings if there is an error among them.
-
-        Raises
-        ------
-        SheetError
-            Carries all findings, warnings included, in the order of their lines; of very many only the first ones.
-        """
+        """Raise the findings if there is an error among them."""
         if not any(finding.severity == "error" for finding in self.found):
             return
         ordered = sorted(dict.fromkeys(self.found), key=lambda finding: (finding.file or "", finding.line or 0))

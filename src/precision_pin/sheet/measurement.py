@@ -6,10 +6,14 @@ by ``Trans(c)·Exp(ω)`` as the instrument sees it, the target is at
     y = Exp(ω) (p + d + Exp(δ) R t) + c.
 
 A *position* is y; a *pose* is y and the attitude ``Exp(ω) Exp(δ) R Exp(τ)``. A *distance*, the height over a *plane* and the
-offset from a *socket* are read against a place, which moves in place of the base; see
-:mod:`precision_pin.sheet.measurement_places`.
+offset from a *socket* are read against a place, which moves in place of the base.
 Numbers of the set-up that are not known (c, ω, t, τ, those of the place) are called nuisances; they are estimated with the arm
 and have no prior law.
+
+With the target at y, a *distance* is ``|y - a|`` from an anchor a; a *plane* reads the height ``n·(y - p)`` over a plane with a
+point p and a unit normal n, zero at contact; a *socket* reads ``y - s`` from the place s of one of several sockets, zero where
+the target is put into it. A place that is not known is estimated: a shift of a or s, and for a plane its offset along n and
+two tilts α, β: ``n ∝ n₀ + α t₁ + β t₂`` with unit vectors t in the plane.
 """
 
 from __future__ import annotations
@@ -17,25 +21,150 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal, final
+from typing import Any, Final, Literal, Protocol, final
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
-from precision_pin.base import se3
-from precision_pin.base.arguments import check_choice, check_flag, check_items, check_numbers
+from precision_pin.base import se3, units
+from precision_pin.base.arguments import check_choice, check_flag, check_items, check_numbers, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.base.units import ANGLE, LENGTH
-from precision_pin.sheet.measurement_places import Anchor, Place, Plane, Sockets
+from precision_pin.robot.chain import Chain
+from precision_pin.sheet.settings import SettingError
 from precision_pin.sources.payload import Payload
+
+_AXES = ("x", "y", "z")
+
+
+class Place(Protocol):
+    """What a target's place is read against; ``own`` are the unknown numbers of the place, zeros where it is known."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the numbers of the place, in m or without unit."""
+
+    def read(self, point: Array, own: Array, near: Array) -> Array:
+        """Return readings ``(m, N)`` of points ``(3, N)`` with ``own`` ``(k, N)``; ``near`` ``(3,)`` is the nominal point."""
+
+    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+        """Return the derivatives by point ``(m, 3)`` and by own numbers ``(m, k)`` at one point ``(3,)``."""
+
+
+@final
+@dataclass(frozen=True)
+class Anchor:
+    """A fixed point that distances are measured from, ``(3,)``."""
+
+    place: tuple[float, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Shift of the anchor."""
+        return tuple(f"anchor.{axis}" for axis in _AXES)
+
+    def read(self, point: Array, own: Array, near: Array) -> Array:
+        """Return distances."""
+        del near
+        away = point - np.array(self.place)[:, None] - own
+        distance: Array = np.sqrt((away**2).sum(axis=0))[None]
+        return distance
+
+    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+        """Return derivatives of a distance."""
+        del near
+        away = point - np.array(self.place) - own
+        length = float(np.linalg.norm(away))
+        if length == 0.0:
+            raise InputError("the target is at the anchor, where the direction of a distance is not defined")
+        direction = away[None] / length
+        return direction, -direction
+
+
+@final
+@dataclass(frozen=True)
+class Plane:
+    """A plane that a target touches: a point on it and its unit normal, ``(3,)`` each."""
+
+    place: tuple[float, ...]
+    normal: tuple[float, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Offset along the normal, and two tilts."""
+        return ("plane.offset", "plane.tilt1", "plane.tilt2")
+
+    @property
+    def axes(self) -> Array:
+        """Normal and two directions in the plane, as columns, ``(3, 3)``."""
+        normal = np.array(self.normal)
+        first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+        first /= np.linalg.norm(first)
+        return np.array([normal, first, np.cross(normal, first)]).T
+
+    def tilted(self, own: Array) -> tuple[Array, Array]:
+        """Return point and unit normal ``(3,)`` of the plane with its own numbers ``(3,)``."""
+        normal = self.axes @ np.array([1.0, own[1], own[2]])
+        normal /= np.linalg.norm(normal)
+        return np.array(self.place) + own[0] * normal, normal
+
+    def read(self, point: Array, own: Array, near: Array) -> Array:
+        """Return heights."""
+        del near
+        away = self.axes.T @ (point - np.array(self.place)[:, None])
+        height = away[0] + own[1] * away[1] + own[2] * away[2]
+        reading: Array = (height / np.sqrt(1 + own[1] ** 2 + own[2] ** 2) - own[0])[None]
+        return reading
+
+    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+        """Return derivatives of a height."""
+        del near
+        away = self.axes.T @ (point - np.array(self.place))
+        length = np.sqrt(1 + own[1] ** 2 + own[2] ** 2)
+        by_point = self.axes @ np.array([1.0, own[1], own[2]]) / length
+        height = by_point @ (point - np.array(self.place))
+        tilts = (away[1:] - own[1:] * height / length) / length
+        return by_point[None], np.array([[-1.0, *tilts]])
+
+
+@final
+@dataclass(frozen=True)
+class Sockets:
+    """Sockets that the tip is put into, ``(3,)`` each; a pose belongs to the one nearest to its nominal target."""
+
+    places: tuple[tuple[float, ...], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Shift of each socket."""
+        return tuple(f"socket{k + 1}.{axis}" for k in range(len(self.places)) for axis in _AXES)
+
+    def nearest(self, near: Array) -> int:
+        """Return the socket of a pose whose nominal target is ``(3,)``."""
+        return int(np.argmin(np.linalg.norm(np.array(self.places) - near, axis=1)))
+
+    def read(self, point: Array, own: Array, near: Array) -> Array:
+        """Return offsets from the socket."""
+        k = self.nearest(near)
+        offset: Array = point - np.array(self.places[k])[:, None] - own[3 * k : 3 * k + 3]
+        return offset
+
+    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+        """Return derivatives of an offset."""
+        del point
+        by_own = np.zeros((3, own.size))
+        k = self.nearest(near)
+        by_own[:, 3 * k : 3 * k + 3] = -np.eye(3)
+        return np.eye(3), by_own
+
 
 Kind = Literal["position", "pose", "distance", "plane", "socket"]
 KINDS: Final[tuple[Kind, ...]] = ("position", "pose", "distance", "plane", "socket")
 _OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
 """Settings that belong to one kind."""
 
-_AXES: Final = ("x", "y", "z")
 _LEVER: Final = 0.1
 """Distance (m) between the targets from which an attitude is measured, where no attitude's deviation is given."""
 
@@ -120,17 +249,13 @@ class Measurement:
         check_choice("the kind of a measurement", self.kind, KINDS)
         check_choice("the base of a measurement", self.base, ("known", "free"))
         check_flag("target_known of a measurement", self.target_known)
-        std = check_quantity(
-            "std, the standard deviation of a measurement,", self.std, LENGTH, "above zero and finite", lambda n: n > 0
-        )
-        object.__setattr__(self, "std", std)
+        above, what = "above zero and finite", "std, the standard deviation of a measurement,"
+        self._fix("std", check_quantity(what, self.std, LENGTH, above, lambda n: n > 0))
         if self.attitude_std is not None:
-            angle = check_quantity(
-                "attitude_std of a measurement", self.attitude_std, ANGLE, "above zero and finite", lambda n: n > 0
-            )
-            object.__setattr__(self, "attitude_std", angle)
+            what = "attitude_std of a measurement"
+            self._fix("attitude_std", check_quantity(what, self.attitude_std, ANGLE, above, lambda n: n > 0))
         for name in ("target", "anchor"):
-            object.__setattr__(self, name, _point(f"the {name} of a measurement", getattr(self, name)))
+            self._fix(name, _point(f"the {name} of a measurement", getattr(self, name)))
         self._check_places()
         self._check_sight()
         self._check_load()
@@ -147,36 +272,31 @@ class Measurement:
             if not isinstance(self.plane, tuple | list) or len(self.plane) != 2:
                 raise InputError("the plane of a measurement must be a point and a normal")
             point = _point("the point of the plane of a measurement", self.plane[0])
-            normal = np.array(_direction("the normal of the plane of a measurement", self.plane[1]))
-            length = float(np.linalg.norm(normal))
-            if length == 0:
-                raise InputError("the normal of the plane of a measurement is zero")
-            object.__setattr__(self, "plane", (point, tuple((normal / length).tolist())))
+            self._fix("plane", (point, _direction("the normal of the plane of a measurement", self.plane[1])))
         if not isinstance(self.sockets, tuple | list):
             raise InputError("the sockets of a measurement must be a list of points")
         sockets = tuple(
             _point(f"entry {k + 1} of the sockets of a measurement", one) for k, one in enumerate(self.sockets)
         )
-        object.__setattr__(self, "sockets", sockets)
+        self._fix("sockets", sockets)
         if len(set(sockets)) < len(sockets):
             raise InputError("two sockets of a measurement are at one place")
 
     def _check_sight(self) -> None:
         limits = "above zero and at most a half turn"
         cone = check_quantity("the cone of a measurement", self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi)
-        object.__setattr__(self, "cone", cone)
+        self._fix("cone", cone)
         if (self.seen_from is None) != (self.facing is None):
             raise InputError(
                 "seen_from and facing of a measurement belong together: where from a target is seen, and its direction"
             )
         if self.seen_from is None or self.facing is None:
             return
-        object.__setattr__(self, "seen_from", _point("seen_from of a measurement", self.seen_from))
-        facing = np.array(_direction("facing of a measurement", self.facing))
-        length = float(np.linalg.norm(facing))
-        if length == 0:
-            raise InputError("facing of a measurement is zero")
-        object.__setattr__(self, "facing", tuple((facing / length).tolist()))
+        self._fix("seen_from", _point("seen_from of a measurement", self.seen_from))
+        self._fix("facing", _direction("facing of a measurement", self.facing))
+
+    def _fix(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
 
     def sees(self, pose: Array) -> bool:
         """Return whether the instrument sees the nominal target, which only its direction may prevent."""
@@ -194,7 +314,7 @@ class Measurement:
             raise InputError(
                 "the load of a measurement is given by fixed numbers; what varies is a payload of the sheet"
             )
-        object.__setattr__(self, "load", load)
+        self._fix("load", load)
 
     @cached_property
     def place(self) -> Place | None:
@@ -370,8 +490,129 @@ def _point(what: str, value: object) -> tuple[float, ...]:
 
 
 def _direction(what: str, value: object) -> tuple[float, ...]:
-    return tuple(check_numbers(what, value, (3,), "three numbers").tolist())
+    """Return a unit vector."""
+    direction = check_numbers(what, value, (3,), "three numbers")
+    length = float(np.linalg.norm(direction))
+    if length == 0:
+        raise InputError(f"{what} is zero")
+    return tuple((direction / length).tolist())
 
 
 def _load_entry(payload: Payload) -> dict[str, object]:
     return {"at": payload.at, "mass": payload.mass, "com": list(payload.com)}
+
+
+class PlaneEntry(BaseModel):
+    """A plane that is touched."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    point: str = Field(description="A point on it, such as '300 0 50 mm', in base axes.")
+    normal: str = Field(description="Its normal, such as '0 0 1', in base axes.")
+
+
+class LoadEntry(BaseModel):
+    """A load while the arm is measured."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    at: str = Field(description="The link that carries it.")
+    mass: str = Field(description="Its mass, such as '1 kg'.")
+    com: str = Field("0 0 0 mm", description="Its centre of mass in that link's frame.")
+
+
+class MeasurementEntry(BaseModel):
+    """Instrument and set-up of a calibration."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Kind = Field("position", description=f"What is measured: {', '.join(KINDS)}.")
+    std: str = Field("0.02 mm", description="Standard deviation of a measured length, or of a contact.")
+    attitude_std: str | None = Field(
+        None, description="That of a measured angle of a pose; std / 100 mm if left out, as of targets 100 mm apart."
+    )
+    target: str = Field("0 0 0 mm", description="The measured point in the tip's axes.")
+    target_known: Literal["true", "false"] = Field("true", description="false: its place on the tool is estimated.")
+    base: Literal["known", "free"] = Field(
+        "known", description="free: the base in the instrument's axes (or anchor, plane, sockets) is estimated."
+    )
+    anchor: str = Field("0 0 0 mm", description="Where distances are measured from, in base axes.")
+    plane: PlaneEntry | None = Field(None, description="The plane that is touched.")
+    sockets: list[str] = Field(default_factory=list, description="Places of the sockets, in base axes.")
+    seen_from: str | None = Field(
+        None, description="Place of the instrument in base axes, where it must see the target."
+    )
+    facing: str | None = Field(
+        None, description="Direction in the tip's axes to which the target faces, such as '0 0 1'."
+    )
+    cone: str = Field("60 deg", description="Largest angle between that direction and the instrument.")
+    load: list[LoadEntry] | Literal["none"] | None = Field(
+        None, description="What the arm carries while measured, in place of the payloads; none: nothing."
+    )
+
+
+_QUANTITIES: Final = {
+    "point": units.LENGTH,
+    "normal": units.RATIO,
+    "attitude_std": units.ANGLE,
+    "std": units.LENGTH,
+    "target": units.LENGTH,
+    "anchor": units.LENGTH,
+    "sockets": units.LENGTH,
+    "seen_from": units.LENGTH,
+    "facing": units.RATIO,
+    "cone": units.ANGLE,
+    "mass": units.MASS,
+    "com": units.LENGTH,
+}
+"""Quantity of each setting that is text, in the order in which they are read: the first mistake is reported."""
+_SINGLE: Final = ("attitude_std", "std", "cone", "mass")
+"""Settings of one number; all others have three."""
+
+
+def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
+    """Return the measurement of an entry; a :class:`SettingError` where one key is at fault."""
+    plane = None
+    if entry.plane is not None:
+        plane = (_read(("plane", "point"), entry.plane.point), _read(("plane", "normal"), entry.plane.normal))
+    own = [name for name in _QUANTITIES if name in MeasurementEntry.model_fields]
+    return Measurement(
+        **{name: _read((name,), getattr(entry, name)) for name in own},
+        kind=entry.kind,
+        base=entry.base,
+        target_known=entry.target_known == "true",
+        plane=plane,
+        load=_read_load(entry, chain),
+    )
+
+
+def _read_load(entry: MeasurementEntry, chain: Chain) -> tuple[Payload, ...] | None:
+    if entry.load is None:
+        return None
+    payloads = []
+    for k, one in enumerate(() if entry.load == "none" else entry.load):
+        try:
+            chain.link_frame(one.at)
+        except InputError as error:
+            raise SettingError(("load", k, "at"), error.findings[0].message) from None
+        mass, com = (_read(("load", k, name), getattr(one, name)) for name in ("mass", "com"))
+        payloads.append(Payload(at=one.at, mass=mass, com=com))
+    return tuple(payloads)
+
+
+def _read(below: tuple[str | int, ...], text: Any) -> Any:
+    """Return the numbers of a setting, in SI; of a list those of each entry."""
+    if text is None:
+        return None
+    if isinstance(text, list):
+        return tuple(_read((*below, k), one) for k, one in enumerate(text))
+    name = next(key for key in reversed(below) if isinstance(key, str))
+    try:
+        if name not in _SINGLE:
+            return tuple(units.parse_vector(text, _QUANTITIES[name], count=3))
+        value = units.parse(text, _QUANTITIES[name])
+    except InputError as error:
+        raise SettingError(below, f"{'.'.join(map(str, below))}: {error.findings[0].message}") from None
+    if value <= 0 and name.endswith("std"):
+        raise SettingError(below, f"{name} must be above zero, got {shown(text)}")
+    return value

@@ -36,15 +36,7 @@ class Origin:
 
 
 def read_origin(value: Any) -> Origin:
-    """Return the origin that a sheet states: a word, or the word with a text.
-
-    Raises
-    ------
-    UnknownNameError
-        None of the four words.
-    InputError
-        Another form.
-    """
+    """Return the origin that a sheet states: a word, or the word with a text."""
     word, text = value, ""
     if isinstance(value, dict):
         if len(value) != 1:
@@ -60,19 +52,7 @@ def read_origin(value: Any) -> Origin:
 def source_origins(
     settings: Mapping[str, Any], fields: Sequence[str], path: Path, findings: Findings
 ) -> dict[str, Origin]:
-    """Return the origins that a source states, by setting; for all of its numbers by an empty name.
-
-    Parameters
-    ----------
-    settings
-        Keys and values of the source: ``assumed: true`` is ``provenance: assumed``.
-    fields
-        Names of its settings.
-    path
-        Of the source in the sheet.
-    findings
-        Where mistakes are added.
-    """
+    """Return the origins that a source states, by setting; for all of its numbers by an empty name."""
     found: dict[str, Origin] = {}
     if ASSUMED in settings and ASSUMED not in fields:
         mark = settings[ASSUMED]
@@ -101,17 +81,7 @@ def source_origins(
 def origins_by_path(
     stated: Mapping[str, Any], names: Sequence[str], labels: Sequence[str], findings: Findings
 ) -> dict[str, Origin]:
-    """Return the origins of the key ``provenance`` of a sheet, by the paths that ``--set`` takes; ``*`` stands for anything.
-
-    Parameters
-    ----------
-    stated
-        Values of the key.
-    names, labels
-        Of the parameters, and of the sources.
-    findings
-        Where mistakes are added.
-    """
+    """Return the origins of the key ``provenance`` of a sheet, by the paths that ``--set`` takes; ``*`` stands for anything."""
     found: dict[str, Origin] = {}
     known = [*(f"parameters.{name}" for name in names), *labels]
     for pattern, value in stated.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +16,8 @@ from pydantic import ValidationError
 from precision_pin.base import units
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
-from precision_pin.base.input_files import UnreadableFileError, read_text_file
+from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
+from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.laws import Fixed
@@ -23,17 +25,13 @@ from precision_pin.draws.space import Extension, LabelledSpace, Space
 from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.chain_findings import chain_findings
-from precision_pin.sheet.calibrated import read_estimates
-from precision_pin.sheet.chain_entry import Overrides, read_chain
+from precision_pin.sheet.chain_entry import Overrides, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, plain_data, values_at
-from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
-from precision_pin.sheet.measurement import Measurement
-from precision_pin.sheet.measurement_entry import read_measurement
-from precision_pin.sheet.poses import parse_poses
+from precision_pin.sheet.measurement import Measurement, read_measurement
 from precision_pin.sheet.provenance import Origin, origins_by_path, source_origins
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, source_model, used_quantities
-from precision_pin.sheet.settings import NAME, NamedParameter, parse_parameter
+from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
 from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
@@ -302,13 +300,7 @@ def _contents(file: str) -> str:
 
 
 def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
-    """Return the sheet's contents and the top-level keys that are wrong; these are left out, so that reading continues.
-
-    Raises
-    ------
-    SheetError
-        The sheet does not consist of keys with values.
-    """
+    """Return the sheet's contents and the top-level keys that are wrong; these are left out, so that reading continues."""
     if not isinstance(text.data, dict):
         findings.error((), "a sheet must begin with 'precision-pin: 1' and contain keys such as robot: and sources:")
         findings.refuse()
@@ -444,3 +436,95 @@ def _try_terms(
                 del bound[path]
         bound = {path: one for path, one in bound.items() if one.source.depends_on != "chain"}
     return extended, own
+
+
+def correlated_space(
+    draws: Sequence[Draw], entries: Sequence[object], findings: Findings, unread: Sequence[str]
+) -> Space:
+    """Return the space of the sheet's draws with its correlations; errors in these become findings."""
+    space = Space(tuple(draws))
+    for k, entry in enumerate(entries):
+        path: Path = ("correlations", k)
+        try:
+            correlation = _correlation(entry)
+            if not set(correlation.names) & set(unread):
+                space = Space(space.draws, (*space.correlations, correlation))
+        except InputError as error:
+            findings.take(path, error)
+    return space
+
+
+def _correlation(entry: object) -> Correlation:
+    if not isinstance(entry, Mapping) or not set(entry) <= {"parameters", "correlation", "matrix"}:
+        raise InputError(
+            "a correlation is {parameters: [a1, a2], correlation: 0.5}, or of several "
+            "{parameters: [a1, a2, a3], matrix: [[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1]]}"
+        )
+    names = entry.get("parameters")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise SettingError(("parameters",), "expected the names of two or more parameters: [a1, a2]")
+    if ("correlation" in entry) == ("matrix" in entry):
+        raise InputError("a correlation needs either correlation: (of two) or matrix:")
+    if "correlation" in entry:
+        if len(names) != 2:
+            raise SettingError(
+                ("parameters",), f"correlation: is for two parameters, these are {len(names)}; use matrix:"
+            )
+        return Correlation.pair(names[0], names[1], _ratio(entry["correlation"], ("correlation",)))
+    rows = entry["matrix"]
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise SettingError(("matrix",), "expected rows of plain numbers: [[1, 0.5], [0.5, 1]]")
+    numbers = [[_ratio(cell, ("matrix", i, j)) for j, cell in enumerate(row)] for i, row in enumerate(rows)]
+    try:
+        return Correlation(tuple(names), tuple(map(tuple, numbers)))
+    except InputError as error:
+        raise SettingError(("matrix",), error) from None
+
+
+def _ratio(value: Any, where: Path) -> float:
+    if isinstance(value, Mapping | list):
+        raise SettingError(where, "expected a plain number")
+    try:
+        return units.parse(value, units.RATIO)
+    except InputError as error:
+        raise SettingError(where, error) from None
+
+
+_RESULT_SCHEMA: Final = "precision-pin/calibration/1"
+_LARGEST_RESULT: Final = 64 * 2**20
+
+
+def read_estimates(file: str, folder: FilePath) -> Estimates:
+    """Return the estimates in the JSON that ``calibrate`` writes."""
+    path = folder / file
+    try:
+        data = json.loads(read_text_file(path, _LARGEST_RESULT))
+    except UnreadableFileError as error:
+        raise InputError(f"calibrated: {file} {error.reason}") from None
+    except (ValueError, RecursionError):
+        raise InputError(f"calibrated: {file} is not JSON; calibrate --json writes it") from None
+    note_input(path)
+    schema = data.get("schema") if isinstance(data, dict) else None
+    if schema != _RESULT_SCHEMA:
+        raise InputError(f"calibrated: {file} is no result of calibrate ({_RESULT_SCHEMA}); calibrate --json writes it")
+    found = _complete_estimates(data)
+    if found is None:
+        raise InputError(f"calibrated: the estimates in {file} are not complete; let calibrate write it again")
+    return found
+
+
+def _complete_estimates(data: dict[str, Any]) -> Estimates | None:
+    """Return the estimates of a result; ``None`` where something is missing or no number."""
+    try:
+        names = tuple(map(str, data["posterior"]["names"]))
+        mean = np.array([data["posterior"]["mean"][name] for name in names], dtype=float)
+        covariance = np.array(data["posterior"]["covariance"], dtype=float)
+    except (KeyError, TypeError, ValueError):
+        return None
+    size = len(names)
+    is_whole = covariance.shape == (size, size) and len(set(names)) == size > 0
+    return (
+        Estimates(names, mean, covariance)
+        if is_whole and np.isfinite(covariance).all() and np.isfinite(mean).all()
+        else None
+    )

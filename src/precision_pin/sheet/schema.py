@@ -24,12 +24,12 @@ from pydantic import (
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import PerEntry, PerJoint, Quantity, parse_vector
 from precision_pin.draws.laws import Law, laws_of_sheets
-from precision_pin.sheet.law_reader import SettingError
-from precision_pin.sheet.measurement_entry import MeasurementEntry
+from precision_pin.sheet.measurement import MeasurementEntry
 from precision_pin.sheet.settings import (
     NAME,
     TOLERANCE_PATTERN,
     NamedParameter,
+    SettingError,
     parse_number,
     parse_setting,
     tolerance_law,

@@ -1,19 +1,146 @@
-"""Parser of the text of a setting: a quantity, a law or a parameter's name."""
+"""Parser of the text of a setting: a quantity, a law or a parameter's name. A law itself defines its settings."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any, Final, final
 
-from precision_pin.base import units
+from precision_pin.base import csv_columns, units
 from precision_pin.base.errors import InputError, UnitError, UnknownNameError, nearest
 from precision_pin.base.units import Quantity
-from precision_pin.draws.draw import Draw, Setting
+from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import laws_of_sheets
-from precision_pin.sheet.law_reader import LawReader, SettingError
+from precision_pin.sheet.text import Path
+
+
+@final
+class SettingError(InputError):
+    """Error inside a setting."""
+
+    def __init__(self, below: Path, reason: str | InputError) -> None:
+        super().__init__(reason if isinstance(reason, str) else reason.findings)
+        self.below = below
+
+
+@final
+class LawReader:
+    """Reader of a law's settings, whose numbers all have one quantity; :attr:`unit` is the first unit read."""
+
+    def __init__(self, settings: Mapping[str, Any], quantities: tuple[Quantity, ...], folder: FilePath) -> None:
+        self.settings = settings
+        self.quantities = quantities
+        self.folder = folder
+        self.unit = ""
+
+    def value(self, *where: str | int) -> Any:
+        """Return the value at a place."""
+        value: Any = self.settings
+        for key in where:
+            value = value[key]
+        return value
+
+    def number(self, *where: str | int) -> float:
+        """Return the number at a place in SI."""
+        value = self.value(*where)
+        if isinstance(value, Mapping | list):
+            raise SettingError(where, "expected a number with a unit")
+        return self._parse(value, where, 1)[0]
+
+    def numbers(self, *where: str | int) -> list[float]:
+        """Return the numbers at a place: a list with a unit for each, or text with one unit for all."""
+        value = self.value(*where)
+        if isinstance(value, list):
+            return [self.number(*where, k) for k in range(len(value))]
+        if isinstance(value, Mapping):
+            raise SettingError(where, "expected numbers with a unit, such as 0.1 0.2 mm")
+        return self._parse(value, where, None)
+
+    def half_width(self, *where: str | int) -> float:
+        """Return the number at a place, which must not be negative."""
+        result = self.number(*where)
+        if result < 0:
+            raise SettingError(where, "the half-width is negative; a tolerance must be zero or more")
+        return result
+
+    def mean(self) -> float:
+        """Return the mean, 0 if left out."""
+        return self.number("mean") if "mean" in self.settings else 0.0
+
+    def ratio(self, *where: str | int) -> float:
+        """Return the number without a unit at a place."""
+        try:
+            return units.parse(self.value(*where), units.RATIO)
+        except InputError as error:
+            raise SettingError(where, error) from None
+
+    def scope(self) -> Scope:
+        """Return the scope."""
+        value = self.settings.get("scope", Scope.UNIT.value)
+        try:
+            return Scope(value)
+        except ValueError:
+            allowed = ", ".join(scope.value for scope in Scope)
+            raise SettingError(("scope",), f"scope must be one of {allowed}, got {value!r}") from None
+
+    def file(self, *where: str | int) -> csv_columns.Measured:
+        """Return the contents of the file at a place, its path relative to the folder."""
+        name = self.value(*where)
+        if not isinstance(name, str) or not name:
+            raise SettingError(where, "expected the name of a CSV file")
+        try:
+            return csv_columns.read(self.folder / name)
+        except InputError as error:
+            raise SettingError(where, error) from None
+
+    def column(self, table: csv_columns.Measured, name: str, where: Path) -> tuple[float, ...]:
+        """Return a file's column in SI."""
+        with self.place_errors(where):
+            values = table.column(name, *self.quantities)
+        self._narrow(f"1 {table.unit(name)}")
+        return values
+
+    def ratio_column(self, table: csv_columns.Measured, name: str, where: Path) -> tuple[float, ...]:
+        """Return a file's column of numbers without a unit."""
+        with self.place_errors(where):
+            return table.column(name, units.RATIO)
+
+    def only(self, where: Path, *keys: str) -> None:
+        """Refuse anything but a mapping of these keys at a place; the first key is required."""
+        value = self.value(*where)
+        if not isinstance(value, Mapping) or not set(value) <= set(keys) or keys[0] not in value:
+            raise SettingError(where, f"expected keys with values: {{{', '.join(f'{key}: …' for key in keys)}}}")
+
+    def error(self, where: Path, reason: str) -> SettingError:
+        """Return an error at a place."""
+        return SettingError(where, reason)
+
+    @contextmanager
+    def place_errors(self, where: Path) -> Iterator[None]:
+        """Add a place to input errors that have none."""
+        try:
+            yield
+        except SettingError:
+            raise
+        except InputError as error:
+            raise SettingError(where, error) from None
+
+    def _parse(self, value: object, where: Path, count: int | None) -> list[float]:
+        try:
+            result = units.parse_vector(value, *self.quantities, count=count)
+        except InputError as error:
+            raise SettingError(where, error) from None
+        self._narrow(value)
+        return result
+
+    def _narrow(self, value: object) -> None:
+        unit = units.split(value)[1]
+        self.unit = self.unit or unit
+        self.quantities = tuple(quantity for quantity in self.quantities if unit in quantity.units)
+
 
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
 TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"
@@ -40,13 +167,7 @@ class NamedParameter:
 
 
 def parse_number(value: object, quantities: Sequence[Quantity]) -> float:
-    """Return a quantity in SI, refusing laws.
-
-    Raises
-    ------
-    InputError
-        A law, a name, or a wrong number.
-    """
+    """Return a quantity in SI, refusing laws."""
     if isinstance(value, Mapping) or tolerance_law(value) is not None:
         raise InputError("expected a plain quantity, not a law or a tolerance")
     return units.parse(value, *quantities)
@@ -55,26 +176,7 @@ def parse_number(value: object, quantities: Sequence[Quantity]) -> float:
 def parse_setting(
     value: object, quantities: Sequence[Quantity], named: Mapping[str, NamedParameter], folder: FilePath
 ) -> Setting:
-    """Return a setting: a number in SI, an unnamed draw, or a parameter's name.
-
-    Parameters
-    ----------
-    value
-        Text, such as ``0.1 mm``, ``±0.1 mm`` or ``a1``, or a law as a mapping.
-    quantities
-        The quantities allowed for the setting.
-    named
-        The sheet's parameters by the name of each of their numbers.
-    folder
-        The folder that file names are relative to.
-
-    Raises
-    ------
-    InputError
-        Malformed, in the wrong unit, or naming a parameter of another quantity.
-    UnknownNameError
-        A name that is no parameter.
-    """
+    """Return a setting: a number in SI, an unnamed draw, or a parameter's name."""
     law = value if isinstance(value, Mapping) else tolerance_law(value)
     if law is not None:
         parameter = parse_law("", law, quantities, folder)
@@ -123,13 +225,7 @@ def tolerance_law(value: object) -> dict[str, str] | None:
 
 
 def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], folder: FilePath) -> NamedParameter:
-    """Return a named parameter: a law, or a tolerance as text.
-
-    Raises
-    ------
-    InputError
-        Neither, or as :func:`parse_law`.
-    """
+    """Return a named parameter: a law, or a tolerance as text."""
     law = value if isinstance(value, Mapping) else tolerance_law(value)
     if law is None:
         raise InputError(
@@ -142,13 +238,7 @@ def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], fo
 def parse_law(
     name: str, value: Mapping[str, Any], quantities: Sequence[Quantity], folder: FilePath = _HERE
 ) -> NamedParameter:
-    """Return the draw of a law written as a mapping with one law key; file names are relative to the folder.
-
-    Raises
-    ------
-    InputError
-        No law key or several, an unknown key, or a bad number; a :class:`SettingError` where one key is at fault.
-    """
+    """Return the draw of a law written as a mapping with one law key; file names are relative to the folder."""
     laws = laws_of_sheets()
     found = [key for key in value if key in laws]
     if len(found) != 1:

@@ -16,8 +16,8 @@ from precision_pin.draws.laws import Law
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
+from precision_pin.sheet.chain_entry import split_pose
 from precision_pin.sheet.findings import Findings
-from precision_pin.sheet.poses import split_pose
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.text import Path, Text
 from precision_pin.terms.source import Source
@@ -44,21 +44,7 @@ def remark_on_sources(
     own: Sequence[tuple[Path, Draw]],
     findings: Findings,
 ) -> None:
-    """Warn of settings that are probably unintended; refuse laws that are too wide to compute with.
-
-    Parameters
-    ----------
-    document
-        The sheet.
-    sources, names
-        Sources by position, and their labels.
-    space
-        All draws.
-    parameters, own
-        The draws with names of their own, and those of sources with the paths of these.
-    findings
-        Takes the warnings.
-    """
+    """Warn of settings that are probably unintended; refuse laws that are too wide to compute with."""
     placed: list[tuple[Path, Source, str]] = [
         (("sources", k, source.kind()), source, label)
         for (k, source), label in zip(sources.items(), names, strict=True)
@@ -200,15 +186,7 @@ def few_samples(law: Law) -> str | None:
 
 
 def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Path, str]]:
-    """Yield the path and the text of each plain number that a source has in place of a tolerance.
-
-    Parameters
-    ----------
-    source
-        The source as read: laws are draws, plain numbers are floats.
-    settings
-        Its settings as written in the sheet.
-    """
+    """Yield the path and the text of each plain number that a source has in place of a tolerance."""
     for key in source.deviations:
         value = getattr(source, key)
         for k, entry in enumerate(value if isinstance(value, tuple) else (value,)):
@@ -243,13 +221,6 @@ def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> s
 
     A value in rad looks wrong if it is outside the joint's limits, or beyond two turns if there are none, and would be
     inside them in degrees. A value in degrees looks wrong if all values are small and it is close to a multiple of π/4.
-
-    Parameters
-    ----------
-    written
-        Text with a unit, by joint.
-    joints
-        The joints that rotate.
     """
     small, slips = True, []
     for name, text in written.items():

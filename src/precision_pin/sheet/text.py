@@ -73,13 +73,7 @@ class _Node:
 
 
 def read_text(text: str, file: str) -> Text:
-    """Return the contents of YAML text.
-
-    Raises
-    ------
-    SheetError
-        Not YAML, or too large or deep.
-    """
+    """Return the contents of YAML text."""
     findings: list[Finding] = []
 
     def wrong(message: str, line: int | None) -> Finding:
@@ -126,11 +120,6 @@ def _compose(stream: Iterable[Any], kinds: ModuleType, findings: list[Finding], 
 
     The node of an anchor becomes part of the tree once more for every alias. The classes of the events are those of the
     module ``kinds``, ``events`` of either library.
-
-    Raises
-    ------
-    SheetError
-        Too large or deep, several documents, or an alias without an anchor or inside its own anchor.
     """
     open_nodes: list[_Node] = [_Node(1)]
     anchors: dict[str, _Node] = {}

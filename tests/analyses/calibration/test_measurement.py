@@ -12,7 +12,7 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, plain_model, random_poses, readings_of
 from precision_pin.base import se3
 from precision_pin.base.errors import InputError
-from precision_pin.sheet.measurement_places import Plane
+from precision_pin.sheet.measurement import Plane
 from precision_pin.sources import Payload
 
 KINDS = [

@@ -42,8 +42,8 @@ from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.base.memory import check_memory
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
-from precision_pin.model.backlash_sides import turnover_findings
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.statics_findings import turnover_findings
 from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
 from precision_pin.statistics.quantities import QUANTITY_WORDS

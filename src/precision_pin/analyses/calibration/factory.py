@@ -17,8 +17,8 @@ from precision_pin.base.arguments import check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.files import write_files
-from precision_pin.model.calibrated_geometry import displaced_arm
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.frame_models import displaced_arm
 from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration

@@ -13,8 +13,7 @@ from precision_pin.analyses.calibration.design import Station
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
-from precision_pin.sheet.measurement import Measurement
-from precision_pin.sheet.measurement_places import Anchor, Plane, Sockets
+from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Sockets
 
 
 @final

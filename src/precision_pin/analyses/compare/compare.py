@@ -25,8 +25,8 @@ from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, check_progress, monte_carlo
+from precision_pin.sampling.histogram_plan import first_order_skewness
 from precision_pin.sampling.result import MonteCarloResult
-from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.sheet.differences import sheet_differences
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, check_confidence
 from precision_pin.statistics.plan import Specifications, listed_specifications

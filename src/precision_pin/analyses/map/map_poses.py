@@ -24,9 +24,8 @@ from precision_pin.base.memory import check_memory
 from precision_pin.base.progress import scaled, steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_checks import strained_findings
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.verdict_grounds import exact_findings, grounds_at
+from precision_pin.model.verdict_grounds import exact_findings, grounds_at, strained_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet

@@ -9,11 +9,10 @@ import numpy as np
 
 from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES, demanded
 from precision_pin.base.text_escape import shown, visible
-from precision_pin.model.variance_by_provenance import origin_shares
+from precision_pin.model.pose_model import origin_shares
 from precision_pin.render.tables import ROUNDING, pose_labels, resting_on
 from precision_pin.render.text_table import aligned
-from precision_pin.sampling.pose_verdicts import PosesSpecification
-from precision_pin.sampling.poses_result import LEVELS, PosesResult
+from precision_pin.sampling.poses_result import LEVELS, PosesResult, PosesSpecification
 from precision_pin.statistics import format_inside, format_share
 from precision_pin.statistics.digits import format_interval
 

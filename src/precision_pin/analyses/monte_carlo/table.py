@@ -12,8 +12,7 @@ from precision_pin.base.text_escape import shown, visible
 from precision_pin.render.tables import ROUNDING, absolute, joint_text, plain, resting_on, symbol, unit
 from precision_pin.render.text_table import aligned
 from precision_pin.robot.mcpc import Mcpc
-from precision_pin.sampling.result import MonteCarloResult
-from precision_pin.sampling.result_parts import Correlated
+from precision_pin.sampling.result import Correlated, MonteCarloResult
 from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside, format_share
 from precision_pin.statistics.distribution import CONTENTS
 

@@ -10,7 +10,7 @@ from precision_pin.analyses.registry import declarations
 from precision_pin.pages.report.wording import subject, without_folders
 from precision_pin.render.html import Child, Html, definitions, element, items, joined, paragraph, section
 from precision_pin.render.tables import milli, resting_on
-from precision_pin.sampling.result_parts import Correlated
+from precision_pin.sampling.result import Correlated
 
 _MODELS = {
     "exact": "exact: the displaced chain is multiplied out for every sampled robot",
