@@ -9,8 +9,7 @@ import pytest
 import precision_pin as pp
 from precision_pin.base.errors import Finding
 from precision_pin.robot import urdf
-from precision_pin.robot.chain import Chain
-from precision_pin.robot.chain_findings import chain_findings
+from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.robot.examples import example_urdfs
 
 MOVING = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 0 1"/>{3}</joint>'

@@ -40,8 +40,7 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.places import ORDER_FRAME, Place
 from precision_pin.robot.urdf import Joint, Limits, Robot, Vector, parse, rpy_of
 from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
-from precision_pin.robot.urdf.files import read_regular_file
-from precision_pin.robot.urdf.findings import Findings
+from precision_pin.robot.urdf.findings import Findings, read_regular_file
 from precision_pin.terms.term import JointValue
 
 BLOCK: Final = 1000

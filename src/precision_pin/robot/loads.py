@@ -1,13 +1,15 @@
-"""The weights on a chain, and its state under load."""
+"""Wrenches of weights on a point of a chain, by the parameters that multiply them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, Final, final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from precision_pin.base import se3
 from precision_pin.base.arguments import check_numbers
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
@@ -91,3 +93,131 @@ def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]
         entry = where.entry(link.inertial.com)
         loads.append(Load(where.link, where.frame, entry, where.is_own, ((moments, ()),), where.stretch))
     return tuple(loads)
+
+
+Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]]]
+"""A load in the base: the origin of its frame, and for each of its moments factors, mass and first moment in base axes.
+
+The numbers are Python floats, which are faster than arrays for sums of three numbers, or arrays over P postures.
+"""
+_NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
+
+
+def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:
+    """Return force and moment about a point per unit of a load's mass and first moments.
+
+    Parameters
+    ----------
+    frame
+        The load's frame in the base, ``(4, 4)``.
+    gravity
+        ``(3,)``, base axes, m/s².
+    point
+        ``(3,)``, base axes, m.
+
+    Returns
+    -------
+    NDArray
+        ``(6, 4)``, base axes: ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's
+        frame (rotation R, origin o), g gravity.
+    """
+    basis = np.zeros((6, 4))
+    basis[:3, 0] = gravity
+    basis[3:, 0] = np.cross(frame[:3, 3] - np.asarray(point, dtype=float), gravity)
+    basis[3:, 1:] = np.cross(frame[:3, :3].T, gravity).T
+    return basis
+
+
+def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
+    """Return loads in the base.
+
+    Parameters
+    ----------
+    loads
+        The weights.
+    link_poses
+        Axes of every chain link in the base, ``(n+1, 4, 4[, P])``.
+    """
+    if not loads:
+        return {}
+    if link_poses.ndim == 4:
+        return {load: _weigh_at_many(load, link_poses[load.link]) for load in loads}
+    frames = link_poses[[load.link for load in loads]] @ np.array([load.frame for load in loads])
+    owners = [k for k, load in enumerate(loads) for _ in load.moments]
+    moments = np.array([moments for load in loads for moments, _ in load.moments]).reshape(-1, 4)
+    turned = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
+    rows = iter(np.column_stack([moments[:, 0], turned]).tolist())
+    return {
+        load: (origin, [(factors, *next(rows)) for _, factors in load.moments])
+        for load, origin in zip(loads, frames[:, :3, 3].tolist(), strict=True)
+    }
+
+
+def _weigh_at_many(load: Load, link_poses: Array) -> Weight:
+    """Return a load in the base at P postures, its link's axes being ``(4, 4, P)``."""
+    frame = se3.compose(link_poses, load.frame)
+    pieces = []
+    for moments, factors in load.moments:
+        x, y, z = se3.turn(frame[:3, :3], moments[1:])
+        pieces.append((factors, moments[0], x, y, z))
+    return frame[:3, 3], pieces
+
+
+def wrench_on(
+    weights: Iterable[Weight], gravity: Array, tilts: Sequence[tuple[Array, Factors]], point: ArrayLike
+) -> dict[Factors, Array]:
+    """Return the wrench ``(6[, P])`` of weights about a point, base axes, by the parameters that multiply it.
+
+    Parameters
+    ----------
+    weights
+        As :func:`weigh` returns them.
+    gravity
+        ``(3,)``, base axes, m/s².
+    tilts
+        Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+    point
+        ``(3[, P])``, base axes, m.
+    """
+    where = np.asarray(point, dtype=float)
+    x, y, z = where.tolist() if where.ndim == 1 else where
+    # mass and first moment about the point, for each part of gravity and each set of factors
+    sums: dict[tuple[int, Factors], tuple[Any, Any, Any, Any]] = {}
+    for (o_x, o_y, o_z), pieces in weights:
+        for part in range(1 + len(tilts)):
+            for factors, mass, s_x, s_y, s_z in pieces:
+                m, h_x, h_y, h_z = sums.get((part, factors), _NOTHING)
+                sums[part, factors] = (
+                    m + mass,
+                    h_x + (s_x + mass * (o_x - x)),
+                    h_y + (s_y + mass * (o_y - y)),
+                    h_z + (s_z + mass * (o_z - z)),
+                )
+    pulls = [(gravity.tolist(), ()), *((tilt.tolist(), factors) for tilt, factors in tilts)]
+    total: dict[Factors, Array] = {}
+    for (part, factors), (m, h_x, h_y, h_z) in sums.items():
+        (g_x, g_y, g_z), tilting = pulls[part]
+        moment = (h_y * g_z - h_z * g_y, h_z * g_x - h_x * g_z, h_x * g_y - h_y * g_x)
+        numbers = (m * g_x, m * g_y, m * g_z, *moment)
+        wrench = np.array(numbers if where.ndim == 1 else np.broadcast_arrays(*numbers))
+        key = (*factors, *tilting)
+        total[key] = total[key] + wrench if key in total else wrench
+    return total
+
+
+def torque_on(axis: Array, slides: bool, wrenches: Mapping[Factors, Array]) -> dict[Factors, Any]:
+    """Return the torque or force of wrenches on a joint, N·m or N, by the parameters that multiply them.
+
+    Parameters
+    ----------
+    axis
+        Axis of the joint, ``(3[, P])``, base axes.
+    slides
+        True for a prismatic joint.
+    wrenches
+        Wrenches about the joint's origin.
+    """
+    rows = slice(0, 3) if slides else slice(3, 6)
+    if axis.ndim == 2:
+        return {factors: np.einsum("ip,ip->p", axis, wrench[rows]) for factors, wrench in wrenches.items()}
+    return {factors: float(axis @ wrench[rows]) for factors, wrench in wrenches.items()}

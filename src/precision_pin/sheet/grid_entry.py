@@ -13,7 +13,7 @@ from precision_pin.base import units
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, nearest
 from precision_pin.base.text_escape import shown
-from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
+from precision_pin.robot.pose_grids import MOST_POSES
 from precision_pin.sheet.text import Path, Text
 
 _LONGEST: Final = 40

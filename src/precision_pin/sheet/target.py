@@ -6,7 +6,7 @@ from typing import Final
 
 from precision_pin.base import units
 from precision_pin.base.errors import InputError
-from precision_pin.robot.chain_geometry import FARTHEST_TARGET
+from precision_pin.robot.chain import FARTHEST_TARGET
 from precision_pin.sheet.law_reader import SettingError
 
 _EXAMPLE: Final = "0 0 100 mm"

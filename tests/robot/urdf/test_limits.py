@@ -10,7 +10,7 @@ from precision_pin.base.text_escape import LONGEST_LINE
 from precision_pin.pages.view.meshes import MOST_FACES
 from precision_pin.robot.urdf import Limits
 from precision_pin.robot.urdf.findings import MOST_FINDINGS
-from precision_pin.robot.urdf.meshcontent import MOST_BYTES, MOST_TEXT_BYTES
+from precision_pin.robot.urdf.meshes import MOST_BYTES, MOST_TEXT_BYTES
 from precision_pin.robot.urdf.meshscenes import MOST_DEPTH, MOST_TRIANGLES
 from precision_pin.robot.urdf.xmltree import ENCODINGS
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from precision_pin.analyses.compensation.compensation_result import CompensationResult
 from precision_pin.base.files import csv_text
-from precision_pin.robot.pose_sources.trajectory import Column, joint_columns
+from precision_pin.robot.trajectory import Column, joint_columns
 
 
 def corrected_csv(result: CompensationResult, columns: Sequence[Column] = ()) -> str:

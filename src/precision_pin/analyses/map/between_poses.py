@@ -13,7 +13,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end
 from precision_pin.base.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.robot.chain import limit_findings
 
 
 @warns_at_end

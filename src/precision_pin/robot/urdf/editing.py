@@ -9,7 +9,7 @@ from typing import Final, final
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
-from precision_pin.robot.urdf.data import Vector
+from precision_pin.robot.urdf.robot import Vector
 from precision_pin.robot.urdf.xmltree import UTF8_MARK, utf8_text
 
 START_TAG: Final = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from precision_pin.base.text_escape import shown
-from precision_pin.robot.urdf.data import Limits
 from precision_pin.robot.urdf.findings import Findings
+from precision_pin.robot.urdf.robot import Limits
 
 UTF8_MARK = codecs.BOM_UTF8
 # encodings that may be declared, with Python's names; 16-bit encodings need a byte-order mark or a declaration

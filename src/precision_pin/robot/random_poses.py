@@ -20,9 +20,8 @@ from precision_pin.draws.philox import Units, stream_of
 from precision_pin.draws.space import check_seed
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import inverse_kinematics
+from precision_pin.robot.pose_grids import MOST_POSES, Orientation
 from precision_pin.robot.pose_set import PoseSet, chain_length
-from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
-from precision_pin.robot.pose_sources.orientation import Orientation
 
 _FEWEST: Final = 32
 _MOST: Final = 256

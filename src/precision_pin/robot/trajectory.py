@@ -23,8 +23,8 @@ from precision_pin.base.errors import Finding, InputError, UnitError, nearest
 from precision_pin.base.input_files import UnreadableFileError, decode, read_regular_file
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.pose_grids import MOST_POSES
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
 
 _TIMES: Final = ("t", "time")
 _LONGEST: Final = 40
