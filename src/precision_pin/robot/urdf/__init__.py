@@ -4,7 +4,6 @@
 about a file; `canonical` writes the only form that Pinocchio reads.
 """
 
-from precision_pin.robot.urdf.checks import snapped
 from precision_pin.robot.urdf.meshes import locate_mesh
 from precision_pin.robot.urdf.reader import check, parse, read
 from precision_pin.robot.urdf.robot import (
@@ -24,7 +23,7 @@ from precision_pin.robot.urdf.robot import (
     Sphere,
     Vector,
 )
-from precision_pin.robot.urdf.transforms import UNLIMITED, canonical, rerooted, rpy_of
+from precision_pin.robot.urdf.transforms import UNLIMITED, canonical, rerooted, rpy_of, snapped
 
 __all__ = [
     "UNLIMITED",

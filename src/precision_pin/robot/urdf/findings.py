@@ -1,4 +1,4 @@
-"""Reader of a file that a user named: a regular file of bounded size, never a pipe or a device."""
+"""Collector of the findings about a file while it is read, which shows the file's own text safely."""
 
 from __future__ import annotations
 
@@ -24,13 +24,7 @@ def hint(name: str, valid: Collection[str]) -> str:
 
 @final
 class Findings:
-    """Collector of the findings about one file.
-
-    Parameters
-    ----------
-    file
-        Name of the file, for messages.
-    """
+    """Collector of the findings about one file, whose name they carry."""
 
     def __init__(self, file: str) -> None:
         self._file = file
@@ -43,15 +37,14 @@ class Findings:
         """Number of errors so far."""
         return self._count["error"]
 
-    def error(self, code: str, message: str, line: int | None = None) -> None:
-        """Add an error."""
-        self._add("error", code, message, line)
+    def add(self, code: str, message: str, line: int | None = None, subjects: tuple[str, ...] = ()) -> None:
+        """Add an error (a code ``E_…``) or a warning (``W_…``)."""
+        severity = _severity(code)
+        self._count[severity] += 1
+        if self._count[severity] <= MOST_FINDINGS:
+            self._findings.append(Finding(severity, code, one_line(message), self._file, line, subjects))
 
-    def warning(self, code: str, message: str, line: int | None = None) -> None:
-        """Add a warning."""
-        self._add("warning", code, message, line)
-
-    def grouped_warning(self, code: str, message: str, name: str, line: int | None) -> None:
+    def group(self, code: str, message: str, name: str, line: int | None) -> None:
         """Add ``name`` to the one warning of this code and message, which has the line of the first name."""
         if len(self._groups) >= MOST_FINDINGS and (code, message) not in self._groups:
             self._count["warning"] += 1
@@ -65,27 +58,20 @@ class Findings:
         for (code, message), (line, names) in self._groups.items():
             listed = ", ".join(map(visible, names[:MOST_NAMES]))
             more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-            self._add("warning", code, f"{message} ({listed}{more})", line, tuple(names))
+            self.add(code, f"{message} ({listed}{more})", line, tuple(names))
         self._groups = {}
         ordered = sorted(self._findings, key=lambda finding: finding.line or 0)
-        for severity, code in (("error", "E_MORE"), ("warning", "W_MORE")):
+        for code in ("E_MORE", "W_MORE"):
+            severity = _severity(code)
             left_out = self._count[severity] - MOST_FINDINGS
             if left_out > 0:
                 message = f"{left_out} more {severity}s are not listed"
-                ordered.append(Finding("error" if severity == "error" else "warning", code, message, self._file))
+                ordered.append(Finding(severity, code, message, self._file))
         return tuple(ordered)
 
-    def _add(
-        self,
-        severity: Literal["error", "warning"],
-        code: str,
-        message: str,
-        line: int | None,
-        subjects: tuple[str, ...] = (),
-    ) -> None:
-        self._count[severity] += 1
-        if self._count[severity] <= MOST_FINDINGS:
-            self._findings.append(Finding(severity, code, one_line(message), self._file, line, subjects))
+
+def _severity(code: str) -> Literal["error", "warning"]:
+    return "error" if code.startswith("E_") else "warning"
 
 
 _CODES: Final = {"missing": "E_FILE_MISSING", "kind": "E_FILE_KIND", "size": "E_TOO_BIG"}
@@ -121,5 +107,5 @@ def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_
                 message = f"the file is over {most_bytes} bytes; the limits can be raised"
             case _:
                 code = "E_FILE_PERM" if os.path.isfile(path) else "E_FILE_MISSING"
-        findings.error(code, message)
+        findings.add(code, message)
         return None

@@ -386,10 +386,10 @@ class MeshFiles:
         label = f"{owner}: mesh {shown(filename)}"
         if scheme not in ("", "file", "package"):
             message = f"{label} is not a local file; it is not fetched"
-            self._findings.warning("W_MESH_PATH", message, line)
+            self._findings.add("W_MESH_PATH", message, line)
             return
         if scheme == "package" and _leaves_its_package(filename):
-            self._findings.warning("W_MESH_PATH", f"{label} leaves its package; it is not opened", line)
+            self._findings.add("W_MESH_PATH", f"{label} leaves its package; it is not opened", line)
             return
         try:
             path = locate_mesh(filename, self._folder, self._package_dirs)
@@ -398,38 +398,38 @@ class MeshFiles:
             if path is None:
                 package = filename[len("package://") :].partition("/")[0]
                 message = f"mesh package {shown(package)} is not found; give its folder (--package-dir)"
-                self._findings.grouped_warning("W_MESH_MISSING", message, owner, line)
+                self._findings.group("W_MESH_MISSING", message, owner, line)
                 return
             self._check_path(path, label, line, in_package=scheme == "package")
         except (OSError, ValueError) as problem:
-            self._findings.warning("W_MESH_MISSING", f"{label} cannot be looked up: {problem}", line)
+            self._findings.add("W_MESH_MISSING", f"{label} cannot be looked up: {problem}", line)
 
     def _check_path(self, path: Path, label: str, line: int, *, in_package: bool) -> None:
         if len(str(path)) > LONGEST_NAME:
-            self._findings.warning("W_MESH_MISSING", f"{label} has too long a name", line)
+            self._findings.add("W_MESH_MISSING", f"{label} has too long a name", line)
             return
         real = Path(os.path.realpath(path))
         package = _package_root(path, self._folder, self._package_dirs) if in_package else None
         allowed = [*self._allowed, *([package] if package else [])]
         if not any(real.is_relative_to(folder) for folder in allowed):
             message = f"{label} is outside the folders of this robot; it is not opened"
-            self._findings.warning("W_MESH_PATH", message, line)
+            self._findings.add("W_MESH_PATH", message, line)
             return
         try:
             status = os.stat(real)
         except (FileNotFoundError, NotADirectoryError):
-            self._findings.warning("W_MESH_MISSING", f"{label} does not exist", line)
+            self._findings.add("W_MESH_MISSING", f"{label} does not exist", line)
             return
         if not is_regular(status):
-            self._findings.warning("W_MESH_BAD", f"{label} is not a regular file", line)
+            self._findings.add("W_MESH_BAD", f"{label} is not a regular file", line)
         elif real.suffix.lower() not in MESH_KINDS:
             kinds = ", ".join(sorted(MESH_KINDS))
-            self._findings.warning("W_MESH_BAD", f"{label} is of an unknown kind; known: {kinds}", line)
+            self._findings.add("W_MESH_BAD", f"{label} is of an unknown kind; known: {kinds}", line)
         elif self._look_inside:
             try:
                 read_mesh(real)
             except BrokenMeshError as problem:
-                self._findings.warning("W_MESH_BAD", f"{label}: {problem}", line)
+                self._findings.add("W_MESH_BAD", f"{label}: {problem}", line)
 
     def _allowed_folders(self) -> list[Path]:
         """Return the URDF's folder, the one above (``../meshes``), its ROS package, and the given ones."""

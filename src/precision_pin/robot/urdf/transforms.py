@@ -1,4 +1,4 @@
-"""The same mechanism with another link as its root."""
+"""Other forms of a robot: with exact right angles, with another root, and the canonical text that Pinocchio reads."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
+from precision_pin.robot.urdf.checks import find_exact_angle
+from precision_pin.robot.urdf.grammar import PARTS
 from precision_pin.robot.urdf.robot import Inertial, Joint, Link, Robot, Vector
 
 # written for "no limit": finite, because Pinocchio samples and clamps between limits
 UNLIMITED = 1e9
 NO_MASS = Inertial(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 # newlines and tabs must be character references: a parser turns them into blanks otherwise
 ESCAPES = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
@@ -82,6 +83,19 @@ def _number(value: float) -> str:
 
 def _escape(text: str) -> str:
     return text.translate(ESCAPES)
+
+
+def snapped(robot: Robot) -> Robot:
+    """Return the robot with rounded right angles of its joint origins made exact.
+
+    Only angles with a ``W_ANGLE_ROUNDED`` warning change; these warnings are removed.
+    """
+    joints = []
+    for joint in robot.joints:
+        roll, pitch, yaw = (angle if (exact := find_exact_angle(angle)) is None else exact for angle in joint.rpy)
+        joints.append(replace(joint, rpy=(roll, pitch, yaw)))
+    findings = tuple(found for found in robot.findings if found.code != "W_ANGLE_ROUNDED")
+    return replace(robot, joints=tuple(joints), findings=findings)
 
 
 def rerooted(robot: Robot, base: str) -> Robot:

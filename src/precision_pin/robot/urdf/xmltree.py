@@ -88,7 +88,7 @@ def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
     try:
         return _Builder(_plain_utf8(data, limits), limits).root
     except _Refused as problem:
-        findings.error(problem.code, problem.message, problem.line)
+        findings.add(problem.code, problem.message, problem.line)
     return None
 
 
