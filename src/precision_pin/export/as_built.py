@@ -53,17 +53,7 @@ WIDTH: Final = 110
 @final
 @dataclass(frozen=True, eq=False)
 class BuiltUnit:
-    """One robot as it may be built.
-
-    Attributes
-    ----------
-    unit
-        Its number.
-    error
-        Its pose error at the export pose, ``[d; δ]`` in base axes, m and rad, ``(6,)``.
-    text
-        The URDF.
-    """
+    """One robot as it may be built: its number, its error at the export pose (``[d; δ]``, base axes, m and rad), its URDF."""
 
     unit: int
     error: Array
@@ -247,15 +237,9 @@ class _Step:
 @final
 @dataclass(frozen=True, eq=False)
 class _Fold:
-    """The displacements that one step takes in.
+    """The displacements that one step takes in: rows of the term table's targets in chain order.
 
-    Attributes
-    ----------
-    step
-        Which.
-    places
-        Rows of the term table's targets in chain order, and each one's frame in that of the step's end, ``(4, 4)``, or
-        None where they are the same.
+    With each its frame in that of the step's end, ``(4, 4)``, or None where they are the same.
     """
 
     step: _Step

@@ -364,64 +364,31 @@ class Chain:
         return replace(self, target=target)
 
     def runs_backwards(self, link: int) -> bool:
-        """Return whether a chain link's far end is its end nearer the file's root, at its own joint in the file.
-
-        Raises
-        ------
-        InputError
-            As :meth:`end`.
-        """
+        """Return whether a chain link's far end is its end nearer the file's root, at its own joint in the file."""
         if self._link(link) < len(self.joints):
             return bool(self.reversed_joints[link])
         return self.robot.path(self.base, self.tip)[-1].reversed
 
     def joint_index(self, name: str) -> int:
-        """Return a joint's position, 0-based.
-
-        Raises
-        ------
-        UnknownNameError
-            The chain has no such joint.
-        """
+        """Return a joint's position, 0-based; `UnknownNameError` if the chain has no such joint."""
         return self.joint_names.index(check_name("joint on the chain", name, self.joint_names))
 
     def link_frame(self, name: str) -> LinkFrame:
-        """Return the position of a URDF link on the chain.
-
-        Raises
-        ------
-        UnknownNameError
-            The robot has no such link.
-        """
+        """Return the position of a URDF link on the chain; `UnknownNameError` if the robot has no such link."""
         return self.link_frames[check_name("link", name, self.link_frames)]
 
     def end(self, link: int) -> Place:
-        """Return the place at a chain link's far end: joint i+1's origin frame before its motion, or the tip.
-
-        Raises
-        ------
-        InputError
-            There is no such link; 0 is the base, n the last of n joints' link.
-        """
+        """Return the place at the far end of chain link 0…n: joint i+1's origin frame before its motion, or the tip."""
         return self._places[self._link(link)][0]
 
     def seat(self, link: int) -> Place:
-        """Return the place of the next joint's seat, after the link's end and in the same frame.
-
-        Raises
-        ------
-        InputError
-            As :meth:`end`.
-        """
+        """Return the place of the next joint's seat, after the link's end and in the same frame."""
         return self._places[self._link(link)][1]
 
     def frame_place(self, name: str) -> Place:
         """Return the place at a URDF link's frame on the path from base to tip; the tip's is the last link's end.
 
-        Raises
-        ------
-        InputError
-            The link is on a branch: moving it does not move the tip.
+        `InputError` for a link on a branch: moving it does not move the tip.
         """
         where = self.link_frame(name)
         if where.path_rank is None:
@@ -433,23 +400,11 @@ class Chain:
         return Place(where.link, (ORDER_FRAME, where.path_rank), f"frame {name}", where.frame)
 
     def axis_alignment(self, joint: int) -> Array:
-        """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x.
-
-        Raises
-        ------
-        InputError
-            There is no such joint; 0 is the first.
-        """
+        """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x."""
         return self._written_alignments[self.joint_number(joint)]
 
     def joint_number(self, joint: int) -> int:
-        """Return a joint's position, 0-based, after a check.
-
-        Raises
-        ------
-        InputError
-            There is no such joint.
-        """
+        """Return a joint's position, 0-based, after a check that there is such a joint."""
         return check_whole("the number of a joint on the chain", joint, 0, len(self.joints) - 1)
 
     def _link(self, link: int) -> int:
@@ -646,20 +601,7 @@ class Posture:
         return se3.compose(self.link_poses[place.link], place.frame)
 
     def wrench_basis(self, load: Load, point: ArrayLike) -> Array:
-        """Return force and moment about a point per unit of a load's mass and first moments.
-
-        Parameters
-        ----------
-        load
-            The weight.
-        point
-            ``(3,)``, base axes, m.
-
-        Returns
-        -------
-        NDArray
-            ``(6, 4)``; see :func:`precision_pin.robot.loads.wrench_basis`.
-        """
+        """Return force and moment about a point ``(3,)`` per unit of a load's mass and first moments, ``(6, 4)``, base axes."""
         return wrench_basis(self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity, point)
 
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
@@ -691,17 +633,7 @@ class Posture:
 
 
 def joint_table(joints: Sequence[Joint], placements: Array, tip: str) -> Table:
-    """Return the table of joints with limits and the pose of each in the one before, and of the tip.
-
-    Parameters
-    ----------
-    joints
-        n joints, base to tip.
-    placements
-        ``(n+1, 4, 4)``, the placements of the chain.
-    tip
-        Name of the last frame.
-    """
+    """Return the table of n joints with limits and placements ``(n+1, 4, 4)``, each in the one before, and of the tip."""
     rows: list[tuple[str, ...]] = [
         (joint.name, joint.kind, spaced(np.array(joint.axis)), _limits(joint), *_placement(placement))
         for joint, placement in zip(joints, placements[:-1], strict=True)

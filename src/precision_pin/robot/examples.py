@@ -89,15 +89,7 @@ def _suggest_robot(path: Path) -> str | None:
 
 
 def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
-    """Return the file in the same folder with the name most similar to a missing one; None if there is none.
-
-    Parameters
-    ----------
-    path
-        The missing path.
-    suffixes
-        Suffixes of the files considered.
-    """
+    """Return the file in the same folder, with one of the suffixes, whose name is most similar to a missing one's."""
     stems: dict[str, str] = {}
     with suppress(OSError, ValueError), os.scandir(path.parent) as entries:
         for _, entry in zip(range(MOST_FILES), entries, strict=False):

@@ -84,19 +84,9 @@ class SolutionSearch:
         return cls(chain, task, axis, reference, units, length, is_redundant, low, high, listed, features)
 
     def solve(self, wanted: Array, step: Callable[[int], None]) -> list[tuple[Array, bool]]:
-        """Return the solutions of each wanted pose within the limits, and whether there are only others.
+        """Return the solutions of wanted poses ``(4, 4, N)`` within the limits, and whether there are only others.
 
-        Parameters
-        ----------
-        wanted
-            The wanted poses, ``(4, 4, N)``.
-        step
-            Takes the number of poses solved since its last call.
-
-        Returns
-        -------
-        list
-            For each pose its solutions ``(n, S)``, the nearest to the reference first.
+        For each pose ``(n, S)``, nearest to the reference first. ``step`` takes the number of poses solved since its last call.
         """
         result = []
         nodes = _CHUNK // _STARTS
@@ -138,19 +128,7 @@ class SolutionSearch:
     def _descend_from(
         self, wanted: Array, nodes: NDArray[np.intp], starts: NDArray[np.intp], within_limits: bool
     ) -> list[Array]:
-        """Return the ends ``(n, S)`` of the search that are solutions, for each of some nodes.
-
-        Parameters
-        ----------
-        wanted
-            The wanted poses, ``(4, 4, N)``.
-        nodes
-            Which of them.
-        starts
-            Positions of each wanted pose's starts in the list, ``(N, S)``.
-        within_limits
-            Whether joint values stay within the limits on the way.
-        """
+        """Return the solutions ``(n, S)`` found from ``starts`` ``(N, S)`` in the list, for each of some nodes."""
         each = starts.shape[1]
         ends, is_solution = self._descend(
             np.repeat(wanted[:, :, nodes], each, axis=2), self.listed[:, starts[nodes].ravel()], within_limits
@@ -168,17 +146,7 @@ class SolutionSearch:
         return np.argsort(squares, axis=1, kind="stable")[:, : _ROUNDS * _STARTS]
 
     def _descend(self, wanted: Array, starts: Array, within_limits: bool) -> tuple[Array, NDArray[np.bool_]]:
-        """Return where the search ends from each start ``(n, S)``, and whether that is a solution of its wanted pose.
-
-        Parameters
-        ----------
-        wanted
-            A wanted pose for each start, ``(4, 4, S)``.
-        starts
-            ``(n, S)``.
-        within_limits
-            Whether joint values stay within the limits on the way.
-        """
+        """Return where the search ends from each start ``(n, S)``, and whether it solves its wanted pose ``(4, 4, S)``."""
         ends, is_solution = starts.copy(), np.zeros(starts.shape[1], dtype=bool)
         rows = np.arange(starts.shape[1])
         q, target = starts, wanted

@@ -104,22 +104,9 @@ _NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 
 
 def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:
-    """Return force and moment about a point per unit of a load's mass and first moments.
+    """Return force and moment ``(6, 4)`` about a point per unit of a load's mass and first moments, base axes.
 
-    Parameters
-    ----------
-    frame
-        The load's frame in the base, ``(4, 4)``.
-    gravity
-        ``(3,)``, base axes, m/s².
-    point
-        ``(3,)``, base axes, m.
-
-    Returns
-    -------
-    NDArray
-        ``(6, 4)``, base axes: ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's
-        frame (rotation R, origin o), g gravity.
+    ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's frame (rotation R, origin o), g gravity.
     """
     basis = np.zeros((6, 4))
     basis[:3, 0] = gravity
@@ -129,15 +116,7 @@ def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:
 
 
 def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
-    """Return loads in the base.
-
-    Parameters
-    ----------
-    loads
-        The weights.
-    link_poses
-        Axes of every chain link in the base, ``(n+1, 4, 4[, P])``.
-    """
+    """Return loads in the base, from the axes of every chain link in the base, ``(n+1, 4, 4[, P])``."""
     if not loads:
         return {}
     if link_poses.ndim == 4:
@@ -166,18 +145,9 @@ def _weigh_at_many(load: Load, link_poses: Array) -> Weight:
 def wrench_on(
     weights: Iterable[Weight], gravity: Array, tilts: Sequence[tuple[Array, Factors]], point: ArrayLike
 ) -> dict[Factors, Array]:
-    """Return the wrench ``(6[, P])`` of weights about a point, base axes, by the parameters that multiply it.
+    """Return the wrench ``(6[, P])`` of weights about a point ``(3[, P])``, base axes, by the parameters that multiply it.
 
-    Parameters
-    ----------
-    weights
-        As :func:`weigh` returns them.
-    gravity
-        ``(3,)``, base axes, m/s².
-    tilts
-        Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
-    point
-        ``(3[, P])``, base axes, m.
+    ``tilts`` are contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with their parameters.
     """
     where = np.asarray(point, dtype=float)
     x, y, z = where.tolist() if where.ndim == 1 else where
@@ -206,17 +176,7 @@ def wrench_on(
 
 
 def torque_on(axis: Array, slides: bool, wrenches: Mapping[Factors, Array]) -> dict[Factors, Any]:
-    """Return the torque or force of wrenches on a joint, N·m or N, by the parameters that multiply them.
-
-    Parameters
-    ----------
-    axis
-        Axis of the joint, ``(3[, P])``, base axes.
-    slides
-        True for a prismatic joint.
-    wrenches
-        Wrenches about the joint's origin.
-    """
+    """Return torque or force of wrenches about a joint's origin on its axis ``(3[, P])``, by their parameters."""
     rows = slice(0, 3) if slides else slice(3, 6)
     if axis.ndim == 2:
         return {factors: np.einsum("ip,ip->p", axis, wrench[rows]) for factors, wrench in wrenches.items()}

@@ -120,17 +120,9 @@ class LinkFrame:
         fix_fields(self)
 
     def entry(self, centre: ArrayLike) -> Array:
-        """Return the point of the chain link at which a weight acts, in the chain link's axes, ``(3,)``.
+        """Return the point of the chain link, in its axes, at which a weight acts whose centre is given in the URDF link's axes.
 
-        Parameters
-        ----------
-        centre
-            Its centre of mass in the URDF link's axes, m, ``(3,)``.
-
-        Returns
-        -------
-        NDArray
-            The centre itself for a link on the path; for a branch the point where it leaves the path.
+        The centre itself for a link on the path; for a branch the point where it leaves the path.
         """
         if self.path_rank is None:
             return self.attachment

@@ -69,18 +69,7 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
 
 
 def check_grid_size(counts: list[int]) -> None:
-    """Refuse a grid of more than 1,048,575 poses.
-
-    Parameters
-    ----------
-    counts
-        Numbers of values whose product is the number of poses.
-
-    Raises
-    ------
-    InputError
-        There are more.
-    """
+    """Refuse a grid of more than 1,048,575 poses: the product of the counts."""
     total = 1
     for count in counts:
         total *= count
@@ -323,13 +312,7 @@ def place_grid(
 
 
 def count_wanted(places: int, orientations: Sequence[Orientation]) -> int:
-    """Return the number of poses that the inverse kinematics has to solve.
-
-    Raises
-    ------
-    InputError
-        More than a grid may have.
-    """
+    """Return the number of poses that the inverse kinematics has to solve; refuse more than a grid may have."""
     angles = sum(len(kind.rotations) for kind in orientations)
     check_grid_size([places, angles])
     return places * angles

@@ -73,17 +73,7 @@ class ChainConstants:
         gravity: Array,
         loads: Sequence[Load],
     ) -> ChainConstants:
-        """Return the constants of a chain.
-
-        Parameters
-        ----------
-        placements, axes, slides, gravity
-            As in :class:`precision_pin.robot.chain.Chain`.
-        alignments
-            Each joint's :func:`alignment`.
-        loads
-            The chain's weights; their moments have no factors.
-        """
+        """Return a chain's constants from what `Chain` has and each joint's `alignment`; moments of loads have no factors."""
         aligned = np.array([*alignments, np.eye(3)])
         before = np.concatenate([np.eye(3)[None], aligned[:-1]]).swapaxes(1, 2)
         carried = np.zeros((len(placements), 4))

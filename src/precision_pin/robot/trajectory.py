@@ -40,17 +40,7 @@ _ROUNDING: Final = 1e-9
 @final
 @dataclass(frozen=True)
 class Column:
-    """A column of a trajectory file.
-
-    Attributes
-    ----------
-    heading
-        As in the file.
-    joint
-        Its joint; empty for the times.
-    factor
-        Its unit in s, rad or m.
-    """
+    """A column of a trajectory file: its heading, its joint (empty for the times), and its unit in s, rad or m."""
 
     heading: str
     joint: str

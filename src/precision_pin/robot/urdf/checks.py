@@ -46,10 +46,7 @@ WHAT = {
 
 
 def check_names(links: Sequence[Link], joints: Sequence[Joint], findings: Findings) -> None:
-    """Check the names of links and joints, each list without duplicates.
-
-    Adds ``E_RESERVED_NAME``, ``W_NAME_CHARS``, ``W_NAME_CONFUSABLE``, ``W_NAME_SHARED``.
-    """
+    """Check for names that a person, a sheet, a browser or a spreadsheet would misread."""
     for kind, things in (("link", links), ("joint", joints)):
         looks: dict[str, str] = {}
         for thing in things:
@@ -153,10 +150,7 @@ def without_twins(things: Sequence[Named], kind: str, code: str, findings: Findi
 
 
 def check_tree(links: Sequence[Link], joints: Sequence[Joint], findings: Findings) -> bool:
-    """Return whether the joints make one tree of the links.
-
-    Adds ``E_UNKNOWN_LINK``, ``E_LOOP``, ``E_NO_ROOT``, ``E_TWO_ROOTS``.
-    """
+    """Return whether the joints make one tree of the links; else say what is wrong."""
     by_name = {link.name: link for link in links}
     parents: dict[str, Joint] = {}
     sound = True
@@ -223,10 +217,7 @@ def _find_circles(starts: Iterable[str], follow: Callable[[str], str | None]) ->
 
 
 def check_size(robot: Robot, line: int, limits: Limits, findings: Findings) -> None:
-    """Check a sound tree: ``E_NO_DOF``, ``E_TOO_BIG``, ``W_BRANCHED``, and its reach (``W_UNITS``).
-
-    ``line`` is the line of the robot element.
-    """
+    """Check a sound tree and its reach: ``E_NO_DOF``, ``E_TOO_BIG``, ``W_BRANCHED``, ``W_UNITS``."""
     moving = len(robot.moving_joints)
     if moving == 0:
         findings.add("E_NO_DOF", "no joint moves; an arm needs one that is not fixed", line)
@@ -275,16 +266,9 @@ def _list_names(names: Sequence[str]) -> str:
 def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findings) -> None:
     """Refuse unphysical inertias (``E_INERTIA_PD``, ``E_INERTIA_TRIANGLE``).
 
-    A link that fixed joints make part of a larger rigid body only gets a warning (``W_INERTIA``) if the
-    whole body is physical, because only the body's inertia has an effect. A link with mass and no inertia is a
-    point mass (``W_INERTIA_ZERO``); one zero principal moment (a slender rod) is allowed without a warning.
-
-    Parameters
-    ----------
-    links
-        The links that could be read.
-    robot
-        The tree, None if other errors prevent one.
+    A link that fixed joints make part of a larger rigid body only gets a warning (``W_INERTIA``) if the whole body is
+    physical, because only the body's inertia has an effect. A link with mass and no inertia is a point mass
+    (``W_INERTIA_ZERO``); one zero principal moment (a slender rod) is allowed. ``robot`` is None if there is no tree.
     """
     bodies = {} if robot is None else _bodies(robot)
     for link in links:

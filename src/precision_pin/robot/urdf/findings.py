@@ -78,16 +78,9 @@ _CODES: Final = {"missing": "E_FILE_MISSING", "kind": "E_FILE_KIND", "size": "E_
 
 
 def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_bytes: int) -> bytes | None:
-    """Return the bytes of a regular file, or add a finding and return None.
+    """Return the bytes of a regular file up to a size, or add a finding and return None; ``~`` is not expanded.
 
-    Parameters
-    ----------
-    path
-        The file; ``~`` is not expanded.
-    findings
-        Receives ``E_FILE_MISSING``, ``E_FILE_KIND``, ``E_FILE_PERM`` or ``E_TOO_BIG``.
-    most_bytes
-        The largest size that is read.
+    The findings: ``E_FILE_MISSING``, ``E_FILE_KIND``, ``E_FILE_PERM`` and ``E_TOO_BIG``.
     """
     try:
         return files.read_regular_file(path, most_bytes)

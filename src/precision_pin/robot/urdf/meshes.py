@@ -43,16 +43,9 @@ _FARTHEST: Final = 1e30
 @final
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """A mesh file whose contents agree with its header.
+    """A mesh file whose contents agree with its header: its suffix, the whole file, and the files that it names.
 
-    Attributes
-    ----------
-    kind
-        Its suffix, such as ``".stl"``.
-    data
-        The whole file.
-    companions
-        Further files that it names and that were read: buffers of a glTF, material files of an OBJ; never images.
+    ``companions`` are those that were read: buffers of a glTF, material files of an OBJ; never images.
     """
 
     kind: str
@@ -61,18 +54,7 @@ class MeshFile:
 
 
 def read_mesh(path: Path) -> MeshFile:
-    """Return a mesh file after checking it.
-
-    Parameters
-    ----------
-    path
-        A file whose suffix is in `MESH_KINDS`.
-
-    Raises
-    ------
-    BrokenMeshError
-        The file cannot be read, is too large, or its contents do not agree with its header.
-    """
+    """Return a mesh file with a suffix of `MESH_KINDS` after checking it; `BrokenMeshError` where it cannot be used."""
     companions: dict[str, bytes] = {}
 
     def companion(name: str) -> bytes:
@@ -307,22 +289,10 @@ LONGEST_NAME = 4096
 
 
 def locate_mesh(filename: str, folder: Path, package_dirs: Sequence[Path] = ()) -> Path | None:
-    """Return the path of a mesh named in a URDF, None if it is unknown.
+    """Return the path of a mesh named in a URDF, which need not exist; None for an unknown package or scheme.
 
-    Parameters
-    ----------
-    filename
-        As written: a path, ``file://…`` or ``package://NAME/…``.
-    folder
-        Folder of the URDF; relative paths start there. A package is searched for among ``package_dirs`` (each
-        a package or a folder of packages), then in the folders above, and beside those.
-    package_dirs
-        Further folders.
-
-    Returns
-    -------
-    Path | None
-        The path (which need not exist); None for an unknown package or another scheme such as ``http``.
+    The name is a path, ``file://…`` or ``package://NAME/…``; relative paths start at the URDF's folder. A package is searched
+    for among ``package_dirs`` (each a package or a folder of packages), then in the folders above, and beside those.
     """
     match = SCHEME.fullmatch(filename)
     if match is None:
@@ -354,18 +324,9 @@ def _package(name: str, folder: Path, package_dirs: Sequence[Path]) -> Path | No
 
 @final
 class MeshFiles:
-    """Checker of the mesh files that a URDF names, each once.
+    """Checker of the mesh files that a URDF in ``folder`` names, each once: ``W_MESH_PATH``, ``W_MESH_MISSING``, ``W_MESH_BAD``.
 
-    Parameters
-    ----------
-    findings
-        Receives ``W_MESH_PATH``, ``W_MESH_MISSING``, ``W_MESH_BAD``.
-    folder
-        Folder of the URDF.
-    package_dirs
-        Folders that contain packages.
-    look_inside
-        True to read the files; otherwise only their existence and kind are checked.
+    ``look_inside`` reads the files; otherwise only their existence and kind are checked.
     """
 
     def __init__(self, findings: Findings, folder: Path, package_dirs: Sequence[Path], *, look_inside: bool) -> None:

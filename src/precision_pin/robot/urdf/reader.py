@@ -74,26 +74,10 @@ DEFAULT_AXIS: Final = (1.0, 0.0, 0.0)
 
 
 def read(path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS, package_dirs: Paths = ()) -> Robot:
-    """Read a URDF file strictly.
+    """Read a URDF 1.0 file strictly (http://wiki.ros.org/urdf/XML); the robot's ``findings`` are the warnings.
 
-    Parameters
-    ----------
-    path
-        A regular file; the URDF 1.0 format of http://wiki.ros.org/urdf/XML.
-    limits
-        Size limits of the file.
-    package_dirs
-        Folders of the packages in ``package://`` mesh names, besides those found near the file.
-
-    Returns
-    -------
-    Robot
-        Its ``findings`` are the warnings. Mesh files are looked up, not opened.
-
-    Raises
-    ------
-    UrdfError
-        The file cannot be used; carries all findings, warnings included.
+    ``package_dirs`` are the folders of packages in ``package://`` mesh names, besides those found near the file. Mesh files are
+    looked up, not opened. `UrdfError` carries all findings about a file that cannot be used.
     """
     robot, findings = _from_file(path, limits, package_dirs, look_inside=False)
     return _robot_or_raise(robot, findings)
@@ -110,22 +94,7 @@ def check(
 
 
 def parse(data: bytes, file: str, *, limits: Limits = DEFAULT_LIMITS) -> Robot:
-    """Read a URDF from memory; mesh files are not looked up.
-
-    Parameters
-    ----------
-    data
-        The text, UTF-8.
-    file
-        Name of the file in findings.
-    limits
-        Size limits of the file.
-
-    Raises
-    ------
-    UrdfError
-        The text cannot be used; carries all findings, warnings included.
-    """
+    """Read a URDF from memory, as `read` does; ``file`` is its name in findings. Mesh files are not looked up."""
     findings = Findings(file)
     robot = _read_text(data, file, findings, limits, None)
     return _robot_or_raise(robot, findings.result())

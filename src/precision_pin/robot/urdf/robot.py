@@ -21,20 +21,8 @@ JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 class Limits:
     """Size limits of a URDF.
 
-    Attributes
-    ----------
-    file_bytes
-        Size of the file.
-    text_length
-        Characters of an attribute or a name.
-    xml_depth
-        Levels of nested elements.
-    elements
-        XML elements and attributes in all.
-    moving_joints
-        Joints that are not fixed.
-    links_in_depth
-        Links on the longest path from the root to a tip, both included.
+    ``text_length`` is that of an attribute or a name, ``elements`` counts XML elements and attributes, ``moving_joints`` are
+    those that are not fixed, ``links_in_depth`` those on the longest path from root to tip, both included.
     """
 
     file_bytes: int = 16 * 1024 * 1024
@@ -49,16 +37,8 @@ class Limits:
 class Inertial:
     """Mass properties of a link.
 
-    Attributes
-    ----------
-    mass
-        In kg.
-    com
-        Centre of mass in the link's axes, m.
-    rpy
-        Roll, pitch, yaw of the inertia's axes in the link's axes, rad.
-    inertia
-        ``(ixx, ixy, ixz, iyy, iyz, izz)`` about the centre of mass in the axes given by ``rpy``, kg·m².
+    Mass in kg; centre of mass in the link's axes, m; roll, pitch, yaw of the inertia's axes in the link's axes, rad;
+    ``(ixx, ixy, ixz, iyy, iyz, izz)`` about the centre of mass in the axes given by ``rpy``, kg·m².
     """
 
     mass: float
@@ -166,22 +146,10 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint: the child's frame is ``origin`` then the motion about or along ``axis``.
+    """A joint: the child's frame is ``origin`` (``xyz`` m, ``rpy`` rad, in the parent's frame), then the motion.
 
-    Attributes
-    ----------
-    name, kind, parent, child
-        Name, type, and the two links.
-    xyz, rpy
-        Origin of the joint's (and child's) frame in the parent's frame, m and rad.
-    axis
-        Unit vector in the joint's frame; ``(1, 0, 0)`` for a fixed joint.
-    limit, mimic
-        Limits and mimic, if given.
-    line
-        Line in the file.
-    reversed
-        True if it is passed against the file, from the file's child to its parent: see `rerooted`.
+    The axis is a unit vector in the joint's frame, ``(1, 0, 0)`` for a fixed joint. ``reversed`` joints are passed against
+    the file, from the file's child to its parent: see `rerooted`.
     """
 
     name: str
@@ -225,19 +193,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Robot:
-    """A tree of links and joints, in the order of the file.
-
-    Attributes
-    ----------
-    name
-        The robot's name.
-    file
-        The file it was read from.
-    links, joints
-        All of them; exactly one link, the root, is no joint's child.
-    findings
-        The warnings of reading.
-    """
+    """A tree of links and joints, in the order of the file; one link, the root, is no joint's child. Findings are warnings."""
 
     name: str
     file: str
@@ -270,26 +226,14 @@ class Robot:
         return tuple(ordered)
 
     def link(self, name: str) -> Link:
-        """Return a link by name.
-
-        Raises
-        ------
-        UnknownNameError
-            There is none; the message gives the nearest names.
-        """
+        """Return a link by name, or raise `UnknownNameError` with the nearest names."""
         try:
             return self._links[name]
         except KeyError:
             raise UnknownNameError("link", name, self._links) from None
 
     def joint(self, name: str) -> Joint:
-        """Return a joint by name.
-
-        Raises
-        ------
-        UnknownNameError
-            There is none; the message gives the nearest names.
-        """
+        """Return a joint by name, or raise `UnknownNameError` with the nearest names."""
         try:
             return self._joints[name]
         except KeyError:
@@ -308,12 +252,7 @@ class Robot:
     def path(self, base: str, tip: str) -> tuple[Joint, ...]:
         """Return the joints from ``base`` down to ``tip``, fixed ones included.
 
-        Raises
-        ------
-        UnknownNameError
-            One of the links does not exist.
-        InputError
-            ``base`` is not between the root and ``tip``; `rerooted` returns a robot in which it is.
+        `InputError` if ``base`` is not between the root and ``tip``; `rerooted` returns a robot in which it is.
         """
         self.link(base)
         joints: list[Joint] = []
@@ -330,16 +269,8 @@ class Robot:
     def link_poses(self, values: Mapping[str, float] | None = None) -> dict[str, Array]:
         """Return every link's pose ``(4, 4)`` in the root link's frame (forward kinematics).
 
-        Parameters
-        ----------
-        values
-            Joint values by name, rad or m; joints not named are at zero. Mimic joints are joints like
-            any other here: their coupling is not applied.
-
-        Raises
-        ------
-        UnknownNameError
-            A value is given for a joint that does not exist.
+        Values by joint, rad or m; joints not named are at zero. Mimic joints are joints like any other here: their coupling is
+        not applied.
         """
         given = {} if values is None else values
         for name in given:

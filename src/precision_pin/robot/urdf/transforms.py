@@ -99,25 +99,13 @@ def snapped(robot: Robot) -> Robot:
 
 
 def rerooted(robot: Robot, base: str) -> Robot:
-    """Return the same mechanism with ``base`` as the root link.
+    """Return the same mechanism with the link ``base`` as the root.
 
     Every link and joint keeps its name, every link its frame, every joint value its meaning: no relative
     pose changes. A moving joint between the old root and ``base`` is reversed: it is at its old child's
     frame and moves an added massless link about the negated axis; a fixed joint with the inverse of the
     old origin carries the old parent. Fixed joints are simply inverted. All of these are marked as reversed; a
     joint that is reversed twice is not.
-
-    Parameters
-    ----------
-    robot
-        A robot as read.
-    base
-        Name of the link that becomes the root.
-
-    Raises
-    ------
-    UnknownNameError
-        There is no such link.
     """
     reversed_joints = {joint.name for joint in robot.path(robot.root, base)}
     taken = {link.name for link in robot.links} | {joint.name for joint in robot.joints}

@@ -73,18 +73,7 @@ class _Refused(Exception):
 
 
 def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
-    """Return the root element, or add one finding and return None.
-
-    Parameters
-    ----------
-    data
-        The whole file, in an encoding that `utf8_text` supports; any line ends.
-    findings
-        Receives ``E_XML_EMPTY``, ``E_XML_SYNTAX``, ``E_XML_ENCODING``, ``E_XML_DTD``, ``E_XML_DEPTH``,
-        ``E_TOO_BIG`` or ``E_XACRO``.
-    limits
-        The size limits.
-    """
+    """Return the root element of a file in an encoding that `utf8_text` supports, or add one finding and return None."""
     try:
         return _Builder(_plain_utf8(data, limits), limits).root
     except _Refused as problem:
