@@ -18,7 +18,6 @@ ABOVE = ("sheet", "model", "export", "kernel", "sampling", "analyses", "pages", 
 HOMES = (
     "sources/",
     "export/scaffold.py",
-    "export/starting_tolerances.py",
     "model/full_frame_model.py",
     "model/calibrated_geometry.py",
     "sheet/measurement_entry.py",

@@ -53,15 +53,7 @@ from precision_pin.robot.loads import (
     wrench_on,
 )
 from precision_pin.robot.pinocchio_model import PinocchioModel
-from precision_pin.robot.places import (
-    ORDER_END,
-    ORDER_FRAME,
-    ORDER_SEAT,
-    LinkFrame,
-    Place,
-    link_frames,
-    locked_values,
-)
+from precision_pin.robot.places import LinkFrame, Place, link_frames, locked_values
 from precision_pin.robot.postures import ChainConstants, Postures, alignment
 from precision_pin.robot.urdf import Joint, Robot, read, rerooted
 
@@ -397,7 +389,7 @@ class Chain:
             )
         if name == self.tip:
             return self.end(where.link)
-        return Place(where.link, (ORDER_FRAME, where.path_rank), f"frame {name}", where.frame)
+        return Place.along(where.link, where.path_rank, name, where.frame)
 
     def axis_alignment(self, joint: int) -> Array:
         """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x."""
@@ -414,13 +406,7 @@ class Chain:
     def _places(self) -> tuple[tuple[Place, Place], ...]:
         """End and seat of every chain link."""
         far = enumerate(zip((*self.joint_names, self.tip), self.placements, strict=True))
-        return tuple(
-            (
-                Place(link, (ORDER_END, 0), f"end of link {link} ({name})", frame),
-                Place(link, (ORDER_SEAT, 0), f"seat of link {link} ({name})", frame),
-            )
-            for link, (name, frame) in far
-        )
+        return tuple(Place.far_end(link, name, frame) for link, (name, frame) in far)
 
     @cached_property
     def _written_alignments(self) -> tuple[Array, ...]:

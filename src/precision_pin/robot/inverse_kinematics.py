@@ -77,7 +77,7 @@ class SolutionSearch:
         turns = ~chain.prismatic & ((not is_redundant) | ((high - low) >= 2 * np.pi))
         bottom = np.where(turns, -np.pi, np.where(np.isfinite(low), low, reference - length))
         top = np.where(turns, np.pi, np.where(np.isfinite(high), high, reference + length))
-        spread = bottom[:, None] + (top - bottom)[:, None] * _spread_points(len(chain.joints), _LISTED)
+        spread = bottom[:, None] + (top - bottom)[:, None] * spread_points(len(chain.joints), _LISTED)
         listed = np.column_stack([reference, spread])
         features = _features(chain.at_columns(listed).pose, task, axis, length)
         units = np.where(chain.prismatic, length, 1.0)
@@ -237,13 +237,13 @@ class SolutionSearch:
         return q[:, np.argsort(distances, kind="stable")]
 
 
-def _spread_points(dimensions: int, count: int) -> Array:
-    """Return points ``(dimensions, count)`` that fill the unit cube evenly: multiples of powers of the generalised golden ratio.
+def spread_points(dimensions: int, count: int) -> Array:
+    """Return points ``(dimensions, count)`` that fill the unit cube evenly.
 
-    The ratio is the root of x^(d + 1) = x + 1; its powers are irrational and far from fractions of small numbers.
+    Multiples of powers of 1/x with x^(d + 1) = x + 1 (Roberts 2018, R-sequence): irrational, far from small fractions.
     """
     ratio = 2.0
-    for _ in range(60):
+    for _ in range(64):
         ratio = float((1.0 + ratio) ** (1.0 / (dimensions + 1)))
     powers = ratio ** -np.arange(1.0, dimensions + 1)
     points: Array = np.mod(0.5 + powers[:, None] * np.arange(1.0, count + 1), 1.0)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from precision_pin.base.arguments import check_numbers
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.errors import UnknownNameError
 from precision_pin.robot.urdf import Joint, Robot
 
 ORDER_START, ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(-1, 4)
@@ -79,6 +79,19 @@ class Place:
         return cls(link, (ORDER_START, 0), name, np.eye(4))
 
     @classmethod
+    def along(cls, link: int, rank: int, name: str, frame: Array) -> Place:
+        """Return the place at a URDF link's frame on the path, by its rank within the chain link."""
+        return cls(link, (ORDER_FRAME, rank), f"frame {name}", frame)
+
+    @classmethod
+    def far_end(cls, link: int, name: str, frame: Array) -> tuple[Place, Place]:
+        """Return the end of a link, which leads to the joint or tip ``name``, and the seat after it."""
+        return (
+            cls(link, (ORDER_END, 0), f"end of link {link} ({name})", frame),
+            cls(link, (ORDER_SEAT, 0), f"seat of link {link} ({name})", frame),
+        )
+
+    @classmethod
     def custom(cls, link: int, rank: int, name: str, frame: Array) -> Place:
         """Return a place defined by a source, before the link's end; ``rank`` orders those of one source."""
         return cls(link, (ORDER_CUSTOM, rank), name, frame)
@@ -134,11 +147,9 @@ def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, fl
     """Return the value of every joint that moves but is not on the chain."""
     on_chain = {joint.name for joint in joints}
     still = {joint.name: joint for joint in robot.joints if joint.kind != "fixed" and joint.name not in on_chain}
-    for name, value in locked.items():
+    for name in locked:
         if name not in still:
             raise UnknownNameError("joint to lock", name, still)
-        if not np.isfinite(value):
-            raise InputError(f"the joint {name!r} is locked at {value}, which is not finite")
     values: dict[str, float] = {}
 
     def value_of(name: str) -> float:
@@ -147,7 +158,7 @@ def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, fl
         if name not in values:
             joint = still[name]
             if name in locked:
-                values[name] = float(locked[name])
+                values[name] = locked[name]
             elif joint.mimic is not None:
                 values[name] = joint.mimic.multiplier * value_of(joint.mimic.joint) + joint.mimic.offset
             elif joint.limit is not None and joint.kind != "continuous":

@@ -25,13 +25,12 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.progress import steps_to
 from precision_pin.base.quantity_arguments import check_quantities
-from precision_pin.base.units import LENGTH
+from precision_pin.base.units import LENGTH, Quantity
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.configurations import joint_quantity
 from precision_pin.robot.inverse_kinematics import Branches, Task, inverse_kinematics
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.postures import alignment
-from precision_pin.robot.urdf import Joint
 
 _DECIMALS: Final = 9
 """Of values in names, mm and degrees."""
@@ -62,7 +61,7 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
     missing = [name for name in chain.joint_names if name not in values]
     if missing:
         raise InputError(f"no values for the joints {', '.join(missing)}; a joint that is held has one value")
-    rows = [_row(joint, values[joint.name]) for joint in chain.joints]
+    rows = [_row(joint.name, values[joint.name], joint_quantity(joint)) for joint in chain.joints]
     check_grid_size([len(row) for row in rows])
     q = np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
     return PoseSet.at(chain, chain.configurations.many(q), _names(chain, rows, q))
@@ -79,9 +78,8 @@ def check_grid_size(counts: list[int]) -> None:
         )
 
 
-def _row(joint: Joint, values: ArrayLike) -> Array:
-    name = joint.name
-    row = np.atleast_1d(check_quantities(f"values of {name}", values, joint_quantity(joint)))
+def _row(name: str, given: ArrayLike, quantity: Quantity) -> Array:
+    row = np.atleast_1d(check_quantities(f"values of {name}", given, quantity))
     if row.ndim != 1 or not row.size:
         raise InputError(f"values of {name}: expected one or several numbers, got the shape {row.shape}")
     return row
@@ -218,7 +216,7 @@ def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
     InputError
         No values, or numbers that are not finite.
     """
-    rows = [_values(name, given) for name, given in (("x", x), ("y", y), ("z", z))]
+    rows = [_row(name, given, LENGTH) for name, given in (("x", x), ("y", y), ("z", z))]
     check_grid_size([len(row) for row in rows])
     return np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
 
@@ -252,7 +250,7 @@ def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLi
         units.append(direction / size)
     if abs(float((units[0] * units[1]).sum())) > 1e-6:
         raise InputError("the directions u and v of the plane are not at right angles")
-    rows = [_values("u", along_u), _values("v", along_v)]
+    rows = [_row("u", along_u, LENGTH), _row("v", along_v, LENGTH)]
     check_grid_size([len(row) for row in rows])
     first, second = (axis.ravel() for axis in np.meshgrid(*rows, indexing="ij"))
     return point[:, None] + units[0][:, None] * first + units[1][:, None] * second
@@ -301,14 +299,19 @@ def place_grid(
     points = points[:, None] if points.ndim == 1 else points
     if points.ndim != 2 or len(points) != 3 or not points.size:
         raise InputError(f"the places have the shape {points.shape}, expected (3,) or (3, N) with at least one place")
-    listed = [orientations] if isinstance(orientations, Orientation) else orientations
-    kinds = list(check_items("orientations", listed, Orientation))
-    if not kinds:
-        raise InputError("no orientations; give at least one, such as Orientation.free()")
+    kinds = check_orientations(orientations)
     total = count_wanted(points.shape[1], kinds)
     with steps_to(progress, total, "poses") as step:
         sets = [_at_orientation(chain, points, kind, len(kinds) > 1, branches, reference, step) for kind in kinds]
     return _place_by_place(sets, [len(kind.rotations) for kind in kinds])
+
+
+def check_orientations(given: Orientation | Sequence[Orientation]) -> tuple[Orientation, ...]:
+    """Return orientations, given one or several."""
+    kinds = check_items("orientations", [given] if isinstance(given, Orientation) else given, Orientation)
+    if not kinds:
+        raise InputError("no orientations; give at least one, such as Orientation.free()")
+    return kinds
 
 
 def count_wanted(places: int, orientations: Sequence[Orientation]) -> int:
@@ -360,10 +363,3 @@ def _place_by_place(sets: Sequence[PoseSet], angles: Sequence[int]) -> PoseSet:
 def _place_names(points: Array) -> list[str]:
     millimetres = points.T * 1e3 + 0.0
     return [" ".join(f"{value:.6g}" for value in place) + " mm" for place in millimetres]
-
-
-def _values(name: str, given: ArrayLike) -> Array:
-    row = np.atleast_1d(check_quantities(f"values of {name}", given, LENGTH))
-    if row.ndim != 1 or not row.size:
-        raise InputError(f"values of {name}: expected one or several numbers, got the shape {row.shape}")
-    return row

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, final
+from typing import Final, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,7 @@ def alignment(axis: Array) -> Array:
     return se3.exp_rotation(normal / sine * np.arctan2(sine, axis[2]))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class ChainConstants:
+class ChainConstants(NamedTuple):
     """Constants of a chain for the compiled loops, the same at every configuration.
 
     Attributes
@@ -180,20 +178,10 @@ class Postures:
         from precision_pin.base.jit import call
         from precision_pin.robot import posture_loops
 
-        constants = self._constants
-        arguments = (
-            *posture_loops.allocate_scratch(self.q.shape[0]),
-            _within_reach(self.q, constants.slides),
-            constants.slides,
-            constants.slanted,
-            constants.aligned,
-            constants.turns,
-            constants.arms,
-            constants.masses,
-            constants.moments,
-            constants.gravity,
-            *(result.reshape(-1) for result in (poses, jacobian, torque, wrench)),
-        )
+        _, slides, *constants = self._constants
+        q = _within_reach(self.q, slides)
+        results = (result.reshape(-1) for result in (poses, jacobian, torque, wrench))
+        arguments = (*posture_loops.allocate_scratch(len(q)), q, slides, *constants, *results)
         call(posture_loops.run, arguments)
 
 
