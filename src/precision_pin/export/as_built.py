@@ -68,18 +68,10 @@ class BuiltUnit:
 @final
 @dataclass(frozen=True, eq=False)
 class AsBuilt:
-    """Writes robots of an error model as URDF.
+    """Writes robots of an error model as URDF, at an export pose.
 
-    Attributes
-    ----------
-    at
-        The model at the export pose.
-    original
-        The robot's own text.
-    base, tip
-        The links between which a written robot has the unit's errors: the chain's, or frames that are added.
-    frozen
-        Labels of the sources whose displacements hold at the export pose only.
+    ``base`` and ``tip`` are the links between which a written robot has the unit's errors: the chain's, or frames that are
+    added. ``frozen`` are the labels of the sources whose displacements hold at the export pose only.
     """
 
     at: PoseModel
@@ -98,21 +90,9 @@ class AsBuilt:
         *,
         sheet: str = "",
     ) -> AsBuilt:
-        """Return the writer of a model's units.
+        """Return the writer of a model's units at a pose, as `ErrorModel.configuration` takes it; ``sheet`` names the sheet.
 
-        Parameters
-        ----------
-        model
-            Its robot's file is read again.
-        q
-            The export pose, as in :meth:`precision_pin.model.error_model.ErrorModel.configuration`.
-        sheet
-            What to call the sheet in the files.
-
-        Raises
-        ------
-        InputError
-            The robot's file cannot be read, or is not the one that the model was made from.
+        `InputError` where the robot's file cannot be read, or is not the one that the model was made from.
         """
         at = model.at(q)
         chain = at.posture.chain
@@ -134,19 +114,7 @@ class AsBuilt:
     def units(self, seed: int, first: int, count: int) -> Iterator[BuiltUnit]:
         """Yield units in order: those that `monte_carlo` samples at one pose, with its pose 0 and visit 0.
 
-        Parameters
-        ----------
-        seed
-            64-bit seed.
-        first, count
-            Which units.
-
-        Raises
-        ------
-        InputError
-            A seed or unit out of range, or an error that turns a place by half a turn or more.
-        InternalError
-            A written robot, read again, is not where the exact model puts it.
+        `InternalError` where a written robot, read again, is not where the exact model puts it.
         """
         table = self.at.table
         for start in range(first, first + count, BLOCK):
@@ -159,13 +127,7 @@ class AsBuilt:
                 yield BuiltUnit(start + k, errors[:, k], text)
 
     def fitted(self, x: Array) -> bytes:
-        """Return the text of the robot with component values ``(d,)``, such as those of a calibration.
-
-        Raises
-        ------
-        InternalError
-            The written robot, read again, is not where the exact model puts it.
-        """
+        """Return the text of the robot with component values ``(d,)``, such as those of a calibration."""
         table = self.at.table
         moved = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
         text = self._written(moved, "calibrated")
@@ -205,21 +167,11 @@ class AsBuilt:
 @final
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A constant factor on the way from base to tip.
+    """A constant factor on the way from base to tip, ``(4, 4)`` as the file has it.
 
-    Attributes
-    ----------
-    name
-        The joint whose origin it is; where it is ``added``, the link that gets a frame; empty where nothing in the file
-        can change it.
-    written
-        The origin as the file has it, ``(4, 4)``.
-    backwards
-        Whether the way goes from child to parent, so that the factor is the inverse of what is written.
-    end
-        The frame it leads to, in the chain link's axes, ``(4, 4)``.
-    added
-        Whether it is a frame that is not in the file yet.
+    ``name`` is the joint whose origin it is; where it is ``added``, not in the file yet, the link that gets a frame; empty
+    where nothing in the file can change it. ``backwards``: the way goes from child to parent, so that the factor is the
+    inverse of what is written. ``end`` is the frame it leads to, in the chain link's axes.
     """
 
     name: str

@@ -44,6 +44,22 @@ _MEDIUM_OF_THE_LONGEST: Final = 2.0
 _SMALLEST_TILT: Final = 1e-3
 
 
+Lines = list[str]
+ANGLE_OFFSET: Final = "0.02 deg"
+SLIDE_OFFSET: Final = "0.05 mm"
+SEAT_RADIUS: Final = "0.02 mm"
+COMPLIANCE_SPREAD: Final = 0.2
+RIGIDITY_SPREAD: Final = 0.1
+_ALUMINIUM: Final = (70e9, 26e9)
+"""Moduli of elasticity and of shear, Pa."""
+_MARK: Final = f"{ASSUMED}: true"
+_MANY: Final = 12
+_WIDTH: Final = 110
+_PLAIN: Final = re.compile(r"(?:\.{0,2}/)?[A-Za-z_][A-Za-z0-9_./-]*")
+_PLAIN_EXAMPLE: Final = re.compile(r"example:[A-Za-z0-9_][A-Za-z0-9_.-]*")
+_WORDS: Final = frozenset(("true", "false", "yes", "no", "on", "off", "y", "n", "null"))
+
+
 def general_tolerance(length: float) -> tuple[float, str]:
     """Return the permissible deviation ± (m) of a length (m) and its class, ISO 2768-1, table 1.
 
@@ -70,22 +86,12 @@ def round_125(value: float) -> float:
 @final
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Figures of a chain from trial poses.
+    """Figures of a chain from T trial poses ``(T, n)`` within the limits.
 
-    Attributes
-    ----------
-    chain
-        The chain.
-    trials
-        Poses within the limits, ``(T, n)``, in ``units``.
-    units
-        Of each joint's values: deg or m; rad where a joint's limits coincide, so that its value equals them exactly.
-    start, far
-        The trial that is best conditioned and, of the others, the one whose tip is farthest from the first joint.
-    loads
-        Largest torque or force of the weights on every joint, ``(n,)``, N·m or N.
-    loadable
-        Whether a weight beyond the joint can turn or slide it in some pose, ``(n,)``.
+    ``units`` are those of each joint's values: deg or m; rad where a joint's limits coincide, so that its value equals them
+    exactly. ``start`` is the trial that is best conditioned, ``far``, of the others, the one whose tip is farthest from the
+    first joint. ``loads`` are the largest torque or force of the weights on every joint, N·m or N; ``loadable``: whether a
+    weight beyond the joint can turn or slide it in some pose.
     """
 
     chain: Chain
@@ -170,45 +176,13 @@ def _decimals(half: float) -> int:
     return max(0, math.ceil(-math.log10(half / 4)))
 
 
-Lines = list[str]
-
-ANGLE_OFFSET: Final = "0.02 deg"
-SLIDE_OFFSET: Final = "0.05 mm"
-SEAT_RADIUS: Final = "0.02 mm"
-COMPLIANCE_SPREAD: Final = 0.2
-RIGIDITY_SPREAD: Final = 0.1
-
-_ALUMINIUM: Final = (70e9, 26e9)
-"""Moduli of elasticity and of shear, Pa."""
-
-_MARK: Final = f"{ASSUMED}: true"
-_MANY: Final = 12
-_WIDTH: Final = 110
-_PLAIN: Final = re.compile(r"(?:\.{0,2}/)?[A-Za-z_][A-Za-z0-9_./-]*")
-_PLAIN_EXAMPLE: Final = re.compile(r"example:[A-Za-z0-9_][A-Za-z0-9_.-]*")
-_WORDS: Final = frozenset(("true", "false", "yes", "no", "on", "off", "y", "n", "null"))
-
-
 def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = None) -> str:
     """Return the text of a commented sheet for a chain; it loads and runs unedited.
 
     The same chain gives the same text. All tolerances are assumptions, marked so, each with its reason: joint offsets of
     a strain wave gear's accuracy, axes seated to ISO 286-1 grade IT6, lengths to ISO 2768-1 class fine, joints that
-    give 0.2 mrad (0.02 mm where they slide) under the largest weight they meet.
-
-    Parameters
-    ----------
-    chain
-        The arm; its tip, base, gravity and locked joints go into the sheet, payloads do not.
-    robot_text
-        The value of ``robot:``, a path relative to the sheet or ``example:NAME``.
-    pose
-        Joint values of the first pose, ``(n,)``, rad and m; a well-conditioned one within the limits if left out.
-
-    Raises
-    ------
-    InputError
-        A pose of the wrong size or not finite.
+    give 0.2 mrad (0.02 mm where they slide) under the largest weight they meet. ``robot_text`` is the value of ``robot:``;
+    the chain's payloads are left out. ``pose``: the first pose; a well-conditioned one within the limits if left out.
     """
     survey = Survey.of(chain)
     start = None if pose is None else chain.configuration(pose)

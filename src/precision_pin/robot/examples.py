@@ -42,11 +42,7 @@ def example_urdfs() -> dict[str, Path]:
 def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     """Return the path of a robot: a path relative to ``folder``, or ``example:NAME``.
 
-    Raises
-    ------
-    InputError
-        The text is empty, example-robot-data is not installed or has no such robot, or the file is missing and the message
-        suggests another one.
+    `InputError` for a robot that is not there; the message suggests another one.
     """
     if not text.strip():
         raise InputError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])

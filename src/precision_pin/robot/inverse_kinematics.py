@@ -50,6 +50,10 @@ _STALLS: Final = 5
 """A start is given up where so many steps in a row lower the square of the residual by less than this share."""
 
 
+Branches = Literal["nearest", "best", "all"]
+"""Which of several solutions."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class SolutionSearch:
@@ -288,10 +292,6 @@ def _solve_damped(matrix: Array, gradient: Array, damping: Array) -> Array:
     for i in reversed(range(count)):
         step[i] = (step[i] - (factor[i + 1 :, i] * step[i + 1 :]).sum(axis=0)) / factor[i, i]
     return step
-
-
-Branches = Literal["nearest", "best", "all"]
-"""Which of several solutions."""
 
 
 @final

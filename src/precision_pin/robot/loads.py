@@ -21,26 +21,23 @@ Factors = tuple[Expression, ...]
 """Parameters whose product multiplies a number; none for a constant."""
 
 
+Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]]]
+"""A load in the base: the origin of its frame, and for each of its moments factors, mass and first moment in base axes.
+
+The numbers are Python floats, which are faster than arrays for sums of three numbers, or arrays over P postures.
+"""
+_NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Load:
     """A weight on the chain.
 
-    Attributes
-    ----------
-    link
-        Chain link that carries it.
-    frame
-        The frame of its moments, in the chain link's axes, ``(4, 4)``.
-    attachment
-        The point of the chain link at which it acts, in the chain link's axes, ``(3,)``.
-    along
-        True for the weight of the link's own body, which is spread evenly along the link.
-    moments
-        Mass (kg) and first moment (kg·m) ``(4,)`` with the parameters that multiply them; these add.
-    stretch
-        Ends of the part of the link that it is the weight of, ``(2, 3)``, in the chain link's axes. ``None``: the whole
-        link for a weight ``along`` it; for any other weight a point.
+    Carried by chain link ``link``; ``frame`` ``(4, 4)``, that of its moments, ``attachment`` ``(3,)``, where it acts, and
+    ``stretch`` ``(2, 3)`` are in the link's axes. ``along``: the weight of the link's own body, spread evenly along it.
+    ``moments``: mass (kg) and first moment (kg·m) ``(4,)`` with the parameters that multiply them; these add. ``stretch``: ends
+    of the part of the link that it is the weight of; ``None``: the whole link for a weight ``along`` it, a point for any other.
     """
 
     link: int
@@ -64,14 +61,9 @@ class Load:
 @final
 @dataclass(frozen=True, eq=False)
 class Deflection:
-    """The state of a chain under load.
+    """A chain under load: links and their far ends, ``(n+1, 4, 4)``, base.
 
-    Attributes
-    ----------
-    links, ends
-        Chain links and their far ends, ``(n+1, 4, 4)``, base.
-    bending
-        Displacement of each chain link's far end by the loads, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
+    ``bending`` is the displacement of each far end by the loads, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
     """
 
     links: Array
@@ -93,14 +85,6 @@ def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]
         entry = where.entry(link.inertial.com)
         loads.append(Load(where.link, where.frame, entry, where.is_own, ((moments, ()),), where.stretch))
     return tuple(loads)
-
-
-Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]]]
-"""A load in the base: the origin of its frame, and for each of its moments factors, mass and first moment in base axes.
-
-The numbers are Python floats, which are faster than arrays for sums of three numbers, or arrays over P postures.
-"""
-_NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 
 
 def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:

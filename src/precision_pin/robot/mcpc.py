@@ -37,6 +37,20 @@ Y_AXIS = (0.0, 1.0, 0.0)
 Z_AXIS = (0.0, 0.0, 1.0)
 
 
+RIGID = 1e-9
+"""Largest deviation of a given displacement from a rigid motion."""
+PARALLEL = 1e-9
+"""Axes closer than this (rad) count as parallel when a joint offset is chosen."""
+COINCIDENT = 1e-9
+"""Parallel axes closer than this (m) count as coincident when a joint offset is chosen."""
+NEARLY_SINGULAR = 0.1
+"""Smallest |cos β_0| at which the base frame is not turned."""
+TIE = 1e-12
+"""Offsets this close (rad) to -π/2 become +π/2, so that rounding does not change their sign."""
+SAME_CHAIN = 1e-9
+"""Largest difference (m, rad) between a chain's placements and those of its MCPC parameters."""
+
+
 @final
 @dataclass(frozen=True)
 class McpcRow:
@@ -397,10 +411,6 @@ def _shift(direction: Array) -> Array:
     return np.concatenate([direction, np.zeros(3)])
 
 
-RIGID = 1e-9
-"""Largest deviation of a given displacement from a rigid motion."""
-
-
 def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["complete", "offsets"] = "complete") -> Array:
     """Return the parameter errors ΔΩ ``(5n+6,)`` that move the tip as the given displacements do.
 
@@ -512,18 +522,6 @@ def _nearest_tilt(direction: Array, alpha: float, beta: float) -> tuple[float, f
         (first, second),
         key=lambda pair: abs(math.remainder(pair[0] - alpha, math.tau)) + abs(math.remainder(pair[1] - beta, math.tau)),
     )
-
-
-PARALLEL = 1e-9
-"""Axes closer than this (rad) count as parallel when a joint offset is chosen."""
-COINCIDENT = 1e-9
-"""Parallel axes closer than this (m) count as coincident when a joint offset is chosen."""
-NEARLY_SINGULAR = 0.1
-"""Smallest |cos β_0| at which the base frame is not turned."""
-TIE = 1e-12
-"""Offsets this close (rad) to -π/2 become +π/2, so that rounding does not change their sign."""
-SAME_CHAIN = 1e-9
-"""Largest difference (m, rad) between a chain's placements and those of its MCPC parameters."""
 
 
 class JointChain(Protocol):

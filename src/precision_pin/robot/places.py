@@ -28,18 +28,8 @@ class Place:
     """A point of the chain where a small rigid displacement ``E = Trans(d)·Exp(δ)`` is inserted.
 
     Two places are the same if link, order and name are. Contributions to one place add; the displacements of different
-    places multiply in the order of ``(link, order)``.
-
-    Attributes
-    ----------
-    link
-        Chain link that carries it.
-    order
-        Position among the link's places: its start, frames along it, then custom ones, the end, the seat.
-    name
-        Name for messages and reports.
-    frame
-        Its pose in the chain link's axes, ``(4, 4)``.
+    places multiply in the order of ``(link, order)``: a link's start, frames along it, custom places, its end, the seat.
+    ``frame`` is its pose in the chain link's axes, ``(4, 4)``.
     """
 
     link: int
@@ -100,26 +90,14 @@ class Place:
 @final
 @dataclass(frozen=True, eq=False)
 class LinkFrame:
-    """Position of a URDF link on the chain.
+    """Position of a URDF link on the chain; branches and locked joints belong to the chain link that carries them.
 
-    Attributes
-    ----------
-    link
-        Chain link it belongs to; branches and locked joints included.
-    frame
-        Its pose in the chain link's axes, ``(4, 4)``.
-    path_rank
-        Its position among the URDF links on the path from base to tip within the chain link; ``None`` for a branch.
-    attachment
-        For a branch: position on the path of the joint that holds it, in the chain link's axes, ``(3,)``; for a link on
-        the path its own origin. The position of a joint is its frame in the file, whatever the base is.
-    stretch
-        For a link on the path: the ends of its part of the path, ``(2, 3)``, in the chain link's axes: from joint to
-        joint, extended over the links without mass that it carries. ``None`` for a branch.
-    is_own
-        True for the chain link's own body: of the links on the path, the one nearest to the file's root, which is the
-        child of the joint that moves it. If that one has no mass, the next one with mass whose frame is at the same
-        point.
+    ``frame`` ``(4, 4)``, ``attachment`` ``(3,)`` and ``stretch`` ``(2, 3)`` are in the chain link's axes. ``path_rank`` is its
+    position among the URDF links on the path within the chain link; ``None`` for a branch. ``attachment``: for a branch the
+    position on the path of the joint that holds it (its frame in the file, whatever the base is), else its own origin.
+    ``stretch``: the ends of its part of the path, from joint to joint, extended over the links without mass that it carries.
+    ``is_own`` is true for the chain link's own body: of the links on the path, the one nearest to the file's root, which is
+    the child of the joint that moves it; if that one has no mass, the next one with mass whose frame is at the same point.
     """
 
     link: int

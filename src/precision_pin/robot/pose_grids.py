@@ -38,6 +38,10 @@ MOST_POSES: Final = 2**20 - 1
 """The most poses of a grid: draws of pose scope can be made at no more."""
 
 
+MOST_ANGLES: Final = 3600
+Z: Final = (0.0, 0.0, 1.0)
+
+
 def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
     """Return every combination of joint values; the last joint's change fastest.
 
@@ -101,10 +105,6 @@ def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
 def _written(value: float) -> str:
     # a grid may reach zero up to a last digit
     return f"{round(float(value), _DECIMALS) + 0.0:.6g}"
-
-
-MOST_ANGLES: Final = 3600
-Z: Final = (0.0, 0.0, 1.0)
 
 
 @final

@@ -33,22 +33,9 @@ def alignment(axis: Array) -> Array:
 
 
 class ChainConstants(NamedTuple):
-    """Constants of a chain for the compiled loops, the same at every configuration.
+    """Constants of a chain for the compiled loops: the arguments of `posture_loops.run`, and the joints' unit axes.
 
-    Attributes
-    ----------
-    axes
-        Unit axis of each joint in its own frame, ``(n, 3)``.
-    slides, slanted
-        Masks of the prismatic joints, and of those with another axis than z, ``(n,)``.
-    aligned
-        ``(n + 1, 3, 3)`` from axes whose z is the joint's axis to those of its frame; the identity for the tip.
-    turns, arms
-        ``(n + 1, 3, 3)`` and ``(n + 1, 3)``: the placements between these aligned frames.
-    masses, moments
-        ``(n,)`` kg and ``(n, 3)`` kg·m: mass and first moment of the chain link after each joint, in its aligned frame.
-    gravity
-        Base axes, m/s², ``(3,)``.
+    The axes are in each joint's own frame, ``(n, 3)``; the other shapes are given there.
     """
 
     axes: Array

@@ -15,6 +15,9 @@ MOST_FINDINGS = 1000
 MOST_NAMES = 6
 
 
+_CODES: Final = {"missing": "E_FILE_MISSING", "kind": "E_FILE_KIND", "size": "E_TOO_BIG"}
+
+
 def hint(name: str, valid: Collection[str]) -> str:
     """Return ``"; did you mean …?"``, or an empty text if the search would be slow or pointless."""
     if not valid or len(valid) > 500 or len(name) > 100 or any(len(candidate) > 100 for candidate in valid):
@@ -72,9 +75,6 @@ class Findings:
 
 def _severity(code: str) -> Literal["error", "warning"]:
     return "error" if code.startswith("E_") else "warning"
-
-
-_CODES: Final = {"missing": "E_FILE_MISSING", "kind": "E_FILE_KIND", "size": "E_TOO_BIG"}
 
 
 def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_bytes: int) -> bytes | None:

@@ -40,6 +40,10 @@ _FARTHEST: Final = 1e30
 """Coordinate beyond which extents and squares of a mesh may overflow in single or double precision."""
 
 
+SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
+LONGEST_NAME = 4096
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class MeshFile:
@@ -282,10 +286,6 @@ MESH_KINDS: Final[Mapping[str, Callable[[bytes, Companion], None]]] = {
     ".dae": check_collada,
     ".ply": _check_ply,
 }
-
-
-SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
-LONGEST_NAME = 4096
 
 
 def locate_mesh(filename: str, folder: Path, package_dirs: Sequence[Path] = ()) -> Path | None:
