@@ -1,4 +1,12 @@
-"""Inverse kinematics: all joint values found that bring the tip of a chain to wanted poses, for any serial chain."""
+"""Inverse kinematics: all joint values found that bring the tip of a chain to wanted poses, for any serial chain.
+
+Every wanted pose (node) is solved on its own by damped least squares (Levenberg-Marquardt), all nodes and starts together.
+The starts of a node are those postures of a fixed list whose tip is nearest to it. So the solutions of a node do not depend
+on the other nodes or on their order, and nothing is random.
+
+Residuals are in lengths of the chain and radians; prismatic joints move in lengths of the chain. The normal equations are
+solved by loops over their entries, on arrays over nodes and starts, without BLAS: its rounding depends on the machine.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +56,6 @@ _LONGEST_STEP: Final = 1.0
 _STALLED: Final = 1e-3
 _STALLS: Final = 5
 """A start is given up where so many steps in a row lower the square of the residual by less than this share."""
-
 
 Branches = Literal["nearest", "best", "all"]
 """Which of several solutions."""

@@ -1,4 +1,4 @@
-"""Wrenches of weights on a point of a chain, by the parameters that multiply them."""
+"""The weights on a chain, its state under load, and the wrenches of weights by the parameters that multiply them."""
 
 from __future__ import annotations
 

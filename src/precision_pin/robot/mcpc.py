@@ -13,6 +13,11 @@ Conventions
 - ``V_i = Rot(x, α_i)·Rot(y, β_i)·Trans(x_i, y_i, 0)`` for i < n (eq 1);
   ``V_n = Rot(x, α_n)·Rot(y, β_n)·Rot(z, γ_n)·Trans(x_n, y_n, z_n)`` (eq 2).
 
+Erratum. The paper writes ``ΔΩ_k = J_k⁻¹ D_k`` (eqs 20, 22). The matrix of one link is 6x5 and has no inverse, at
+α = ±90° it even loses rank, and a pseudo-inverse gives results that depend on the unit of length. Four parameters cannot
+represent six numbers: the remainder, a motion along and about the next joint's axis, commutes with that joint and is
+passed to the next link.
+
 Sign choices: α in (-π, π], β in [-π/2, π/2] (0 after every joint of an extracted model), joint offset in
 (-π/2, π/2], γ in (-π, π].
 """
@@ -35,7 +40,6 @@ from precision_pin.render.notebook import Table, rendered
 X_AXIS = (1.0, 0.0, 0.0)
 Y_AXIS = (0.0, 1.0, 0.0)
 Z_AXIS = (0.0, 0.0, 1.0)
-
 
 RIGID = 1e-9
 """Largest deviation of a given displacement from a rigid motion."""

@@ -1,4 +1,4 @@
-"""Grid over places: points of a box or a plane, reached by inverse kinematics with given orientations of the tool."""
+"""Grids over joint values, and over places that are reached by inverse kinematics with given orientations of the tool."""
 
 from __future__ import annotations
 

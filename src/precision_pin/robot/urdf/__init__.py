@@ -9,35 +9,28 @@ from precision_pin.robot.urdf.reader import check, parse, read
 from precision_pin.robot.urdf.robot import (
     Box,
     Cylinder,
-    Geometry,
     Inertial,
     Joint,
-    JointKind,
     Limit,
     Limits,
     Link,
     Mesh,
-    Mimic,
     Robot,
     Shape,
     Sphere,
     Vector,
 )
-from precision_pin.robot.urdf.transforms import UNLIMITED, canonical, rerooted, rpy_of, snapped
+from precision_pin.robot.urdf.transforms import canonical, rerooted, rpy_of, snapped
 
 __all__ = [
-    "UNLIMITED",
     "Box",
     "Cylinder",
-    "Geometry",
     "Inertial",
     "Joint",
-    "JointKind",
     "Limit",
     "Limits",
     "Link",
     "Mesh",
-    "Mimic",
     "Robot",
     "Shape",
     "Sphere",

@@ -1,4 +1,7 @@
-"""Location of the mesh files of a URDF, and the check that they may be opened."""
+"""Mesh files of a URDF: located, read within limits, and checked before any mesh library reads them.
+
+Mesh loaders are known to crash on broken files, or to open any file that a mesh names, so no loader is called here.
+"""
 
 from __future__ import annotations
 
