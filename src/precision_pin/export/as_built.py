@@ -38,9 +38,10 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.places import ORDER_FRAME, Place
-from precision_pin.robot.urdf import Joint, Limits, Robot, Vector, parse, rpy_of
+from precision_pin.robot.urdf import Joint, Limits, Robot, parse, rpy_of
 from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
 from precision_pin.robot.urdf.findings import Findings, read_regular_file
+from precision_pin.robot.urdf.transforms import to_vector
 from precision_pin.terms.term import JointValue
 
 BLOCK: Final = 1000
@@ -140,7 +141,7 @@ class AsBuilt:
         added: list[AddedFrame] = []
         for fold in self._folds:
             before, after = fold.step.written, fold.step.displaced(fold.insertion(moved))
-            xyz, rpy = _vector(after[:3, 3]), rpy_of(after[:3, :3])
+            xyz, rpy = to_vector(after[:3, 3]), rpy_of(after[:3, :3])
             if fold.step.added:
                 name = self.base if fold.step.backwards else self.tip
                 added.append(AddedFrame(name, f"{name}_joint", fold.step.name, xyz, rpy))
@@ -327,11 +328,6 @@ def _values(joints: Sequence[Joint], values: Sequence[float] | Array) -> str:
         f"{joint.name} = {float(value)!r} {'m' if joint.kind == 'prismatic' else 'rad'}"
         for joint, value in zip(joints, values, strict=True)
     )
-
-
-def _vector(values: Array) -> Vector:
-    x, y, z = map(float, values)
-    return (x, y, z)
 
 
 def _free(name: str, taken: set[str]) -> str:

@@ -304,23 +304,12 @@ def _solve_damped(matrix: Array, gradient: Array, damping: Array) -> Array:
 @final
 @dataclass(frozen=True, eq=False)
 class Solutions:
-    """Joint values that lead to N wanted poses.
+    """Joint values that lead to N wanted poses ``(4, 4, N)``, M solutions within the joint limits in all.
 
-    Attributes
-    ----------
-    wanted
-        The wanted poses, ``(4, 4, N)``.
-    q
-        Joint values of all M solutions within the joint limits, wanted pose by wanted pose, rad and m, ``(n, M)``.
-    node
-        Rank of the wanted pose to which each leads, ``(M,)``.
-    branch
-        Number of the solution among those of its wanted pose from 0, the nearest to the reference posture first, ``(M,)``.
-    singular_values
-        Smallest singular value of the scaled Jacobian at each, ``(M,)``; see
-        :func:`precision_pin.robot.pose_set.smallest_singular_values`.
-    is_outside
-        True for each wanted pose that has solutions outside the joint limits only, ``(N,)``.
+    ``q`` ``(n, M)`` is in the order of the wanted poses, rad and m; ``node`` ``(M,)`` is the rank of the pose to which each
+    leads, ``branch`` ``(M,)`` its number among the solutions of that pose, the nearest to the reference posture 0.
+    ``singular_values`` ``(M,)`` are the smallest of the scaled Jacobian, see
+    :func:`precision_pin.robot.pose_set.smallest_singular_values`. ``is_outside`` ``(N,)``: has solutions outside the limits only.
     """
 
     wanted: Array

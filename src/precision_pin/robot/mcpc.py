@@ -60,22 +60,9 @@ SAME_CHAIN = 1e-9
 class McpcRow:
     """One row of the parameter table, in the form of the paper's Table 1.
 
-    Attributes
-    ----------
-    link
-        Number i of the chain link, 0..n; the row describes ``T_i``.
-    joint
-        Name of the joint before this link; None for link 0.
-    prismatic
-        True if that joint is prismatic.
-    turn
-        Constant turn about z before α (rad): the base turn for link 0, θ_off,i after joint i.
-    shift
-        Constant shift along z before α (m): zero unless a prismatic joint has an error.
-    alpha, beta, x, y
-        The four parameters (rad, rad, m, m).
-    gamma, z
-        The two further ones of the last link (rad, m); None elsewhere.
+    Row ``link`` i, 0..n, describes ``T_i``; ``joint`` is the one before this link, None for link 0. ``turn`` is the constant
+    turn about z before α (rad): the base turn for link 0, θ_off,i after joint i; ``shift`` that along z (m), zero unless a
+    prismatic joint has an error. α, β in rad, x, y in m; γ (rad) and z (m) of the last link, None elsewhere.
     """
 
     link: int
@@ -225,13 +212,7 @@ class Mcpc:
         return axial_motion(turn + value, shift)
 
     def forward_kinematics(self, q: ArrayLike) -> Array:
-        """Return the tip's pose ``(4, 4)`` in the base link at joint values ``(n,)`` (eq 3).
-
-        Raises
-        ------
-        InputError
-            ``q`` is not n finite numbers.
-        """
+        """Return the tip's pose ``(4, 4)`` in the base link at joint values ``(n,)`` (eq 3)."""
         values = self._joint_values(q)
         return se3.compose(se3.pose(se3.rotation_about(Z_AXIS, self.base_turn), np.zeros(3)), *self._links(values))
 
@@ -281,11 +262,6 @@ class Mcpc:
         """Return J_E ``(6, 5n+6)``: parameter errors to the tip's ``[d; δ]`` in tip axes (eq 16).
 
         Columns as in `parameter_names`. There is no θ_0. A column of a prismatic joint is d_i.
-
-        Raises
-        ------
-        InputError
-            ``q`` is not n finite numbers.
         """
         result = np.zeros((6, 5 * self.joint_count + 6))
         for link, matrix in enumerate(self.propagation(q)):
@@ -297,11 +273,6 @@ class Mcpc:
 
         ``J_I = T_s J_E`` with ``T_s = blockdiag(R, R)``, R the tip's rotation. (Not the adjoint of T, which
         would refer d to the base's origin.)
-
-        Raises
-        ------
-        InputError
-            ``q`` is not n finite numbers.
         """
         rotation = self.forward_kinematics(q)[:3, :3]
         in_tip = self.jacobian(q)
@@ -312,11 +283,6 @@ class Mcpc:
 
         Δθ goes to the joint offset, Δd to the joint shift. ``frame_in_link`` does not change: each link keeps its own
         axes relative to the MCPC frame at its joint (see `to_placements`).
-
-        Raises
-        ------
-        InputError
-            There are not 5n+6 finite numbers.
         """
         n = self.joint_count
         errors = self.checked_errors(parameter_errors)
@@ -480,11 +446,6 @@ def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
     Inserted after ``V_i`` they give the tip of ``mcpc.perturbed(parameter_errors)`` at every q, exactly;
     the bodies between need not lie where the original sources put them. `parameter_errors` in chart
     ``"offsets"`` gives the same errors back.
-
-    Raises
-    ------
-    InputError
-        There are not 5n+6 finite numbers.
     """
     n = check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain returns it").joint_count
     errors = mcpc.checked_errors(parameter_errors)

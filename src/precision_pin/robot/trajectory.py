@@ -58,20 +58,9 @@ def joint_columns(names: Iterable[str], slides: Iterable[bool]) -> list[Column]:
 @final
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Poses in order.
+    """Poses in order: joint values in chain order ``(P, n)``, rad or m, and times ``(P,)``, s, if the file has them.
 
-    Attributes
-    ----------
-    chain
-        The arm.
-    values
-        Joint values in chain order, ``(P, n)``, rad or m.
-    times
-        ``(P,)`` s; ``None`` where the file has none.
-    rows
-        Row of the file of each pose, from 1, ``(P,)``; between two rows a fraction.
-    columns
-        The columns of the file, in its order.
+    ``rows`` are the rows of the file, from 1, ``(P,)``; between two rows a fraction. ``columns`` are in the file's order.
     """
 
     chain: Chain

@@ -116,7 +116,7 @@ def rerooted(robot: Robot, base: str) -> Robot:
             joints.append(joint)
             continue
         back = se3.inverse(joint.origin)
-        xyz, rpy, turned = _vector(back[:3, 3]), rpy_of(back[:3, :3]), not joint.reversed
+        xyz, rpy, turned = to_vector(back[:3, 3]), rpy_of(back[:3, :3]), not joint.reversed
         if not joint.moves:
             joints.append(replace(joint, parent=joint.child, child=joint.parent, xyz=xyz, rpy=rpy, reversed=turned))
             continue
@@ -145,7 +145,8 @@ def rpy_of(rotation: ArrayLike) -> Vector:
     return (roll, pitch, yaw)
 
 
-def _vector(values: ArrayLike) -> Vector:
+def to_vector(values: ArrayLike) -> Vector:
+    """Return three numbers as a vector of Python floats."""
     x, y, z = (float(value) for value in np.asarray(values))
     return (x, y, z)
 
