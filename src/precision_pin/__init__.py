@@ -60,14 +60,14 @@ if TYPE_CHECKING:
     from precision_pin.robot.chain import Chain as Chain
     from precision_pin.robot.chain import Posture as Posture
     from precision_pin.robot.inverse_kinematics import inverse_kinematics as inverse_kinematics
-    from precision_pin.robot.pose_sources.joint_grid import joint_grid as joint_grid
-    from precision_pin.robot.pose_sources.orientation import Orientation as Orientation
-    from precision_pin.robot.pose_sources.place_grid import box_places as box_places
-    from precision_pin.robot.pose_sources.place_grid import place_grid as place_grid
-    from precision_pin.robot.pose_sources.place_grid import plane_places as plane_places
-    from precision_pin.robot.pose_sources.random_poses import random_poses as random_poses
-    from precision_pin.robot.pose_sources.trajectory import read_trajectory as read_trajectory
+    from precision_pin.robot.pose_grids import Orientation as Orientation
+    from precision_pin.robot.pose_grids import box_places as box_places
+    from precision_pin.robot.pose_grids import joint_grid as joint_grid
+    from precision_pin.robot.pose_grids import place_grid as place_grid
+    from precision_pin.robot.pose_grids import plane_places as plane_places
     from precision_pin.robot.postures import Postures as Postures
+    from precision_pin.robot.random_poses import random_poses as random_poses
+    from precision_pin.robot.trajectory import read_trajectory as read_trajectory
     from precision_pin.sampling import monte_carlo as monte_carlo
     from precision_pin.sampling.approaches import sample_approaches as sample_approaches
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
@@ -96,7 +96,7 @@ _HOMES: Final = {
     "Measurement": "sheet.measurement",
     "MonteCarloResult": "sampling.result",
     "Normal": "draws.laws",
-    "Orientation": "robot.pose_sources.orientation",
+    "Orientation": "robot.pose_grids",
     "Posture": "robot.chain",
     "PosesResult": "sampling.poses_result",
     "Postures": "robot.postures",
@@ -111,7 +111,7 @@ _HOMES: Final = {
     "TwoPoint": "draws.laws",
     "Uniform": "draws.laws",
     "allocate": "analyses.allocation.allocate",
-    "box_places": "robot.pose_sources.place_grid",
+    "box_places": "robot.pose_grids",
     "budget": "analyses.budget.budget",
     "calibrate": "analyses.calibration.calibrate",
     "compare": "analyses.compare.compare",
@@ -121,7 +121,7 @@ _HOMES: Final = {
     "forecast_calibration": "analyses.calibration.forecast",
     "identifiability": "analyses.calibration.identifiability",
     "inverse_kinematics": "robot.inverse_kinematics",
-    "joint_grid": "robot.pose_sources.joint_grid",
+    "joint_grid": "robot.pose_grids",
     "map_poses": "analyses.map.map_poses",
     "iso9283": "analyses.iso9283.forecast",
     "iso9283_distance": "analyses.iso9283.cycles",
@@ -129,14 +129,14 @@ _HOMES: Final = {
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
     "path_law": "analyses.path.path_law",
-    "place_grid": "robot.pose_sources.place_grid",
+    "place_grid": "robot.pose_grids",
     "plan_calibration": "analyses.calibration.plan",
-    "plane_places": "robot.pose_sources.place_grid",
+    "plane_places": "robot.pose_grids",
     "population": "analyses.calibration.population",
     "pose_covariance": "analyses.map.first_order",
     "progress": "base.progress",
-    "random_poses": "robot.pose_sources.random_poses",
-    "read_trajectory": "robot.pose_sources.trajectory",
+    "random_poses": "robot.random_poses",
+    "read_trajectory": "robot.trajectory",
     "relative": "sampling.relative",
     "reliability": "analyses.reliability.reliability",
     "sample_approaches": "sampling.approaches",

@@ -14,7 +14,7 @@ from precision_pin.render import result_io as stored
 from precision_pin.render.result_io import JsonResult
 from precision_pin.robot import urdf
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.robot.pose_sources.trajectory import read_trajectory
+from precision_pin.robot.trajectory import read_trajectory
 
 
 def make_odd_files(folder):

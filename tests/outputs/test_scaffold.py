@@ -16,8 +16,7 @@ from ruamel.yaml import YAML
 
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets
-from precision_pin.export.scaffold import quoted, scaffold
-from precision_pin.export.starting_tolerances import Survey, general_tolerance, round_125
+from precision_pin.export.scaffold import Survey, general_tolerance, quoted, round_125, scaffold
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, resolve_robot

@@ -17,7 +17,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import live
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.robot.pose_sources.trajectory import read_trajectory
+from precision_pin.robot.trajectory import read_trajectory
 
 HEADER = "joint1,joint2,joint3,joint4"
 

@@ -1,16 +1,19 @@
-"""Grids of poses: order and names by hand, places and directions by forward kinematics, branches of a UR5 by its closed form."""
+"""Poses: grids and sets by hand and by forward kinematics, the direction of approach, branches of the inverse."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.base.errors import InputError
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.robot.approach import approaches_along, read_approach, written_approach
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import example_urdfs
+from precision_pin.robot.pose_set import NO_BRANCH, PoseSet, smallest_singular_values
 from support.plain_robot import chain_of, joint, link, robot
 from support.ur5 import ur5_branches, ur5_pose
 
@@ -142,7 +145,7 @@ def test_a_random_design_lies_evenly_over_joints_or_places(monkeypatch):
     assert np.abs((joints.q**2).mean(axis=1) - 1 / 3).max() < 4 * math.sqrt(4 / 45 / 2000)
     assert np.abs(np.corrcoef(joints.q) - np.eye(4)).max() < 4 / math.sqrt(2000)
     # the same for a seed, the smaller design at the begin of the larger, however many are drawn together
-    monkeypatch.setattr("precision_pin.robot.pose_sources.random_poses._MOST", 48)
+    monkeypatch.setattr("precision_pin.robot.random_poses._MOST", 48)
     np.testing.assert_array_equal(pp.random_poses(arm, 100, seed=3).q, joints.q[:, :100])
     assert (pp.random_poses(arm, 100, seed=4).q != joints.q[:, :100]).all()
     kinds = [pp.Orientation.along((0, 0, 1), 8), pp.Orientation.given((0, 0, 2.5))]
@@ -186,3 +189,130 @@ def test_wrong_grids_are_refused(make, message):
     with pytest.raises(InputError, match=message) as caught:
         make(gantry())
     assert "\n" not in str(caught.value)
+
+
+def arm(*, millimetres: bool = False):
+    """Return a planar arm with two links of half a metre, or the same arm a thousand times as large."""
+    half = 500.0 if millimetres else 0.5
+    return chain_of(
+        robot(
+            link("base"), link("upper"), link("lower"), link("tool"),
+            joint("shoulder", "revolute", "base", "upper", extra='<limit lower="-1" upper="1" effort="1" velocity="1"/>'),
+            joint("elbow", "revolute", "upper", "lower", (half, 0, 0)),
+            joint("flange", "fixed", "lower", "tool", (half, 0, 0)),
+        )
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("millimetres", [False, True])
+def test_smallest_singular_value_by_hand(millimetres):
+    # straight: levers 1 and 1/2 of the length, so Jᵀ J = [[2, 3/2], [3/2, 5/4]]; the size of the arm does not matter
+    found = smallest_singular_values(arm(millimetres=millimetres), np.zeros((2, 1)))
+    assert found == pytest.approx([math.sqrt((3.25 - math.sqrt(3.25**2 - 4 * 0.25)) / 2)], rel=1e-12)
+
+
+def test_two_coaxial_joints_are_singular():
+    wrist = chain_of(
+        robot(
+            link("base"), link("one"), link("two"), link("tool"),
+            joint("roll", "revolute", "base", "one"),
+            joint("twist", "revolute", "one", "two", (0, 0, 0.5)),
+            joint("flange", "fixed", "two", "tool", (0.2, 0, 0.5)),
+        )
+    )  # fmt: skip
+    assert PoseSet.at(wrist, np.array([[0.3], [0.2]])).status == ("singular",)
+
+
+def test_statuses_positions_and_selection():
+    q = np.array([[0.0, 1.5, 0.5], [0.0, 0.0, math.pi / 2]])
+    poses = PoseSet.at(arm(), q, ("home", "", "bent"), times=np.array([0.0, 1.0, 2.0]))
+    assert poses.status == ("reached", "limit", "reached")
+    assert poses.labels == ["home", "pose 2", "bent"]
+    assert (poses.branch == NO_BRANCH).all()
+    assert poses.position[:, 0] == pytest.approx([1, 0, 0])
+    assert poses.position[:, 2] == pytest.approx(
+        [0.5 * (math.cos(0.5) - math.sin(0.5)), 0.5 * (math.sin(0.5) + math.cos(0.5)), 0]
+    )
+    chosen = poses.of(np.array([True, False, True]))
+    assert chosen.names == ("home", "bent")
+    assert chosen.times == pytest.approx([0, 2])
+    np.testing.assert_array_equal(chosen.q, q[:, [0, 2]])
+    assert chosen.known.all()
+
+
+def test_wrong_sets_are_refused():
+    poses = PoseSet.at(arm(), np.zeros((2, 2)))
+    with pytest.raises(InputError, match="no poses; give at least one"):
+        poses.of(np.array([False, False]))
+    with pytest.raises(InputError, match="have 1, 2 poses, expected one number"):
+        PoseSet(poses.q, ("one",), poses.status, poses.branch, poses.position)
+
+
+JOINTS = ("base", "upper arm", "wrist")
+
+
+@pytest.mark.parametrize(
+    "approach",
+    [
+        "base +, wrist -",
+        " wrist - ,upper arm 0,  base +1",
+        {"wrist": "-", "base": "+"},
+        {"wrist": -1, "base": 1.0, "upper arm": 0},
+        ["+", "0", "-"],
+        (1, 0, -1),
+        np.array([1, 0, -1], dtype=np.int8),
+        np.array([1.0, 0.0, -1.0]),
+        np.array(["+", "0", "-"]),
+    ],
+)
+def test_every_way_to_write_one(approach: Any) -> None:
+    found = read_approach(JOINTS, approach)
+    assert found == (1, 0, -1)
+    assert all(type(sign) is int for sign in found)
+    assert written_approach(JOINTS, found) == {"base": "+", "wrist": "-"}
+
+
+@pytest.mark.parametrize("approach", [(), [], {}])
+def test_none(approach: Any) -> None:
+    assert not any(read_approach(JOINTS, approach))
+
+
+@pytest.mark.parametrize(
+    ("approach", "message"),
+    [
+        ("wrst +", "no joint on the chain named 'wrst'; did you mean 'wrist'"),
+        ({"elbow": "+"}, "no joint on the chain named 'elbow'"),
+        ("wrist up", r"the approach of wrist must be \+, - or 0, got 'up'"),
+        ("wrist", "'wrist' is no approach; write a joint and"),
+        ("base +, base -", "the approach of the joint 'base' is given twice"),
+        ({"base": 2}, "got 2"),
+        ({"base": True}, "got True"),
+        ({"base": None}, "got None"),
+        ({"base": float("nan")}, "got nan"),
+        ([1, -1], "2 directions of approach for 3 joints; expected base, upper arm, wrist"),
+        (1, "an approach is"),
+        (None, "an approach is"),
+    ],
+)
+def test_a_wrong_one_is_told_in_a_line(approach: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        read_approach(JOINTS, approach)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_joint_is_an_unknown_name() -> None:
+    with pytest.raises(UnknownNameError):
+        read_approach(JOINTS, {"elbow": "+"})
+
+
+def test_from_the_poses_before() -> None:
+    q = np.array(
+        [
+            [0.0, 0.1, 0.1, 0.1, -0.2],
+            [1.0, 1.0, 1.0, 0.5, 0.5],
+            [0.3, 0.3 + 1e-14, 0.3, 0.3, 0.3],
+        ]
+    )
+    # a joint that rests keeps the direction of its last motion; before the first it is not known
+    assert approaches_along(q).tolist() == [[0, 1, 1, 1, -1], [0, 0, 0, -1, -1], [0, 0, 0, 0, 0]]
+    assert approaches_along(q[:, :1]).tolist() == [[0], [0], [0]]

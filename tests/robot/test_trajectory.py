@@ -70,7 +70,7 @@ def test_poses_between_the_rows_by_hand(tmp_path, chain):
 
 
 def test_many_plain_rows_are_those_of_the_file_and_their_reading_is_in_view(tmp_path, chain, monkeypatch):
-    monkeypatch.setattr("precision_pin.robot.pose_sources.trajectory._AT_ONCE", 7)
+    monkeypatch.setattr("precision_pin.robot.trajectory._AT_ONCE", 7)
     monkeypatch.setattr("precision_pin.robot.pose_set._AT_ONCE", 6)
     values = np.random.default_rng(3).uniform(-1, 1, (20, 2))
     lines = ["t [ms],swing [old], rail [cm]", *(f"{k}, {a!r} ,{b!r}\r" for k, (a, b) in enumerate(values.tolist())), ""]
@@ -101,7 +101,7 @@ def test_many_plain_rows_are_those_of_the_file_and_their_reading_is_in_view(tmp_
 )
 def test_a_wrong_row_far_down_is_named_by_its_line(tmp_path, chain, monkeypatch, rows, message):
     """Rows are read seven lines at a time."""
-    monkeypatch.setattr("precision_pin.robot.pose_sources.trajectory._AT_ONCE", 7)
+    monkeypatch.setattr("precision_pin.robot.trajectory._AT_ONCE", 7)
     text = {0: "t,swing [old],rail", **{k: f"{k},0,0" for k in range(1, 21)}, **rows}
     with pytest.raises(InputError, match=message):
         way(tmp_path, chain, "\n".join(text.values()), most=20)

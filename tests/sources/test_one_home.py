@@ -18,12 +18,11 @@ ABOVE = ("sheet", "model", "export", "kernel", "sampling", "analyses", "pages", 
 HOMES = (
     "sources/",
     "export/scaffold.py",
-    "export/starting_tolerances.py",
     "model/frame_models.py",
     "sheet/measurement.py",
     "sheet/measurement.py",
 )
-"""Where kinds of sources may be named: the last four are models made of them, and the load of a measurement, a payload."""
+"""Where kinds of sources may be named: the others are models made of them, and the load of a measurement, a payload."""
 CODE = {path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
 OUTSIDE = [name for name in CODE if name.startswith(ABOVE) and not name.startswith(HOMES)]
 KINDS = catalogue()

@@ -355,7 +355,7 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int, measurement: Me
     from precision_pin.analyses.calibration.contact import contact_poses, seen_poses
     from precision_pin.base.arguments import check_whole
     from precision_pin.robot.pose_set import PoseSet
-    from precision_pin.robot.pose_sources.random_poses import random_poses
+    from precision_pin.robot.random_poses import random_poses
 
     if _gives_poses(options):
         asked = read_poses(sheet, options, _MOST)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.compensation.compensation_result import CompensationResult
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.robot.pose_set import PoseSet
-    from precision_pin.robot.pose_sources.trajectory import Column
+    from precision_pin.robot.trajectory import Column
     from precision_pin.sheet import Sheet
 
 

@@ -33,8 +33,7 @@ def command(
     as it is: precision-pin analyze SHEET.
     """
     from precision_pin.export.scaffold import scaffold
-    from precision_pin.robot.chain import Chain
-    from precision_pin.robot.chain_findings import chain_findings
+    from precision_pin.robot.chain import Chain, chain_findings
     from precision_pin.robot.examples import PREFIX, example_urdfs, resolve_robot, shipped_sheet, starting_sheet
     from precision_pin.robot.urdf import read
 

@@ -29,8 +29,7 @@ def command(as_json: bool, **arm: Unpack[ChainOptions]) -> None:
     """
     from precision_pin.analyses.monte_carlo.table import mcpc_table
     from precision_pin.robot import mcpc, urdf
-    from precision_pin.robot.chain import Chain
-    from precision_pin.robot.chain_findings import chain_findings
+    from precision_pin.robot.chain import Chain, chain_findings
 
     found = find_inputs(arm["inputs"], sheet_needed=False)
     if found.sheet is not None:

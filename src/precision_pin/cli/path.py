@@ -195,7 +195,7 @@ def read_path(sheet: Sheet, file: str) -> PoseSet:
     InputError
         A wrong file.
     """
-    from precision_pin.robot.pose_sources.trajectory import read_trajectory
+    from precision_pin.robot.trajectory import read_trajectory
 
     is_grid = Path(file).suffix in (".yaml", ".yml")
     return read_grid(sheet, file) if is_grid else read_trajectory(file, sheet.chain, MOST_ROWS).poses

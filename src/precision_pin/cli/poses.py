@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from precision_pin.robot.approach import ApproachedPose
     from precision_pin.robot.pose_set import PoseSet
-    from precision_pin.robot.pose_sources.trajectory import Trajectory
+    from precision_pin.robot.trajectory import Trajectory
     from precision_pin.sheet import Sheet
 
 MOST_ROWS: Final = 2**20 - 1
@@ -223,7 +223,7 @@ def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROW
         A wrong file or step, or more than ``most`` poses.
     """
     from precision_pin.base import units
-    from precision_pin.robot.pose_sources.trajectory import read_trajectory
+    from precision_pin.robot.trajectory import read_trajectory
 
     size = os.path.getsize(file) if os.path.isfile(file) else 0
     with progress_bar(size, "reading", "B", 0 if size > _LARGE else 0.7) as progress:

@@ -38,10 +38,10 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.places import ORDER_FRAME, Place
-from precision_pin.robot.urdf import Joint, Limits, Robot, Vector, parse, rpy_of
+from precision_pin.robot.urdf import Joint, Limits, Robot, parse, rpy_of
 from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
-from precision_pin.robot.urdf.files import read_regular_file
-from precision_pin.robot.urdf.findings import Findings
+from precision_pin.robot.urdf.findings import Findings, read_regular_file
+from precision_pin.robot.urdf.transforms import to_vector
 from precision_pin.terms.term import JointValue
 
 BLOCK: Final = 1000
@@ -54,17 +54,7 @@ WIDTH: Final = 110
 @final
 @dataclass(frozen=True, eq=False)
 class BuiltUnit:
-    """One robot as it may be built.
-
-    Attributes
-    ----------
-    unit
-        Its number.
-    error
-        Its pose error at the export pose, ``[d; δ]`` in base axes, m and rad, ``(6,)``.
-    text
-        The URDF.
-    """
+    """One robot as it may be built: its number, its error at the export pose (``[d; δ]``, base axes, m and rad), its URDF."""
 
     unit: int
     error: Array
@@ -79,18 +69,10 @@ class BuiltUnit:
 @final
 @dataclass(frozen=True, eq=False)
 class AsBuilt:
-    """Writes robots of an error model as URDF.
+    """Writes robots of an error model as URDF, at an export pose.
 
-    Attributes
-    ----------
-    at
-        The model at the export pose.
-    original
-        The robot's own text.
-    base, tip
-        The links between which a written robot has the unit's errors: the chain's, or frames that are added.
-    frozen
-        Labels of the sources whose displacements hold at the export pose only.
+    ``base`` and ``tip`` are the links between which a written robot has the unit's errors: the chain's, or frames that are
+    added. ``frozen`` are the labels of the sources whose displacements hold at the export pose only.
     """
 
     at: PoseModel
@@ -109,21 +91,9 @@ class AsBuilt:
         *,
         sheet: str = "",
     ) -> AsBuilt:
-        """Return the writer of a model's units.
+        """Return the writer of a model's units at a pose, as `ErrorModel.configuration` takes it; ``sheet`` names the sheet.
 
-        Parameters
-        ----------
-        model
-            Its robot's file is read again.
-        q
-            The export pose, as in :meth:`precision_pin.model.error_model.ErrorModel.configuration`.
-        sheet
-            What to call the sheet in the files.
-
-        Raises
-        ------
-        InputError
-            The robot's file cannot be read, or is not the one that the model was made from.
+        `InputError` where the robot's file cannot be read, or is not the one that the model was made from.
         """
         at = model.at(q)
         chain = at.posture.chain
@@ -145,19 +115,7 @@ class AsBuilt:
     def units(self, seed: int, first: int, count: int) -> Iterator[BuiltUnit]:
         """Yield units in order: those that `monte_carlo` samples at one pose, with its pose 0 and visit 0.
 
-        Parameters
-        ----------
-        seed
-            64-bit seed.
-        first, count
-            Which units.
-
-        Raises
-        ------
-        InputError
-            A seed or unit out of range, or an error that turns a place by half a turn or more.
-        InternalError
-            A written robot, read again, is not where the exact model puts it.
+        `InternalError` where a written robot, read again, is not where the exact model puts it.
         """
         table = self.at.table
         for start in range(first, first + count, BLOCK):
@@ -170,13 +128,7 @@ class AsBuilt:
                 yield BuiltUnit(start + k, errors[:, k], text)
 
     def fitted(self, x: Array) -> bytes:
-        """Return the text of the robot with component values ``(d,)``, such as those of a calibration.
-
-        Raises
-        ------
-        InternalError
-            The written robot, read again, is not where the exact model puts it.
-        """
+        """Return the text of the robot with component values ``(d,)``, such as those of a calibration."""
         table = self.at.table
         moved = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
         text = self._written(moved, "calibrated")
@@ -189,7 +141,7 @@ class AsBuilt:
         added: list[AddedFrame] = []
         for fold in self._folds:
             before, after = fold.step.written, fold.step.displaced(fold.insertion(moved))
-            xyz, rpy = _vector(after[:3, 3]), rpy_of(after[:3, :3])
+            xyz, rpy = to_vector(after[:3, 3]), rpy_of(after[:3, :3])
             if fold.step.added:
                 name = self.base if fold.step.backwards else self.tip
                 added.append(AddedFrame(name, f"{name}_joint", fold.step.name, xyz, rpy))
@@ -216,21 +168,11 @@ class AsBuilt:
 @final
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A constant factor on the way from base to tip.
+    """A constant factor on the way from base to tip, ``(4, 4)`` as the file has it.
 
-    Attributes
-    ----------
-    name
-        The joint whose origin it is; where it is ``added``, the link that gets a frame; empty where nothing in the file
-        can change it.
-    written
-        The origin as the file has it, ``(4, 4)``.
-    backwards
-        Whether the way goes from child to parent, so that the factor is the inverse of what is written.
-    end
-        The frame it leads to, in the chain link's axes, ``(4, 4)``.
-    added
-        Whether it is a frame that is not in the file yet.
+    ``name`` is the joint whose origin it is; where it is ``added``, not in the file yet, the link that gets a frame; empty
+    where nothing in the file can change it. ``backwards``: the way goes from child to parent, so that the factor is the
+    inverse of what is written. ``end`` is the frame it leads to, in the chain link's axes.
     """
 
     name: str
@@ -248,15 +190,9 @@ class _Step:
 @final
 @dataclass(frozen=True, eq=False)
 class _Fold:
-    """The displacements that one step takes in.
+    """The displacements that one step takes in: rows of the term table's targets in chain order.
 
-    Attributes
-    ----------
-    step
-        Which.
-    places
-        Rows of the term table's targets in chain order, and each one's frame in that of the step's end, ``(4, 4)``, or
-        None where they are the same.
+    With each its frame in that of the step's end, ``(4, 4)``, or None where they are the same.
     """
 
     step: _Step
@@ -392,11 +328,6 @@ def _values(joints: Sequence[Joint], values: Sequence[float] | Array) -> str:
         f"{joint.name} = {float(value)!r} {'m' if joint.kind == 'prismatic' else 'rad'}"
         for joint, value in zip(joints, values, strict=True)
     )
-
-
-def _vector(values: Array) -> Vector:
-    x, y, z = map(float, values)
-    return (x, y, z)
 
 
 def _free(name: str, taken: set[str]) -> str:

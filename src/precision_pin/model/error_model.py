@@ -31,8 +31,7 @@ from precision_pin.model.pose_model import PoseModel, joint_value, origins_of_nu
 from precision_pin.model.statics_findings import statics_findings
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
-from precision_pin.robot.chain import Chain, Posture
-from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.robot.chain import Chain, Posture, limit_findings
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.sheet.provenance import MEASURED

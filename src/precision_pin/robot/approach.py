@@ -52,22 +52,7 @@ class ApproachedPose:
 
 
 def read_approach(joints: Sequence[str], approach: object) -> Approach:
-    """Return the approach of one pose, given as for :class:`ApproachedPose`.
-
-    Parameters
-    ----------
-    joints
-        Names of the joints in chain order.
-    approach
-        The directions.
-
-    Raises
-    ------
-    UnknownNameError
-        No such joint on the chain.
-    InputError
-        A direction is none of +, - and 0; a joint is named twice; there are not as many as joints.
-    """
+    """Return the approach of one pose, given as for :class:`ApproachedPose`; ``joints`` are the names in chain order."""
     if isinstance(approach, str):
         approach = _by_joint(approach)
     if isinstance(approach, Mapping):
@@ -87,19 +72,7 @@ def read_approach(joints: Sequence[str], approach: object) -> Approach:
 def read_approaches(poses: object, q: Array, approach: Callable[[Any], Approach]) -> NDArray[np.int8] | None:
     """Return the approach of each of P poses, ``(n, P)``; ``None`` if none has one.
 
-    Parameters
-    ----------
-    poses
-        The poses, as a list of poses or otherwise. An :class:`ApproachedPose` of many poses holds for each of them.
-    q
-        Their joint values, ``(n, P)``.
-    approach
-        Function that returns the approach of a named or approached pose.
-
-    Raises
-    ------
-    InputError
-        Wrong directions.
+    ``approach`` returns that of a named or approached pose. An :class:`ApproachedPose` of many poses holds for each of them.
     """
     whole = isinstance(poses, ApproachedPose)
     listed = poses if isinstance(poses, list | tuple) else [poses]

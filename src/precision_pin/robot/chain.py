@@ -1,4 +1,4 @@
-"""A base-to-tip chain of a URDF tree, and the chain at one configuration.
+"""A base-to-tip chain of a URDF tree, the chain at one configuration, and the warnings about it.
 
 *Chain link* i = 0…n is the rigid part between joint i and joint i+1 (1-based joints; 0 is the base side, n carries
 the tip). Its axes are those of joint i's URDF frame after its motion, for link 0 those of the base link. Arrays over
@@ -7,66 +7,109 @@ joints are 0-based: ``axes[0]`` belongs to joint 1.
 
 from __future__ import annotations
 
+import math
 import os
+import re
+import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import (
     check_instance,
     check_mapping,
+    check_name,
     check_number,
+    check_numbers,
     check_path,
+    check_text,
+    check_whole,
 )
-from precision_pin.base.array_checks import read_only, returns_read_only
+from precision_pin.base.array_checks import fix_fields, read_only, returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.quantity_arguments import check_quantities, check_quantity
+from precision_pin.base.text_escape import shown
 from precision_pin.base.units import ACCELERATION, LENGTH, MASS
-from precision_pin.render.notebook import rendered
-from precision_pin.robot import statics
+from precision_pin.render.notebook import Table, rendered
 from precision_pin.robot.approach import Approach
-from precision_pin.robot.chain_geometry import ChainGeometry, cut_chain
 from precision_pin.robot.configurations import Configurations
-from precision_pin.robot.joint_table import joint_table, spaced
-from precision_pin.robot.loads import Deflection, Factors, Load, own_loads
-from precision_pin.robot.pinocchio_model import PinocchioModel
-from precision_pin.robot.places import (
-    Place,
+from precision_pin.robot.loads import (
+    Deflection,
+    Factors,
+    Load,
+    Weight,
+    own_loads,
+    torque_on,
+    weigh,
+    wrench_basis,
+    wrench_on,
 )
-from precision_pin.robot.postures import ChainConstants, Postures
-from precision_pin.robot.urdf import Robot, read
+from precision_pin.robot.pinocchio_model import PinocchioModel
+from precision_pin.robot.places import LinkFrame, Place, link_frames, locked_values
+from precision_pin.robot.postures import ChainConstants, Postures, alignment
+from precision_pin.robot.urdf import Joint, Robot, read, rerooted
 
+FARTHEST_TARGET: Final = 1000.0
+"""Largest coordinate of a target in the tip's axes, m."""
 EARTH: Final = (0.0, 0.0, -9.81)
 """Default gravity, base axes, m/s²."""
-
 _NAMED: Final = 8
+_ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
+"""Begin of a warning about a link or joint, and of each entry of a warning that lists several."""
+_OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
+"""Warnings about a mass or a length, which matter off the path too: the weight of any link loads the arm."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Chain(ChainGeometry):
+class Chain:
     """The moving joints and rigid links between a base and a tip.
 
     Attributes
     ----------
-    robot, base, tip, joints, locked, placements, link_frames, target
-        As in :class:`precision_pin.robot.chain_geometry.ChainGeometry`.
+    robot
+        The mechanism, rooted at the base.
+    base, tip
+        Link names.
+    joints
+        The chain's n joints, base to tip.
+    locked
+        Value of every other joint that can move.
+    placements
+        ``(n+1, 4, 4)``: from joint i's frame after its motion (base for i = 0) to joint i+1's origin frame before it
+        turns (the tip for i = n).
+    link_frames
+        Position of every URDF link on the chain.
+    target
+        The point that results are about, in the tip's axes, m, ``(3,)``; zero for the tip itself. It carries nothing.
     gravity
         Gravity in base axes, m/s², ``(3,)``.
     loads
         The weights of the URDF's links, and payloads.
     """
 
+    robot: Robot
+    base: str
+    tip: str
+    joints: tuple[Joint, ...]
+    locked: Mapping[str, float]
+    placements: Array
+    link_frames: Mapping[str, LinkFrame]
+    target: Array
     gravity: Array
     loads: tuple[Load, ...]
     pinocchio: PinocchioModel = field(repr=False)
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @classmethod
     def from_urdf(
@@ -122,19 +165,40 @@ class Chain(ChainGeometry):
                 name: check_number(f"the value at which {name!r} is locked", value)
                 for name, value in check_mapping("locked joints", locked).items()
             }
-        cut = cut_chain(robot, tip, base, locked)
+        if base is not None:
+            robot.link(check_text("the name of the base link", base))
+        if tip is None:
+            if len(robot.leaves) != 1:
+                raise InputError(
+                    f"{robot.file} has {len(robot.leaves)} leaves; name one as the tip: {', '.join(sorted(robot.leaves))} "
+                    "(--tip, or tip: in a sheet)"
+                )
+            tip = robot.leaves[0]
+        robot.link(check_text("the name of the tip link", tip))
+        rooted = rerooted(robot, base) if base is not None and base != robot.root else robot
+        way = rooted.path(rooted.root, tip)
+        joints = tuple(joint for joint in way if joint.kind != "fixed" and joint.name not in (locked or {}))
+        if not joints:
+            raise InputError(f"no joint moves between {rooted.root!r} and {tip!r}; choose another base or tip")
+        for joint in joints:
+            if joint.mimic is not None:
+                raise InputError(
+                    f"the joint {joint.name!r} on the chain mimics {joint.mimic.joint!r}; lock it at a value"
+                )
+        locked_at = locked_values(rooted, joints, locked or {})
+        frames, placements = link_frames(rooted, tip, joints, locked_at)
         return cls(
-            robot=cut.robot,
-            base=cut.base,
-            tip=cut.tip,
-            joints=cut.joints,
-            locked=cut.locked,
-            placements=cut.placements,
-            link_frames=cut.link_frames,
-            target=cut.target,
+            robot=rooted,
+            base=rooted.root,
+            tip=tip,
+            joints=joints,
+            locked=locked_at,
+            placements=placements,
+            link_frames=frames,
+            target=np.zeros(3),
             gravity=down,
-            loads=own_loads(cut.robot, cut.link_frames),
-            pinocchio=PinocchioModel.load(cut.robot, cut.joint_names, cut.locked, tuple(down)),
+            loads=own_loads(rooted, frames),
+            pinocchio=PinocchioModel.load(rooted, [joint.name for joint in joints], locked_at, tuple(down)),
         )
 
     @cached_property
@@ -231,6 +295,126 @@ class Chain(ChainGeometry):
                 *([f"locked (rad, m): {still}"] if still else []),
             ],
         )
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the n joints, base to tip."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def tip_label(self) -> str:
+        """Name of the tip, with the target where one is given."""
+        if not self.target.any():
+            return self.tip
+        return f"{self.tip} + {' '.join(f'{value:.6g}' for value in self.target * 1e3)} mm"
+
+    @cached_property
+    @returns_read_only
+    def target_placement(self) -> Array:
+        """From the last joint's frame after its motion to the target, with the tip's axes, ``(4, 4)``."""
+        placement: Array = self.placements[-1].copy()
+        if self.target.any():
+            # einsum, as the rounding of a matrix product depends on the machine
+            placement[:3, 3] += np.einsum("ij,j->i", placement[:3, :3], self.target)
+        return placement
+
+    @cached_property
+    @returns_read_only
+    def axes(self) -> Array:
+        """Unit axis of each joint in its own frame, ``(n, 3)``."""
+        return np.array([joint.axis for joint in self.joints])
+
+    @cached_property
+    @returns_read_only
+    def prismatic(self) -> NDArray[np.bool_]:
+        """True for each prismatic joint, ``(n,)``."""
+        return np.array([joint.kind == "prismatic" for joint in self.joints])
+
+    @cached_property
+    @returns_read_only
+    def reversed_joints(self) -> NDArray[np.bool_]:
+        """True for each joint that the chain passes against the file, because the base is beyond it, ``(n,)``."""
+        return np.array([joint.reversed for joint in self.joints])
+
+    @cached_property
+    @returns_read_only
+    def written_axes(self) -> Array:
+        """Unit axis of each joint in its own frame as in the file, ``(n, 3)``; opposite to :attr:`axes` if reversed."""
+        return np.array([joint.written_axis for joint in self.joints])
+
+    def with_target(self, point: ArrayLike) -> Chain:
+        """Return the chain with another point that results are about, in the tip's axes, m; places and loads stay.
+
+        Raises
+        ------
+        InputError
+            Not three finite numbers, or farther than 1000 m from the tip.
+        """
+        target = check_numbers("the target", point, (3,), "three finite numbers, m in the tip's axes")
+        if not np.abs(target).max() <= FARTHEST_TARGET:
+            raise InputError(f"the target must lie within {FARTHEST_TARGET:,.0f} m of the tip along every axis")
+        return replace(self, target=target)
+
+    def runs_backwards(self, link: int) -> bool:
+        """Return whether a chain link's far end is its end nearer the file's root, at its own joint in the file."""
+        if self._link(link) < len(self.joints):
+            return bool(self.reversed_joints[link])
+        return self.robot.path(self.base, self.tip)[-1].reversed
+
+    def joint_index(self, name: str) -> int:
+        """Return a joint's position, 0-based; `UnknownNameError` if the chain has no such joint."""
+        return self.joint_names.index(check_name("joint on the chain", name, self.joint_names))
+
+    def link_frame(self, name: str) -> LinkFrame:
+        """Return the position of a URDF link on the chain; `UnknownNameError` if the robot has no such link."""
+        return self.link_frames[check_name("link", name, self.link_frames)]
+
+    def end(self, link: int) -> Place:
+        """Return the place at the far end of chain link 0…n: joint i+1's origin frame before its motion, or the tip."""
+        return self._places[self._link(link)][0]
+
+    def seat(self, link: int) -> Place:
+        """Return the place of the next joint's seat, after the link's end and in the same frame."""
+        return self._places[self._link(link)][1]
+
+    def frame_place(self, name: str) -> Place:
+        """Return the place at a URDF link's frame on the path from base to tip; the tip's is the last link's end.
+
+        `InputError` for a link on a branch: moving it does not move the tip.
+        """
+        where = self.link_frame(name)
+        if where.path_rank is None:
+            raise InputError(
+                f"{name!r} is not on the path from {self.base!r} to {self.tip!r}: moving it does not move the tip"
+            )
+        if name == self.tip:
+            return self.end(where.link)
+        return Place.along(where.link, where.path_rank, name, where.frame)
+
+    def axis_alignment(self, joint: int) -> Array:
+        """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x."""
+        return self._written_alignments[self.joint_number(joint)]
+
+    def joint_number(self, joint: int) -> int:
+        """Return a joint's position, 0-based, after a check that there is such a joint."""
+        return check_whole("the number of a joint on the chain", joint, 0, len(self.joints) - 1)
+
+    def _link(self, link: int) -> int:
+        return check_whole("the number of a link of the chain", link, 0, len(self.joints))
+
+    @cached_property
+    def _places(self) -> tuple[tuple[Place, Place], ...]:
+        """End and seat of every chain link."""
+        far = enumerate(zip((*self.joint_names, self.tip), self.placements, strict=True))
+        return tuple(Place.far_end(link, name, frame) for link, (name, frame) in far)
+
+    @cached_property
+    def _written_alignments(self) -> tuple[Array, ...]:
+        return tuple(read_only(alignment(axis)) for axis in self.written_axes)
+
+    @cached_property
+    def _alignments(self) -> tuple[Array, ...]:
+        return tuple(alignment(axis) for axis in self.axes)
 
     @cached_property
     def _constants(self) -> ChainConstants:
@@ -403,27 +587,14 @@ class Posture:
         return se3.compose(self.link_poses[place.link], place.frame)
 
     def wrench_basis(self, load: Load, point: ArrayLike) -> Array:
-        """Return force and moment about a point per unit of a load's mass and first moments.
-
-        Parameters
-        ----------
-        load
-            The weight.
-        point
-            ``(3,)``, base axes, m.
-
-        Returns
-        -------
-        NDArray
-            ``(6, 4)``; see :func:`precision_pin.robot.statics.wrench_basis`.
-        """
-        return statics.wrench_basis(self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity, point)
+        """Return force and moment about a point ``(3,)`` per unit of a load's mass and first moments, ``(6, 4)``, base axes."""
+        return wrench_basis(self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity, point)
 
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
         """Return the wrench ``(6[, P])`` of loads about a point, base axes, by the parameters that multiply it."""
         known, poses = self._weights, self.loaded_link_poses
-        weights = [known.get(load) or statics.weigh([load], poses)[load] for load in loads]
-        return statics.wrench_on(weights, self.chain.gravity, self.tilts, point)
+        weights = [known.get(load) or weigh([load], poses)[load] for load in loads]
+        return wrench_on(weights, self.chain.gravity, self.tilts, point)
 
     def torque_on(self, joint: int) -> dict[Factors, Any]:
         """Return the torque or force of the loads on a joint (0-based), N·m or N, by the parameters that multiply it.
@@ -435,13 +606,113 @@ class Posture:
         frame = self.loaded_link_poses[joint + 1]
         wrenches = self.wrench_on(beyond, frame[:3, 3])
         axis = se3.turn(frame[:3, :3], self.chain.axes[joint])
-        return statics.torque_on(axis, bool(self.chain.prismatic[joint]), wrenches)
+        return torque_on(axis, bool(self.chain.prismatic[joint]), wrenches)
 
     @cached_property
-    def _weights(self) -> dict[Load, statics.Weight]:
-        return statics.weigh(self.loads, self.loaded_link_poses)
+    def _weights(self) -> dict[Load, Weight]:
+        return weigh(self.loads, self.loaded_link_poses)
 
     @cached_property
     @returns_read_only
     def _statics(self) -> tuple[Array, Array]:
         return self.chain.pinocchio.statics(self.q)
+
+
+def joint_table(joints: Sequence[Joint], placements: Array, tip: str) -> Table:
+    """Return the table of n joints with limits and placements ``(n+1, 4, 4)``, each in the one before, and of the tip."""
+    rows: list[tuple[str, ...]] = [
+        (joint.name, joint.kind, spaced(np.array(joint.axis)), _limits(joint), *_placement(placement))
+        for joint, placement in zip(joints, placements[:-1], strict=True)
+    ]
+    rows.append((tip, "tip", "", "", *_placement(placements[-1])))
+    return Table(("joint", "kind", "axis", "limits", "x y z [mm]", "roll pitch yaw [°]"), rows, words=2)
+
+
+def _limits(joint: Joint) -> str:
+    if joint.limit is None or not np.isfinite((joint.limit.lower, joint.limit.upper)).any():
+        return "none"
+    factor, unit = (1e3, "mm") if joint.kind == "prismatic" else (math.degrees(1), "°")
+    return f"{factor * joint.limit.lower:.6g} to {factor * joint.limit.upper:.6g} {unit}"
+
+
+def _placement(pose: Array) -> tuple[str, str]:
+    """Return a pose's position in mm, and roll, pitch and yaw in degrees; roll is zero where pitch is a right angle."""
+    turn = pose[:3, :3]
+    level = math.hypot(turn[0, 0], turn[1, 0])
+    pitch = math.atan2(-turn[2, 0], level)
+    if level > 1e-9:
+        roll, yaw = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
+    else:
+        roll, yaw = 0.0, math.atan2(-turn[0, 1], turn[1, 1])
+    return spaced(1e3 * pose[:3, 3]), spaced(np.degrees((roll, pitch, yaw)))
+
+
+def spaced(values: Array) -> str:
+    """Return numbers separated by spaces, with six digits."""
+    return " ".join(f"{round(value, 6) + 0.0:.6g}" for value in values.tolist())
+
+
+def chain_findings(chain: Chain) -> tuple[Finding, ...]:
+    """Return the warnings about a chain's URDF, with those about links and joints off the chain in one line.
+
+    The warning about several leaves is left out, since the chain's tip is known.
+    """
+    findings = [finding for finding in chain.robot.findings if finding.code != "W_BRANCHED"]
+    on_path, loads = _names_on_path(chain), _names_of_loads(chain)
+
+    def concerns_chain(finding: Finding) -> bool:
+        subjects = _subjects(finding)
+        return not subjects or bool(subjects & (on_path | loads if finding.code in _OF_A_LOAD else on_path))
+
+    off = [finding for finding in findings if not concerns_chain(finding)]
+    if len(off) < 2:
+        return tuple(findings)
+    file = chain.robot.file
+    counts = Counter(finding.code for finding in off)
+    codes = ", ".join(code if count == 1 else f"{count} {code}" for code, count in sorted(counts.items()))
+    message = (
+        f"{len(off)} warnings about links and joints off the chain ({codes}); "
+        f"precision-pin check {shlex.quote(file)} lists them"
+    )
+    kept = filter(concerns_chain, findings)
+    return (*kept, Finding("warning", "W_OFF_CHAIN", message, file))
+
+
+def _names_on_path(chain: Chain) -> set[str]:
+    """Return the links and joints from base to tip, named as in findings."""
+    way = chain.robot.path(chain.base, chain.tip)
+    links = {chain.base, *(joint.child for joint in way)}
+    return {_name_subject("link", name) for name in links} | {_name_subject("joint", joint.name) for joint in way}
+
+
+def _names_of_loads(chain: Chain) -> set[str]:
+    """Return the links that a joint of the chain moves, and the joints that lead to them, named as in findings."""
+    moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
+    joints = {joint.name for joint in chain.robot.joints if joint.child in moved}
+    return {_name_subject("link", name) for name in moved} | {_name_subject("joint", name) for name in joints}
+
+
+def _name_subject(what: str, name: str) -> str:
+    return f"{what} {shown(name)}"
+
+
+def _subjects(finding: Finding) -> set[str]:
+    """Return the links and joints that a warning is about; none if it is about anything else too."""
+    named = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
+    return {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()
+
+
+def limit_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
+    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the name of the first of them."""
+    outside = chain.configurations.outside(values)
+    poses = np.flatnonzero(outside.any(axis=0))
+    if not poses.size:
+        return ()
+    first = int(poses[0])
+    name = (names[first] if names else "") or f"pose {first + 1}"
+    joint = chain.joints[int(np.flatnonzero(outside[:, first])[0])]
+    message = (
+        f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them {name}, with the joint "
+        f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
+    )
+    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)

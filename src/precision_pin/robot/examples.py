@@ -42,11 +42,7 @@ def example_urdfs() -> dict[str, Path]:
 def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     """Return the path of a robot: a path relative to ``folder``, or ``example:NAME``.
 
-    Raises
-    ------
-    InputError
-        The text is empty, example-robot-data is not installed or has no such robot, or the file is missing and the message
-        suggests another one.
+    `InputError` for a robot that is not there; the message suggests another one.
     """
     if not text.strip():
         raise InputError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
@@ -89,15 +85,7 @@ def _suggest_robot(path: Path) -> str | None:
 
 
 def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
-    """Return the file in the same folder with the name most similar to a missing one; None if there is none.
-
-    Parameters
-    ----------
-    path
-        The missing path.
-    suffixes
-        Suffixes of the files considered.
-    """
+    """Return the file in the same folder, with one of the suffixes, whose name is most similar to a missing one's."""
     stems: dict[str, str] = {}
     with suppress(OSError, ValueError), os.scandir(path.parent) as entries:
         for _, entry in zip(range(MOST_FILES), entries, strict=False):

@@ -1,23 +1,61 @@
-"""Inverse kinematics: all joint values found that bring the tip of a chain to wanted poses, for any serial chain."""
+"""Inverse kinematics: all joint values found that bring the tip of a chain to wanted poses, for any serial chain.
+
+Every wanted pose (node) is solved on its own by damped least squares (Levenberg-Marquardt), all nodes and starts together.
+The starts of a node are those postures of a fixed list whose tip is nearest to it. So the solutions of a node do not depend
+on the other nodes or on their order, and nothing is random.
+
+Residuals are in lengths of the chain and radians; prismatic joints move in lengths of the chain. The normal equations are
+solved by loops over their entries, on arrays over nodes and starts, without BLAS: its rounding depends on the machine.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, final, get_args
+from typing import Final, Literal, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_numbers
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
+from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet, PoseStatus, smallest_singular_values
-from precision_pin.robot.solution_search import CONSTRAINTS, SolutionSearch, Task
+from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet, PoseStatus, chain_length, smallest_singular_values
+
+Task = Literal["pose", "axis", "position"]
+"""What must agree with the wanted pose: position and attitude; position and the direction of the tool axis, whatever the angle
+about it; the position only."""
+
+CONSTRAINTS: Final[dict[Task, int]] = {"pose": 6, "axis": 5, "position": 3}
+
+TOLERANCE: Final = 1e-10
+"""Largest distance (m) and angle (rad) between the tip and the wanted pose; joint values pass their limits by no more."""
+MOST_SOLUTIONS: Final = 16
+"""Most solutions of a node; a chain of six revolute joints has no more, unless infinitely many."""
+SAME: Final = 1e-4
+"""Solutions are one where no joint differs by more, rad or lengths of the chain; at a singularity two meet."""
+
+_LISTED: Final = 4096
+"""Postures from which the starts are chosen."""
+_STARTS: Final = 24
+_ROUNDS: Final = 14
+"""Starts of a node in a round, and rounds at most."""
+_FRUITLESS: Final = 6
+"""Rounds without a new solution after which a node is done."""
+_CHUNK: Final = 4096
+"""Starts that are solved together: their matrices fit into the cache."""
+_STEPS: Final = 80
+_FIRST_DAMPING: Final = 1e-2
+_LONGEST_STEP: Final = 1.0
+_STALLED: Final = 1e-3
+_STALLS: Final = 5
+"""A start is given up where so many steps in a row lower the square of the residual by less than this share."""
 
 Branches = Literal["nearest", "best", "all"]
 """Which of several solutions."""
@@ -25,24 +63,253 @@ Branches = Literal["nearest", "best", "all"]
 
 @final
 @dataclass(frozen=True, eq=False)
-class Solutions:
-    """Joint values that lead to N wanted poses.
+class SolutionSearch:
+    """A task of a chain, with the postures from which solutions are sought."""
 
-    Attributes
-    ----------
-    wanted
-        The wanted poses, ``(4, 4, N)``.
-    q
-        Joint values of all M solutions within the joint limits, wanted pose by wanted pose, rad and m, ``(n, M)``.
-    node
-        Rank of the wanted pose to which each leads, ``(M,)``.
-    branch
-        Number of the solution among those of its wanted pose from 0, the nearest to the reference posture first, ``(M,)``.
-    singular_values
-        Smallest singular value of the scaled Jacobian at each, ``(M,)``; see
-        :func:`precision_pin.robot.pose_set.smallest_singular_values`.
-    is_outside
-        True for each wanted pose that has solutions outside the joint limits only, ``(N,)``.
+    chain: Chain
+    task: Task
+    axis: Array
+    reference: Array
+    units: Array
+    length: float
+    is_redundant: bool
+    low: Array
+    high: Array
+    listed: Array
+    listed_features: Array
+
+    @classmethod
+    def of(cls, chain: Chain, task: Task, axis: Array, reference: Array) -> SolutionSearch:
+        """Return the search for a task; the tool axis has length one, the reference a value for each joint."""
+        length = chain_length(chain)
+        low, high = chain.configurations.limits
+        is_redundant = len(chain.joints) > CONSTRAINTS[task]
+        # a whole turn where limits are checked afterwards or allow it, else what they allow
+        turns = ~chain.prismatic & ((not is_redundant) | ((high - low) >= 2 * np.pi))
+        bottom = np.where(turns, -np.pi, np.where(np.isfinite(low), low, reference - length))
+        top = np.where(turns, np.pi, np.where(np.isfinite(high), high, reference + length))
+        spread = bottom[:, None] + (top - bottom)[:, None] * spread_points(len(chain.joints), _LISTED)
+        listed = np.column_stack([reference, spread])
+        features = _features(chain.at_columns(listed).pose, task, axis, length)
+        units = np.where(chain.prismatic, length, 1.0)
+        return cls(chain, task, axis, reference, units, length, is_redundant, low, high, listed, features)
+
+    def solve(self, wanted: Array, step: Callable[[int], None]) -> list[tuple[Array, bool]]:
+        """Return the solutions of wanted poses ``(4, 4, N)`` within the limits, and whether there are only others.
+
+        For each pose ``(n, S)``, nearest to the reference first. ``step`` takes the number of poses solved since its last call.
+        """
+        result = []
+        nodes = _CHUNK // _STARTS
+        for begin in range(0, wanted.shape[2], nodes):
+            for found in self._solve_chunk(np.ascontiguousarray(wanted[:, :, begin : begin + nodes])):
+                within = self._choose_turns(found)
+                result.append((within, bool(found.shape[1]) and not within.shape[1]))
+            step(min(nodes, wanted.shape[2] - begin))
+        return result
+
+    def _solve_chunk(self, wanted: Array) -> list[Array]:
+        """Return the distinct solutions ``(n, S)`` of each wanted pose, those outside the limits among them."""
+        starts = self._rank_starts(wanted)
+        count = wanted.shape[2]
+        found = [np.zeros((len(self.units), 0)) for _ in range(count)]
+        fruitless = np.zeros(count, dtype=int)
+        active = np.arange(count)
+        for number in range(_ROUNDS):
+            ends = self._descend_from(
+                wanted, active, starts[:, number * _STARTS : (number + 1) * _STARTS], self.is_redundant
+            )
+            for node, own in zip(active, ends, strict=True):
+                before = found[node].shape[1]
+                found[node] = self._merge(np.column_stack([found[node], own]))
+                fruitless[node] = 0 if found[node].shape[1] > before else fruitless[node] + 1
+            done = fruitless >= _FRUITLESS
+            if self.is_redundant:
+                done |= [own.shape[1] > 0 for own in found]
+            active = np.flatnonzero(~done)
+            if not len(active):
+                break
+        if self.is_redundant:
+            # what the limits forbid is told from what cannot be reached
+            none = np.array([k for k, own in enumerate(found) if not own.shape[1]], dtype=np.intp)
+            for node, own in zip(none, self._descend_from(wanted, none, starts[:, :_STARTS], False), strict=True):
+                found[node] = own
+        return found
+
+    def _descend_from(
+        self, wanted: Array, nodes: NDArray[np.intp], starts: NDArray[np.intp], within_limits: bool
+    ) -> list[Array]:
+        """Return the solutions ``(n, S)`` found from ``starts`` ``(N, S)`` in the list, for each of some nodes."""
+        each = starts.shape[1]
+        ends, is_solution = self._descend(
+            np.repeat(wanted[:, :, nodes], each, axis=2), self.listed[:, starts[nodes].ravel()], within_limits
+        )
+        slices = [slice(rank * each, (rank + 1) * each) for rank in range(len(nodes))]
+        return [ends[:, own][:, is_solution[own]] for own in slices]
+
+    def _rank_starts(self, wanted: Array) -> NDArray[np.intp]:
+        """Return the positions of each node's starts in the list, the reference first, then the nearest, ``(N, S)``."""
+        features = _features(wanted, self.task, self.axis, self.length)
+        squares = np.zeros((wanted.shape[2], self.listed.shape[1]))
+        for of_nodes, of_list in zip(features, self.listed_features, strict=True):
+            squares += (of_nodes[:, None] - of_list) ** 2
+        squares[:, 0] = -1.0
+        return np.argsort(squares, axis=1, kind="stable")[:, : _ROUNDS * _STARTS]
+
+    def _descend(self, wanted: Array, starts: Array, within_limits: bool) -> tuple[Array, NDArray[np.bool_]]:
+        """Return where the search ends from each start ``(n, S)``, and whether it solves its wanted pose ``(4, 4, S)``."""
+        ends, is_solution = starts.copy(), np.zeros(starts.shape[1], dtype=bool)
+        rows = np.arange(starts.shape[1])
+        q, target = starts, wanted
+        damping = np.full(len(rows), _FIRST_DAMPING)
+        stalls = np.zeros(len(rows), dtype=int)
+        square, matrix, gradient, is_there = self._linearise(q, target)
+        for _ in range(_STEPS):
+            raise_if_interrupted()
+            done = is_there | (stalls > _STALLS)
+            if done.any():
+                ends[:, rows[done]], is_solution[rows[done]] = q[:, done], is_there[done]
+                keep = ~done
+                rows, q, target, damping, stalls = (
+                    rows[keep],
+                    q[:, keep],
+                    target[:, :, keep],
+                    damping[keep],
+                    stalls[keep],
+                )
+                square, matrix, gradient = square[keep], matrix[:, :, keep], gradient[:, keep]
+            if not len(rows):
+                break
+            step = _solve_damped(matrix, gradient, damping)
+            largest = np.abs(step).max(axis=0)
+            step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-300)) * self.units[:, None]
+            trial = q + step
+            if within_limits:
+                trial = np.clip(trial, self.low[:, None], self.high[:, None])
+            new_square, new_matrix, new_gradient, new_is_there = self._linearise(trial, target)
+            better = new_square < square
+            stalls = np.where(new_square < (1 - _STALLED) * square, 0, stalls + 1)
+            damping = np.where(better, np.maximum(damping * 0.2, 1e-14), damping * 4.0)
+            is_there = new_is_there & better
+            q = np.where(better, trial, q)
+            square = np.where(better, new_square, square)
+            matrix, gradient = np.where(better, new_matrix, matrix), np.where(better, new_gradient, gradient)
+        return ends, is_solution
+
+    def _linearise(self, q: Array, wanted: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Return square of the residual, normal matrix, gradient, and whether the tip is there, at postures ``(n, S)``."""
+        postures = self.chain.at_columns(q)
+        pose, jacobian = postures.pose, postures.joint_jacobian * self.units[:, None]
+        shift = wanted[:3, 3] - pose[:3, 3]
+        rows, residual = jacobian[:3] / self.length, shift / self.length
+        is_there = (shift * shift).sum(axis=0) <= TOLERANCE**2
+        if self.task != "position":
+            if self.task == "pose":
+                turn = se3.log_rotation(np.einsum("ijs,kjs->iks", wanted[:3, :3], pose[:3, :3]))
+                turns = jacobian[3:]
+            else:
+                turn, along = _turn_between(se3.turn(pose[:3, :3], self.axis), se3.turn(wanted[:3, :3], self.axis))
+                # turning about the tool axis changes nothing
+                turns = jacobian[3:] - along[:, None] * (along[:, None] * jacobian[3:]).sum(axis=0)
+            is_there &= (turn * turn).sum(axis=0) <= TOLERANCE**2
+            rows, residual = np.concatenate([rows, turns]), np.concatenate([residual, turn])
+        joints = len(q)
+        matrix = np.empty((joints, joints, q.shape[1]))
+        for i in range(joints):
+            for k in range(i + 1):
+                matrix[i, k] = matrix[k, i] = (rows[:, i] * rows[:, k]).sum(axis=0)
+        gradient = (rows * residual[:, None]).sum(axis=0)
+        return (residual * residual).sum(axis=0), matrix, gradient, is_there
+
+    def _merge(self, columns: Array) -> Array:
+        """Return the distinct ones of some solutions ``(n, S)``, in order, at most :data:`MOST_SOLUTIONS`."""
+        gaps = columns[:, :, None] - columns[:, None, :]
+        turning = ~self.chain.prismatic
+        gaps[turning] -= 2 * np.pi * np.rint(gaps[turning] / (2 * np.pi))
+        alike = (np.abs(gaps) / self.units[:, None, None]).max(axis=0, initial=0.0) <= SAME
+        kept: list[int] = []
+        for column in range(columns.shape[1]):
+            if not alike[column, kept].any():
+                kept.append(column)
+        return columns[:, kept[:MOST_SOLUTIONS]]
+
+    def _choose_turns(self, columns: Array) -> Array:
+        """Return the solutions within the limits, each by its turns nearest to the reference, the nearest first."""
+        turning = ~self.chain.prismatic[:, None]
+        low, high, middle = self.low[:, None], self.high[:, None], self.reference[:, None]
+        q = columns - 2 * np.pi * np.rint((columns - middle) / (2 * np.pi)) * turning
+        # the least number of turns up to the lower limit, or down to the upper one
+        up = np.ceil(np.maximum(low - TOLERANCE - q, 0.0) / (2 * np.pi))
+        down = np.ceil(np.maximum(q - high - TOLERANCE, 0.0) / (2 * np.pi))
+        q = q + 2 * np.pi * (up - down) * turning
+        inside = ((q >= low - TOLERANCE) & (q <= high + TOLERANCE)).all(axis=0)
+        q = np.clip(q[:, inside], low, high)
+        distances = (((q - middle) / self.units[:, None]) ** 2).sum(axis=0)
+        return q[:, np.argsort(distances, kind="stable")]
+
+
+def spread_points(dimensions: int, count: int) -> Array:
+    """Return points ``(dimensions, count)`` that fill the unit cube evenly.
+
+    Multiples of powers of 1/x with x^(d + 1) = x + 1 (Roberts 2018, R-sequence): irrational, far from small fractions.
+    """
+    ratio = 2.0
+    for _ in range(64):
+        ratio = float((1.0 + ratio) ** (1.0 / (dimensions + 1)))
+    powers = ratio ** -np.arange(1.0, dimensions + 1)
+    points: Array = np.mod(0.5 + powers[:, None] * np.arange(1.0, count + 1), 1.0)
+    return points
+
+
+def _features(poses: Array, task: Task, axis: Array, length: float) -> Array:
+    """Return numbers ``(F, N)`` of poses ``(4, 4, N)`` that differ as the poses do: position, tool axis or all axes."""
+    position = poses[:3, 3] / length
+    if task == "position":
+        return position
+    if task == "axis":
+        return np.concatenate([position, se3.turn(poses[:3, :3], axis)])
+    return np.concatenate([position, poses[:3, :3].reshape(9, -1)])
+
+
+def _turn_between(along: Array, wanted: Array) -> tuple[Array, Array]:
+    """Return the smallest rotation vectors ``(3, S)`` that bring directions to wanted ones, and the directions."""
+    across = np.cross(along, wanted, axis=0)
+    sine = np.sqrt((across * across).sum(axis=0))
+    cosine = (along * wanted).sum(axis=0)
+    # opposite directions have no smallest rotation: any about an axis across them
+    opposite = (sine < 1e-12) & (cosine < 0)
+    least = np.eye(3)[np.argmin(np.abs(along), axis=0)].T
+    across = np.where(opposite, np.cross(along, least, axis=0), across)
+    size = np.sqrt((across * across).sum(axis=0))
+    return across * (np.arctan2(sine, cosine) / np.where(size > 0, size, 1.0)), along
+
+
+def _solve_damped(matrix: Array, gradient: Array, damping: Array) -> Array:
+    """Return the solutions ``(n, S)`` of (M + damping) x = gradient for symmetric M ``(n, n, S)``, by Cholesky's factors."""
+    count = len(gradient)
+    factor = np.zeros_like(matrix)
+    step = gradient.copy()
+    for i in range(count):
+        for k in range(i):
+            factor[i, k] = (matrix[i, k] - (factor[i, :k] * factor[k, :k]).sum(axis=0)) / factor[k, k]
+        # rounding can leave less than the damping
+        square = matrix[i, i] + damping - (factor[i, :i] * factor[i, :i]).sum(axis=0)
+        factor[i, i] = np.sqrt(np.maximum(square, damping))
+        step[i] = (step[i] - (factor[i, :i] * step[:i]).sum(axis=0)) / factor[i, i]
+    for i in reversed(range(count)):
+        step[i] = (step[i] - (factor[i + 1 :, i] * step[i + 1 :]).sum(axis=0)) / factor[i, i]
+    return step
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Solutions:
+    """Joint values that lead to N wanted poses ``(4, 4, N)``, M solutions within the joint limits in all.
+
+    ``q`` ``(n, M)`` is in the order of the wanted poses, rad and m; ``node`` ``(M,)`` is the rank of the pose to which each
+    leads, ``branch`` ``(M,)`` its number among the solutions of that pose, the nearest to the reference posture 0.
+    ``singular_values`` ``(M,)`` are the smallest of the scaled Jacobian, see
+    :func:`precision_pin.robot.pose_set.smallest_singular_values`. ``is_outside`` ``(N,)``: has solutions outside the limits only.
     """
 
     wanted: Array

@@ -25,15 +25,7 @@ AGREEMENT = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class PinocchioModel:
-    """Pinocchio's model of a robot, with the joints off the chain locked.
-
-    Attributes
-    ----------
-    model
-        Pinocchio's reduced model: only the chain's joints.
-    joints
-        Pinocchio's number of each chain joint, in chain order.
-    """
+    """Pinocchio's reduced model of a robot: only the chain's joints; ``joints`` are its numbers of these, in chain order."""
 
     model: Any
     joints: tuple[int, ...]
@@ -42,23 +34,9 @@ class PinocchioModel:
     def load(
         cls, robot: Robot, joints: Sequence[str], locked: Mapping[str, float], gravity: Sequence[float]
     ) -> PinocchioModel:
-        """Load the canonical form of a robot, compare it with our own, and lock the joints off the chain.
+        """Load a robot rooted at the chain's base, compare it with our own reading, and lock the joints off the chain.
 
-        Parameters
-        ----------
-        robot
-            The robot, read strictly and rooted at the chain's base.
-        joints
-            The chain's joints, base to tip.
-        locked
-            Value of every other joint that moves.
-        gravity
-            Gravity in base axes, m/s².
-
-        Raises
-        ------
-        InternalError
-            Pinocchio's model differs from our own.
+        `InternalError` where Pinocchio's model differs. Gravity in base axes, m/s².
         """
         renamed = _replace_names(robot)
         names = {old.name: new.name for old, new in zip(robot.joints, renamed.joints, strict=True)}
@@ -73,16 +51,9 @@ class PinocchioModel:
         return cls(model, tuple(int(model.getJointId(names[name])) for name in joints))
 
     def with_mass(self, joint: int, placement: Array, mass: float, centre: ArrayLike) -> PinocchioModel:
-        """Return the model with a point mass added to a body.
+        """Return the model with a point mass (kg) added to the body of a chain joint (0-based; -1: the base).
 
-        Parameters
-        ----------
-        joint
-            Chain joint (0-based) that carries it; -1 for the base.
-        placement
-            Pose of the mass's frame in that joint's frame, ``(4, 4)``.
-        mass, centre
-            kg, and m in the mass's frame.
+        ``placement`` is the pose of the mass's frame in that joint's frame, ``(4, 4)``; ``centre`` is in the mass's frame, m.
         """
         model = self.model.copy()
         inertia = pinocchio.Inertia(mass, np.asarray(centre, dtype=float), np.zeros((3, 3)))
@@ -96,13 +67,9 @@ class PinocchioModel:
         return np.array([data.oMi[k].homogeneous for k in self.joints]).reshape(-1, 4, 4)
 
     def statics(self, q: Array) -> tuple[Array, Array]:
-        """Return the loads of gravity on the joints and on the links' far ends.
+        """Return the loads of gravity on the joints ``(n,)``, and on the links' far ends ``(n, 6)``.
 
-        Returns
-        -------
-        tuple
-            Torque or force on each joint ``(n,)`` (minus the generalised gravity), and the force and moment
-            ``(n, 6)`` of everything beyond joint i+1 on link i, at and in that joint's frame after its motion.
+        Minus the generalised gravity; force and moment of all beyond joint i+1, at and in its frame after its motion.
         """
         data = self.model.createData()
         zeros = np.zeros(self.model.nv)

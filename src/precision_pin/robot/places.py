@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from precision_pin.base.arguments import check_numbers
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.errors import UnknownNameError
 from precision_pin.robot.urdf import Joint, Robot
 
 ORDER_START, ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(-1, 4)
@@ -28,18 +28,8 @@ class Place:
     """A point of the chain where a small rigid displacement ``E = Trans(d)·Exp(δ)`` is inserted.
 
     Two places are the same if link, order and name are. Contributions to one place add; the displacements of different
-    places multiply in the order of ``(link, order)``.
-
-    Attributes
-    ----------
-    link
-        Chain link that carries it.
-    order
-        Position among the link's places: its start, frames along it, then custom ones, the end, the seat.
-    name
-        Name for messages and reports.
-    frame
-        Its pose in the chain link's axes, ``(4, 4)``.
+    places multiply in the order of ``(link, order)``: a link's start, frames along it, custom places, its end, the seat.
+    ``frame`` is its pose in the chain link's axes, ``(4, 4)``.
     """
 
     link: int
@@ -79,6 +69,19 @@ class Place:
         return cls(link, (ORDER_START, 0), name, np.eye(4))
 
     @classmethod
+    def along(cls, link: int, rank: int, name: str, frame: Array) -> Place:
+        """Return the place at a URDF link's frame on the path, by its rank within the chain link."""
+        return cls(link, (ORDER_FRAME, rank), f"frame {name}", frame)
+
+    @classmethod
+    def far_end(cls, link: int, name: str, frame: Array) -> tuple[Place, Place]:
+        """Return the end of a link, which leads to the joint or tip ``name``, and the seat after it."""
+        return (
+            cls(link, (ORDER_END, 0), f"end of link {link} ({name})", frame),
+            cls(link, (ORDER_SEAT, 0), f"seat of link {link} ({name})", frame),
+        )
+
+    @classmethod
     def custom(cls, link: int, rank: int, name: str, frame: Array) -> Place:
         """Return a place defined by a source, before the link's end; ``rank`` orders those of one source."""
         return cls(link, (ORDER_CUSTOM, rank), name, frame)
@@ -87,26 +90,14 @@ class Place:
 @final
 @dataclass(frozen=True, eq=False)
 class LinkFrame:
-    """Position of a URDF link on the chain.
+    """Position of a URDF link on the chain; branches and locked joints belong to the chain link that carries them.
 
-    Attributes
-    ----------
-    link
-        Chain link it belongs to; branches and locked joints included.
-    frame
-        Its pose in the chain link's axes, ``(4, 4)``.
-    path_rank
-        Its position among the URDF links on the path from base to tip within the chain link; ``None`` for a branch.
-    attachment
-        For a branch: position on the path of the joint that holds it, in the chain link's axes, ``(3,)``; for a link on
-        the path its own origin. The position of a joint is its frame in the file, whatever the base is.
-    stretch
-        For a link on the path: the ends of its part of the path, ``(2, 3)``, in the chain link's axes: from joint to
-        joint, extended over the links without mass that it carries. ``None`` for a branch.
-    is_own
-        True for the chain link's own body: of the links on the path, the one nearest to the file's root, which is the
-        child of the joint that moves it. If that one has no mass, the next one with mass whose frame is at the same
-        point.
+    ``frame`` ``(4, 4)``, ``attachment`` ``(3,)`` and ``stretch`` ``(2, 3)`` are in the chain link's axes. ``path_rank`` is its
+    position among the URDF links on the path within the chain link; ``None`` for a branch. ``attachment``: for a branch the
+    position on the path of the joint that holds it (its frame in the file, whatever the base is), else its own origin.
+    ``stretch``: the ends of its part of the path, from joint to joint, extended over the links without mass that it carries.
+    ``is_own`` is true for the chain link's own body: of the links on the path, the one nearest to the file's root, which is
+    the child of the joint that moves it; if that one has no mass, the next one with mass whose frame is at the same point.
     """
 
     link: int
@@ -120,17 +111,9 @@ class LinkFrame:
         fix_fields(self)
 
     def entry(self, centre: ArrayLike) -> Array:
-        """Return the point of the chain link at which a weight acts, in the chain link's axes, ``(3,)``.
+        """Return the point of the chain link, in its axes, at which a weight acts whose centre is given in the URDF link's axes.
 
-        Parameters
-        ----------
-        centre
-            Its centre of mass in the URDF link's axes, m, ``(3,)``.
-
-        Returns
-        -------
-        NDArray
-            The centre itself for a link on the path; for a branch the point where it leaves the path.
+        The centre itself for a link on the path; for a branch the point where it leaves the path.
         """
         if self.path_rank is None:
             return self.attachment
@@ -142,11 +125,9 @@ def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, fl
     """Return the value of every joint that moves but is not on the chain."""
     on_chain = {joint.name for joint in joints}
     still = {joint.name: joint for joint in robot.joints if joint.kind != "fixed" and joint.name not in on_chain}
-    for name, value in locked.items():
+    for name in locked:
         if name not in still:
             raise UnknownNameError("joint to lock", name, still)
-        if not np.isfinite(value):
-            raise InputError(f"the joint {name!r} is locked at {value}, which is not finite")
     values: dict[str, float] = {}
 
     def value_of(name: str) -> float:
@@ -155,7 +136,7 @@ def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, fl
         if name not in values:
             joint = still[name]
             if name in locked:
-                values[name] = float(locked[name])
+                values[name] = locked[name]
             elif joint.mimic is not None:
                 values[name] = joint.mimic.multiplier * value_of(joint.mimic.joint) + joint.mimic.offset
             elif joint.limit is not None and joint.kind != "continuous":

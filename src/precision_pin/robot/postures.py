@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, final
+from typing import Final, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,25 +32,10 @@ def alignment(axis: Array) -> Array:
     return se3.exp_rotation(normal / sine * np.arctan2(sine, axis[2]))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class ChainConstants:
-    """Constants of a chain for the compiled loops, the same at every configuration.
+class ChainConstants(NamedTuple):
+    """Constants of a chain for the compiled loops: the arguments of `posture_loops.run`, and the joints' unit axes.
 
-    Attributes
-    ----------
-    axes
-        Unit axis of each joint in its own frame, ``(n, 3)``.
-    slides, slanted
-        Masks of the prismatic joints, and of those with another axis than z, ``(n,)``.
-    aligned
-        ``(n + 1, 3, 3)`` from axes whose z is the joint's axis to those of its frame; the identity for the tip.
-    turns, arms
-        ``(n + 1, 3, 3)`` and ``(n + 1, 3)``: the placements between these aligned frames.
-    masses, moments
-        ``(n,)`` kg and ``(n, 3)`` kg·m: mass and first moment of the chain link after each joint, in its aligned frame.
-    gravity
-        Base axes, m/s², ``(3,)``.
+    The axes are in each joint's own frame, ``(n, 3)``; the other shapes are given there.
     """
 
     axes: Array
@@ -73,17 +58,7 @@ class ChainConstants:
         gravity: Array,
         loads: Sequence[Load],
     ) -> ChainConstants:
-        """Return the constants of a chain.
-
-        Parameters
-        ----------
-        placements, axes, slides, gravity
-            As in :class:`precision_pin.robot.chain.Chain`.
-        alignments
-            Each joint's :func:`alignment`.
-        loads
-            The chain's weights; their moments have no factors.
-        """
+        """Return a chain's constants from what `Chain` has and each joint's `alignment`; moments of loads have no factors."""
         aligned = np.array([*alignments, np.eye(3)])
         before = np.concatenate([np.eye(3)[None], aligned[:-1]]).swapaxes(1, 2)
         carried = np.zeros((len(placements), 4))
@@ -190,20 +165,10 @@ class Postures:
         from precision_pin.base.jit import call
         from precision_pin.robot import posture_loops
 
-        constants = self._constants
-        arguments = (
-            *posture_loops.allocate_scratch(self.q.shape[0]),
-            _within_reach(self.q, constants.slides),
-            constants.slides,
-            constants.slanted,
-            constants.aligned,
-            constants.turns,
-            constants.arms,
-            constants.masses,
-            constants.moments,
-            constants.gravity,
-            *(result.reshape(-1) for result in (poses, jacobian, torque, wrench)),
-        )
+        _, slides, *constants = self._constants
+        q = _within_reach(self.q, slides)
+        results = (result.reshape(-1) for result in (poses, jacobian, torque, wrench))
+        arguments = (*posture_loops.allocate_scratch(len(q)), q, slides, *constants, *results)
         call(posture_loops.run, arguments)
 
 

@@ -50,18 +50,9 @@ _LARGEST: Final = 2**20
 @final
 @dataclass(frozen=True, eq=False)
 class UrKinematics:
-    """A six-joint arm at zero.
+    """A six-joint arm at zero: frames of its joints ``(6, 4, 4)``, z along the axes, and of its flange ``(4, 4)``, in the base.
 
-    Attributes
-    ----------
-    joints
-        Frame of each joint in the base, its z along the axis, ``(6, 4, 4)``.
-    flange
-        Frame of the flange in the base, ``(4, 4)``.
-    checksum
-        What the file has as ``hash``; empty for none.
-    is_whole
-        Whether its file has the arm itself, so that it tells of which model it is, and not differences to a model.
+    ``checksum`` is what the file has as ``hash``. ``is_whole``: the file has the arm itself and not differences to a model.
     """
 
     joints: Array
@@ -105,22 +96,10 @@ def _nominal(name: str) -> tuple[Array, Array, Array, Array]:
 
 
 def read_ur_calibration(path: str | os.PathLike[str], name: str, *, x_y_z: bool = False) -> UrKinematics:
-    """Return the arm of a factory calibration.
+    """Return the arm of a factory calibration: a controller's ``calibration.conf``, or the YAML of the ROS driver.
 
-    Parameters
-    ----------
-    path
-        ``calibration.conf`` of the controller, or the YAML of the ROS driver.
-    name
-        The model of :data:`MODELS` to which the differences of a ``calibration.conf`` are added.
-    x_y_z
-        Read the angles of a YAML as a turn about x, the new y and the new z, as the tool that extracts it means them, and not
-        as URDF readers do.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or is neither.
+    The differences of a ``calibration.conf`` are added to the model ``name``. ``x_y_z`` reads the angles of a YAML as turns about
+    x, the new y and the new z, as the tool that extracts it means them, and not as URDF readers do.
     """
     file = os.fspath(path)
     try:

@@ -34,7 +34,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, strained_findings
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.approach import ApproachedPose
-from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.robot.chain import limit_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.blocks import Work, packages
 from precision_pin.sampling.checkpoint import POSES, PosesDone, start_of_poses

@@ -13,8 +13,7 @@ from precision_pin.base import units
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UrdfError
 from precision_pin.robot.approach import PREVIOUS, Approach, approaches_along, read_approach
-from precision_pin.robot.chain import EARTH, Chain
-from precision_pin.robot.chain_geometry import FARTHEST_TARGET
+from precision_pin.robot.chain import EARTH, FARTHEST_TARGET, Chain
 from precision_pin.robot.examples import resolve_robot
 from precision_pin.robot.urdf import Joint, Robot
 from precision_pin.robot.urdf import read as read_urdf

@@ -18,11 +18,18 @@ from precision_pin.base.input_files import UnreadableFileError, read_text_file
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import Branches
+from precision_pin.robot.pose_grids import (
+    MOST_ANGLES,
+    MOST_POSES,
+    Orientation,
+    box_places,
+    count_wanted,
+    joint_grid,
+    place_grid,
+    plane_places,
+)
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
-from precision_pin.robot.pose_sources.joint_grid import MOST_POSES, joint_grid
-from precision_pin.robot.pose_sources.orientation import MOST_ANGLES, Orientation
-from precision_pin.robot.pose_sources.place_grid import box_places, count_wanted, place_grid, plane_places
-from precision_pin.robot.pose_sources.random_poses import random_poses
+from precision_pin.robot.random_poses import random_poses
 from precision_pin.sheet.chain_entry import parse_pose
 from precision_pin.sheet.text import Path, Text, read_text
 

@@ -23,8 +23,7 @@ from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Extension, LabelledSpace, Space
 from precision_pin.robot.approach import Approach
-from precision_pin.robot.chain import Chain
-from precision_pin.robot.chain_findings import chain_findings
+from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.sheet.chain_entry import Overrides, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, plain_data, values_at
 from precision_pin.sheet.findings import Findings

@@ -45,7 +45,7 @@ from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
-from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.robot.chain import limit_findings
 from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
 
 _ROUNDS: Final = 6

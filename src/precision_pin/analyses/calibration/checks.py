@@ -16,7 +16,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.robot.chain import limit_findings
 
 DOUBTFUL: Final = 1e-3
 """Probability of a larger chi-square below which the model does not explain the readings."""

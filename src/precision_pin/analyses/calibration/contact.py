@@ -12,7 +12,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.robot.pose_sources.random_poses import random_poses
+from precision_pin.robot.random_poses import random_poses
 from precision_pin.sheet.measurement import Measurement
 
 _TOGETHER: Final = 64

@@ -8,7 +8,7 @@ from precision_pin.analyses.calibration.data import COLUMNS
 from precision_pin.base.arrays import Array
 from precision_pin.base.files import csv_text
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.pose_sources.trajectory import joint_columns
+from precision_pin.robot.trajectory import joint_columns
 
 
 def poses_csv(chain: Chain, q: Array) -> str:

@@ -22,7 +22,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.progress import steps_to
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import strained_findings
-from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.robot.chain import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 

@@ -15,8 +15,8 @@ from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.inverse_kinematics import spread_points
 from precision_pin.robot.pose_set import SINGULAR_BELOW
-from precision_pin.robot.solution_search import spread_points
 
 CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
 """``corrected``; ``limit``: none was found within the joint limits; ``singular``: the arm is near a singularity and cannot

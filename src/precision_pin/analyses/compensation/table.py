@@ -13,7 +13,7 @@ from precision_pin.base.files import csv_text
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import resting_on
 from precision_pin.render.text_table import aligned
-from precision_pin.robot.pose_sources.trajectory import Column, joint_columns
+from precision_pin.robot.trajectory import Column, joint_columns
 
 _MOST_ROWS: Final = 20
 _MOST_LETTERS: Final = 16

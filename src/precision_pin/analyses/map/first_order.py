@@ -22,7 +22,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.tangents import tangents
-from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.robot.chain import limit_findings
 
 
 @final

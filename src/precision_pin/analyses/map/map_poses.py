@@ -27,7 +27,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, strained_findings
 from precision_pin.robot.approach import ApproachedPose
-from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.robot.chain import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses

@@ -4,42 +4,33 @@
 about a file; `canonical` writes the only form that Pinocchio reads.
 """
 
-from precision_pin.robot.urdf.angles import snapped
-from precision_pin.robot.urdf.canonical import UNLIMITED, canonical
-from precision_pin.robot.urdf.data import (
+from precision_pin.robot.urdf.meshes import locate_mesh
+from precision_pin.robot.urdf.reader import check, parse, read
+from precision_pin.robot.urdf.robot import (
     Box,
     Cylinder,
-    Geometry,
     Inertial,
     Joint,
-    JointKind,
     Limit,
     Limits,
     Link,
     Mesh,
-    Mimic,
+    Robot,
     Shape,
     Sphere,
     Vector,
 )
-from precision_pin.robot.urdf.meshes import locate_mesh
-from precision_pin.robot.urdf.reader import check, parse, read
-from precision_pin.robot.urdf.reroot import rerooted, rpy_of
-from precision_pin.robot.urdf.robot import Robot
+from precision_pin.robot.urdf.transforms import canonical, rerooted, rpy_of, snapped
 
 __all__ = [
-    "UNLIMITED",
     "Box",
     "Cylinder",
-    "Geometry",
     "Inertial",
     "Joint",
-    "JointKind",
     "Limit",
     "Limits",
     "Link",
     "Mesh",
-    "Mimic",
     "Robot",
     "Shape",
     "Sphere",

@@ -9,7 +9,7 @@ from typing import Final, final
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
-from precision_pin.robot.urdf.data import Vector
+from precision_pin.robot.urdf.robot import Vector
 from precision_pin.robot.urdf.xmltree import UTF8_MARK, utf8_text
 
 START_TAG: Final = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
@@ -22,15 +22,7 @@ Edit = tuple[int, int, bytes]
 @final
 @dataclass(frozen=True)
 class Placement:
-    """New numbers for a joint's ``<origin>``; ``None`` leaves a vector as written.
-
-    Attributes
-    ----------
-    xyz
-        Position, m.
-    rpy
-        Roll, pitch, yaw, rad.
-    """
+    """New position (m) and roll, pitch, yaw (rad) of a joint's ``<origin>``; ``None`` leaves a vector as written."""
 
     xyz: Vector | None
     rpy: Vector | None
@@ -39,17 +31,7 @@ class Placement:
 @final
 @dataclass(frozen=True)
 class AddedFrame:
-    """A link without mass and the fixed joint that carries it.
-
-    Attributes
-    ----------
-    link, joint
-        Their names.
-    parent
-        The link it is fixed to.
-    xyz, rpy
-        Its pose in the parent's axes; m and rad.
-    """
+    """A link without mass, and the fixed joint that carries it at a pose (m, rad) in its parent's axes."""
 
     link: str
     joint: str
@@ -70,18 +52,9 @@ class _JointText:
 @final
 @dataclass(frozen=True, eq=False)
 class UrdfText:
-    """The text of a URDF that was read without error, and the positions of its placements.
+    """The text of a URDF that was read without error, in UTF-8, and the byte positions of its placements.
 
-    Attributes
-    ----------
-    data
-        The whole file; converted to UTF-8 from any other encoding.
-    joints
-        Positions of each joint's placement, by the joint's name.
-    end
-        Position of the root's end tag.
-    meshes
-        The names of mesh files as written in the file, visual and collision, without repeats.
+    ``joints`` are by name, ``end`` is that of the root's end tag; ``meshes`` are file names as written, without repeats.
     """
 
     data: bytes
@@ -91,13 +64,7 @@ class UrdfText:
 
     @classmethod
     def scan(cls, data: bytes) -> UrdfText:
-        """Return the text with the positions of its placements.
-
-        Parameters
-        ----------
-        data
-            A file that `parse` accepts; the result for any other is undefined.
-        """
+        """Return the text, which `parse` accepts, with the positions of its placements."""
         text = utf8_text(data)
         scanner = _Scanner(text)
         return cls(text, scanner.joints, scanner.end, tuple(dict.fromkeys(scanner.meshes)))
@@ -105,22 +72,10 @@ class UrdfText:
     def edited(
         self, placements: Mapping[str, Placement], added: Sequence[AddedFrame] = (), comment: Iterable[str] = ()
     ) -> bytes:
-        """Return the text with other placements.
+        """Return the text with other placements of joints; one without ``<origin>`` gets one.
 
-        Parameters
-        ----------
-        placements
-            By joint. A joint without ``<origin>`` gets one.
-        added
-            Frames to write at the end of the robot.
-        comment
-            Lines of a comment at the top, after the XML declaration; a blank separates two dashes in a row, which
-            would end the comment. None for no comment.
-
-        Raises
-        ------
-        KeyError
-            There is no such joint.
+        ``added`` frames are written at the end of the robot, the lines of ``comment`` at the top, after the XML declaration;
+        a blank separates two dashes in a row, which would end the comment.
         """
         edits: list[Edit] = []
         for name, placement in placements.items():

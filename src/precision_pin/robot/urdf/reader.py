@@ -2,25 +2,49 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final, cast, final
 
 from precision_pin.base.errors import Finding, UrdfError
 from precision_pin.base.text_escape import shown
-from precision_pin.robot.urdf.angles import check_angles
-from precision_pin.robot.urdf.data import Limits
-from precision_pin.robot.urdf.elements import check_attributes, check_children, read_name
-from precision_pin.robot.urdf.files import read_regular_file
-from precision_pin.robot.urdf.findings import Findings
-from precision_pin.robot.urdf.inertia import check_inertias
-from precision_pin.robot.urdf.joints import check_mimics, read_joint
-from precision_pin.robot.urdf.links import read_link
+from precision_pin.robot.urdf import checks
+from precision_pin.robot.urdf.findings import Findings, read_regular_file
+from precision_pin.robot.urdf.grammar import (
+    BEYOND_USE,
+    BOUNDS,
+    GRAMMAR,
+    LONGEST_REACH,
+    PARTS,
+    ZERO3,
+    BadNumbers,
+    Owner,
+    as_vector,
+    is_misread,
+    parse_numbers,
+    read_name,
+)
 from precision_pin.robot.urdf.meshes import MeshFiles
-from precision_pin.robot.urdf.names import check_names
-from precision_pin.robot.urdf.robot import Robot
-from precision_pin.robot.urdf.structure import check_size, check_tree, without_twins
-from precision_pin.robot.urdf.visuals import Looks
+from precision_pin.robot.urdf.robot import (
+    Box,
+    Cylinder,
+    Geometry,
+    Inertial,
+    Joint,
+    JointKind,
+    Limit,
+    Limits,
+    Link,
+    Mesh,
+    Mimic,
+    Robot,
+    Shape,
+    Sphere,
+    Vector,
+)
 from precision_pin.robot.urdf.xmltree import Node, parse_xml
 
 Paths = Sequence[str | os.PathLike[str]]
@@ -31,29 +55,29 @@ OTHER_ROOTS = {
     "mujoco": "this is MuJoCo's MJCF, not URDF",
     "html": "this is an HTML page (a failed download?), not URDF",
 }
+Colour = tuple[float, float, float, float]
+SHAPES: Final = ("box", "cylinder", "sphere", "mesh")
+# C's printf directives: parsers are known to log bad text as a format string. The two character classes share no
+# character, so that matching never takes quadratic time
+DIRECTIVE: Final = re.compile(r"%[-+ #0-9.*hlqjztL]*[diouxXeEfFgGaAcspn]")
+TINY_MASS: Final = 1e-6
+LARGE_MASS: Final = 500.0
+HALF_TURN: Final = 3.14
+"""rad, as it is often written."""
+KINDS: Final = ("revolute", "continuous", "prismatic", "fixed")
+UNIT_TOLERANCE: Final = 1e-6
+SHORTEST_AXIS: Final = 1e-6
+LONGEST_AXIS: Final = 1e6
+WIDEST_LIMIT: Final = 4 * math.pi
+WIDEST_SHIFT: Final = 20.0
+DEFAULT_AXIS: Final = (1.0, 0.0, 0.0)
 
 
 def read(path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS, package_dirs: Paths = ()) -> Robot:
-    """Read a URDF file strictly.
+    """Read a URDF 1.0 file strictly (http://wiki.ros.org/urdf/XML); the robot's ``findings`` are the warnings.
 
-    Parameters
-    ----------
-    path
-        A regular file; the URDF 1.0 format of http://wiki.ros.org/urdf/XML.
-    limits
-        Size limits of the file.
-    package_dirs
-        Folders of the packages in ``package://`` mesh names, besides those found near the file.
-
-    Returns
-    -------
-    Robot
-        Its ``findings`` are the warnings. Mesh files are looked up, not opened.
-
-    Raises
-    ------
-    UrdfError
-        The file cannot be used; carries all findings, warnings included.
+    ``package_dirs`` are the folders of packages in ``package://`` mesh names, besides those found near the file. Mesh files are
+    looked up, not opened. `UrdfError` carries all findings about a file that cannot be used.
     """
     robot, findings = _from_file(path, limits, package_dirs, look_inside=False)
     return _robot_or_raise(robot, findings)
@@ -70,22 +94,7 @@ def check(
 
 
 def parse(data: bytes, file: str, *, limits: Limits = DEFAULT_LIMITS) -> Robot:
-    """Read a URDF from memory; mesh files are not looked up.
-
-    Parameters
-    ----------
-    data
-        The text, UTF-8.
-    file
-        Name of the file in findings.
-    limits
-        Size limits of the file.
-
-    Raises
-    ------
-    UrdfError
-        The text cannot be used; carries all findings, warnings included.
-    """
+    """Read a URDF from memory, as `read` does; ``file`` is its name in findings. Mesh files are not looked up."""
     findings = Findings(file)
     robot = _read_text(data, file, findings, limits, None)
     return _robot_or_raise(robot, findings.result())
@@ -122,24 +131,21 @@ def _read_text(data: bytes, file: str, findings: Findings, limits: Limits, meshe
     read_links = [read_link(link, findings, looks, colours) for link in node.named("link")]
     read_joints = [read_joint(joint, findings) for joint in node.named("joint")]
     if not read_links:
-        findings.error("E_NO_LINKS", "the robot has no links; an arm needs two and a joint", node.line)
+        findings.add("E_NO_LINKS", "the robot has no links; an arm needs two and a joint", node.line)
         return None
-    links, joints = without_twins(
-        [link for link in read_links if link is not None],
-        [joint for joint in read_joints if joint is not None],
-        findings,
+    links = checks.without_twins([link for link in read_links if link is not None], "link", "E_DUP_LINK", findings)
+    joints = checks.without_twins(
+        [joint for joint in read_joints if joint is not None], "joint", "E_DUP_JOINT", findings
     )
-    check_names(links, joints, findings)
-    check_mimics(joints, findings)
-    for joint in joints:
-        check_angles(joint, findings)
+    checks.check_names(links, joints, findings)
+    checks.check_joints(joints, findings)
     # a joint without name or end, or a duplicate, would make half the tree look disconnected: check complete trees only
     complete = None not in read_links and len(joints) == len(read_joints)
-    sound = check_tree(links, joints, findings) if complete else False
+    sound = checks.check_tree(links, joints, findings) if complete else False
     robot = Robot(name or "", file, links, joints) if sound else None
-    check_inertias(links, robot, findings)
+    checks.check_inertias(links, robot, findings)
     if robot is not None:
-        check_size(robot, node.line, limits, findings)
+        checks.check_size(robot, node.line, limits, findings)
     return robot
 
 
@@ -151,15 +157,460 @@ def _is_robot(node: Node, findings: Findings) -> bool:
         why = f"the root element is in the namespace {shown(node.attributes['xmlns'])}; delete xmlns"
     elif why is None:
         why = f"the root element is <{node.tag[:40]}>"
-    findings.error("E_NO_ROBOT", f"{why}; a URDF's root is <robot>", node.line)
+    findings.add("E_NO_ROBOT", f"{why}; a URDF's root is <robot>", node.line)
     return False
 
 
 def _read_header(node: Node, findings: Findings) -> str | None:
-    check_attributes(node, "robot", findings)
-    check_children(node, "robot", findings)
+    owner = Owner("robot", findings)
+    owner.check_attributes(node)
+    owner.check_children(node)
     version = node.get("version")
     if version is not None and version not in VERSIONS:
         message = f"URDF version {shown(version)} is not read; allowed: {', '.join(VERSIONS)}"
-        findings.error("E_VERSION", message, node.line)
+        findings.add("E_VERSION", message, node.line)
     return read_name(node, findings)
+
+
+def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, Colour]) -> Link | None:
+    """Return the link, None if it has no name; one that is returned with an error only serves to find further errors."""
+    name, owner = _open(node, findings)
+    element = node.first("inertial")
+    inertial = None if element is None else _inertial(element, owner)
+    visuals = looks.read(node, owner.name, colours)
+    return None if name is None else Link(name, inertial, visuals, node.line)
+
+
+def _open(node: Node, findings: Findings) -> tuple[str | None, Owner]:
+    """Return name and owner of a link or joint, after a check of its attributes and children."""
+    Owner(node.tag, findings).check_attributes(node)
+    name = read_name(node, findings)
+    owner = Owner(f"{node.tag} {shown(name or '?')}", findings)
+    owner.check_children(node)
+    return name, owner
+
+
+def _inertial(node: Node, owner: Owner) -> Inertial | None:
+    owner.check_children(node)
+    before = owner.findings.errors
+    com, rpy = owner.placement(node)
+    mass = _mass(node, owner)
+    inertia = _inertia(node, owner)
+    origin = node.first("origin")
+    if origin is not None:
+        owner.check_units(com, ": centre of mass", origin.line, angles=False)
+        owner.check_units(rpy, ": inertial rpy", origin.line, angles=True)
+    if mass is None or inertia is None or owner.findings.errors > before:
+        return None
+    ixx, ixy, ixz, iyy, iyz, izz = inertia
+    if mass > 0 and math.sqrt(max(ixx + iyy + izz, 0.0) / 2 / mass) > LONGEST_REACH:
+        text = (
+            f": inertia up to {max(inertia):g} kg·m² at {mass:g} kg would reach over {LONGEST_REACH:g} m; "
+            "are these kg·mm²?"
+        )
+        owner.say("W_UNITS", text, node.line)
+    return Inertial(mass, com, rpy, (ixx, ixy, ixz, iyy, iyz, izz))
+
+
+def _mass(node: Node, owner: Owner) -> float | None:
+    element = owner.child(node, "mass")
+    numbers = None if element is None else owner.read(element, "value")
+    if element is None or numbers is None:
+        return None
+    mass = numbers[0]
+    rules = (
+        (mass < 0, "E_MASS_NEG", " is negative; zero or more is needed"),
+        (mass > BEYOND_USE, "E_UNITS", " is implausibly large; masses are in kg"),
+        (mass > LARGE_MASS, "W_MASS_LARGE", "; are these grams? masses are in kg"),
+        (0 < mass < TINY_MASS, "W_MASS_TINY", " is under a milligram"),
+    )
+    if mass == 0:
+        message = "a mass of zero is given; it weighs nothing"
+        owner.findings.group("W_MASS_ZERO", message, owner.name, element.line)
+    for code, text in [(code, text) for holds, code, text in rules if holds][:1]:
+        owner.say(code, f": mass {mass:g} kg{text}", element.line)
+    return mass
+
+
+def _inertia(node: Node, owner: Owner) -> tuple[float, ...] | None:
+    element = owner.child(node, "inertia")
+    if element is None:
+        return None
+    missing = [part for part in PARTS if element.get(part) is None]
+    if missing:
+        text = f": <inertia> has no {', '.join(missing)}; all of {', '.join(PARTS)} are needed"
+        owner.say("E_INERTIAL", text, element.line)
+        return None
+    numbers = tuple(value[0] for value in owner.numbers(element).values() if value is not None)
+    if len(numbers) < len(PARTS):
+        return None
+    if max(map(abs, numbers)) > BEYOND_USE * LONGEST_REACH**2:
+        text = f": an inertia of {max(numbers, key=abs):g} kg·m² is implausibly large"
+        owner.say("E_UNITS", text, element.line)
+        return None
+    return numbers
+
+
+def read_joint(node: Node, findings: Findings) -> Joint | None:
+    """Return the joint, None if its name or a link is missing; with an error it only serves to find further errors."""
+    name, owner = _open(node, findings)
+    kind = _kind(node, owner)
+    parent, child = _end(node, "parent", owner), _end(node, "child", owner)
+    xyz, rpy = owner.placement(node)
+    origin = node.first("origin")
+    if origin is not None:
+        owner.check_units(xyz, ": origin xyz", origin.line, angles=False)
+        owner.check_units(rpy, ": origin rpy", origin.line, angles=True)
+    moves = kind in ("revolute", "continuous", "prismatic")
+    axis = _axis(node, owner) if moves else DEFAULT_AXIS
+    limit = _limit(node, kind, owner) if moves else None
+    if kind == "fixed":
+        _check_unused_limit(node, owner)
+    mimic = _mimic(node, kind, name, owner)
+    _check_dynamics(node, owner)
+    for tag in ("safety_controller", "calibration"):
+        ignored = node.first(tag)
+        if ignored is not None:
+            findings.group("W_IGNORED", f"<{tag}> is ignored", owner.name, ignored.line)
+    if name is None or parent is None or child is None:
+        return None
+    return Joint(name, kind or "fixed", parent, child, xyz, rpy, axis, limit, mimic, node.line)
+
+
+def _kind(node: Node, owner: Owner) -> JointKind | None:
+    kind, allowed = node.get("type"), f"; allowed: {', '.join(KINDS)}"
+    if kind in KINDS:
+        return cast("JointKind", kind)
+    if kind in ("floating", "planar"):
+        owner.say("E_JOINT_UNSUPPORTED", f": type {kind} is not supported{allowed}", node.line)
+    else:
+        what = " has no type" if kind is None else f": type {shown(kind)} does not exist"
+        owner.say("E_JOINT_TYPE", what + allowed, node.line)
+    return None
+
+
+def _end(node: Node, tag: str, owner: Owner) -> str | None:
+    element = node.first(tag)
+    link = None if element is None else element.get("link")
+    if not link:
+        owner.say(*GRAMMAR[tag].missing, (element or node).line)
+    return link or None
+
+
+def _axis(node: Node, owner: Owner) -> Vector:
+    element = owner.child(node, "axis")
+    if element is None:
+        return DEFAULT_AXIS
+    if element.get("xyz") is None:
+        text = ': <axis> has no xyz, which other readers read as zero; <axis xyz="…"/> is needed'
+        owner.say("E_AXIS_ZERO", text, element.line)
+    axis = as_vector(owner.read(element, "xyz"))
+    if axis is None:
+        return DEFAULT_AXIS
+    length, needed = math.hypot(*axis), "; a vector of length one is needed"
+    code, what = "", ""
+    if length < SHORTEST_AXIS:
+        code, what = "E_AXIS_ZERO", f"is almost zero{needed}"
+    elif length > LONGEST_AXIS:
+        code, what = "E_AXIS_NORM", f"has length {length:.3g}{needed}"
+    elif abs(length - 1) > UNIT_TOLERANCE:
+        code, what = "W_AXIS_NORM", f"has length {length:.7g}, not one; its direction is used"
+    if code:
+        owner.say(code, f": axis {shown(element.get('xyz') or '')} {what}", element.line)
+    return DEFAULT_AXIS if code.startswith("E") else (axis[0] / length, axis[1] / length, axis[2] / length)
+
+
+def _limit(node: Node, kind: str | None, owner: Owner) -> Limit | None:
+    element = node.first("limit")
+    if element is None:
+        if kind != "continuous":
+            code, text = GRAMMAR["limit"].missing
+            owner.say(code, f" is {kind}{text}", node.line)
+        return None
+    before = owner.findings.errors
+    values = {name: None if value is None else value[0] for name, value in owner.numbers(element).items()}
+    if owner.findings.errors > before:
+        return None
+    _note_open_limits(element, values, kind, owner)
+    for name in ("effort", "velocity"):
+        value = values[name]
+        if value is not None and value < 0:
+            owner.say("E_LIMITS", f": limit {name} {value:g} is negative; zero or more is allowed", element.line)
+    if kind == "continuous":
+        lower, upper = -math.inf, math.inf
+    else:
+        lower, upper = values["lower"] or 0.0, values["upper"] or 0.0
+        if values["lower"] is not None or values["upper"] is not None:
+            _check_range(lower, upper, kind, element.line, owner)
+    effort, velocity = (math.inf if value is None else value for value in (values["effort"], values["velocity"]))
+    return Limit(lower, upper, effort, velocity)
+
+
+def _check_unused_limit(node: Node, owner: Owner) -> None:
+    """Warn of a fixed joint's limit, which is not used, if other readers refuse the file for it."""
+    element = node.first("limit")
+    if element is None:
+        return
+    wrong = [name for name in ("effort", "velocity") if element.get(name) is None]
+    for name in BOUNDS:
+        text = element.get(name)
+        if text is not None and (isinstance(parse_numbers(text, 1), BadNumbers) or is_misread(text, 1)):
+            wrong.append(name)
+    if wrong:
+        text = (
+            " is fixed; its <limit> is ignored, but urdfdom (ROS, Gazebo, Pinocchio) refuses the file for it: "
+            f"{' and '.join(wrong)} missing or not a plain number"
+        )
+        owner.say("W_LIMITS", text, element.line)
+
+
+def _note_open_limits(element: Node, values: dict[str, float | None], kind: str | None, owner: Owner) -> None:
+    """Warn of limits that are not given, not used or infinite."""
+    turns = kind == "continuous"
+    # limits of a whole turn or more say the same as none
+    written = [name for name in ("lower", "upper") if turns and 0 < abs(values[name] or 0.0) < HALF_TURN]
+    zero = [name for name in ("lower", "upper") if not turns and values[name] is None]
+    unlimited = [name for name in ("effort", "velocity") if values[name] is None]
+    infinite = [name for name in BOUNDS[2 if turns else 0 :] if math.isinf(values[name] or 0.0)]
+    remarks = [
+        before + " and ".join(names) + after
+        for before, names, after in (
+            ("a continuous joint turns without end, so ", written, " are ignored"),
+            ("", zero, " not given, 0 is used"),
+            ("", unlimited, " not given, no limit is used"),
+            ("", infinite, " infinite"),
+        )
+        if names
+    ]
+    if remarks:
+        owner.say("W_LIMITS", f": limit: {'; '.join(remarks)}", element.line)
+
+
+def _check_range(lower: float, upper: float, kind: str | None, line: int, owner: Owner) -> None:
+    if lower > upper or lower == math.inf or upper == -math.inf:
+        text = f": lower limit {lower:g} is above upper limit {upper:g}; lower ≤ upper is needed"
+        owner.say("E_LIMITS", text, line)
+        return
+    if lower == upper:
+        text = f": lower and upper limit are both {lower:g}; the joint cannot move within its limits"
+        owner.say("W_LIMITS", text, line)
+    widest, unit, meant = (
+        (WIDEST_SHIFT, "m", "millimetres") if kind == "prismatic" else (WIDEST_LIMIT, "rad", "degrees")
+    )
+    large = [value for value in (lower, upper) if math.isfinite(value) and abs(value) > widest]
+    if large:
+        text = f": limit {large[0]:g} {unit} is beyond ±{widest:.4g} {unit}; are these {meant}?"
+        owner.say("W_UNITS", text, line)
+    if not lower <= 0 <= upper:
+        owner.say("W_NEUTRAL", f": zero is outside the limits {lower:g} … {upper:g}", line)
+
+
+def _mimic(node: Node, kind: str | None, name: str | None, owner: Owner) -> Mimic | None:
+    element = node.first("mimic")
+    if element is None:
+        return None
+    joint = element.get("joint")
+    if not joint:
+        owner.say("E_MIMIC", ': <mimic> names no joint; <mimic joint="…"/> is needed', element.line)
+        return None
+    if joint == name:
+        owner.say("E_MIMIC", " mimics itself; another joint is needed", element.line)
+        return None
+    multiplier, offset = (
+        default if value is None else value[0]
+        for default, value in zip((1.0, 0.0), owner.numbers(element).values(), strict=True)
+    )
+    if kind == "fixed":
+        owner.say("W_MIMIC", " is fixed; its <mimic> is ignored", element.line)
+        return None
+    text = (
+        f" mimics {shown(joint)} ({multiplier:g} × value + {offset:g}); "
+        "off the chain it follows that joint, on the chain it must be locked"
+    )
+    owner.say("W_MIMIC", text, element.line)
+    return Mimic(joint, multiplier, offset)
+
+
+def _check_dynamics(node: Node, owner: Owner) -> None:
+    element = node.first("dynamics")
+    if element is None:
+        return
+    given = [name for name in GRAMMAR["dynamics"].attributes if element.get(name) is not None]
+    if not given:
+        owner.say("W_DYNAMICS", ": <dynamics> has neither damping nor friction; it is ignored", element.line)
+    for name in given:
+        numbers = owner.read(element, name)
+        if numbers is not None and numbers[0] < 0:
+            owner.say("W_DYNAMICS", f": {name} {numbers[0]:g} is negative; it is ignored", element.line)
+
+
+class _Bad(Exception):
+    """A visual or material that cannot be used; carries the reason."""
+
+
+@final
+class Looks:
+    """Reader of materials and visuals, which also checks collision shapes (these are not kept).
+
+    A robot is refused here only for text that is dangerous to other parsers. ``meshes`` checks mesh files; None if there
+    is no folder to search.
+    """
+
+    def __init__(self, findings: Findings, meshes: MeshFiles | None) -> None:
+        self._findings = findings
+        self._meshes = meshes
+        self._defined: set[str] = set()
+
+    def materials(self, robot: Node) -> dict[str, Colour]:
+        """Return the colours of the materials defined in ``<robot>`` or in any visual, by name."""
+        colours: dict[str, Colour] = {}
+        for node in robot.named("material"):
+            self._material(node, "robot", colours, top=True)
+        for link in robot.named("link"):
+            for visual in link.named("visual"):
+                for node in visual.named("material"):
+                    if node.get("name") and (node.first("color") is not None or node.first("texture") is not None):
+                        self._material(node, f"link {shown(link.get('name') or '?')}", colours, top=False)
+        return colours
+
+    def read(self, link: Node, owner: str, colours: dict[str, Colour]) -> tuple[Shape, ...]:
+        """Return the usable visuals of a link."""
+        nodes = [node for node in link.children if node.tag in ("visual", "collision")]
+        shapes = [(node.tag, self._shape(node, owner, colours)) for node in nodes]
+        return tuple(shape for tag, shape in shapes if shape is not None and tag == "visual")
+
+    def _material(self, node: Node, owner: str, colours: dict[str, Colour], *, top: bool) -> None:
+        name = node.get("name")
+        color = node.first("color")
+        problem = None
+        if not name:
+            problem = "has no name"
+        elif top and name in self._defined:
+            problem = "is defined twice; the first is used"
+        elif color is not None:
+            try:
+                colours.setdefault(name, _colour(color))
+            except _Bad as bad:
+                problem = str(bad)
+        elif node.first("texture") is None:
+            problem = "has neither color nor texture"
+        self._defined.add(name or "")
+        if problem is not None:
+            self._report_material(node, owner, problem)
+
+    def _report_material(self, node: Node, owner: str, problem: str) -> None:
+        message = f"{owner}: material {shown(node.get('name') or '')} {problem}"
+        self._report(node, message, "W_MATERIAL", "E_MATERIAL")
+
+    def _report(self, node: Node, message: str, usual: str, dangerous: str) -> None:
+        if _misleads(node):
+            self._findings.add(dangerous, f"{message}; text with printf directives is refused", node.line)
+        else:
+            self._findings.add(usual, message, node.line)
+
+    def _shape(self, node: Node, owner: str, colours: dict[str, Colour]) -> Shape | None:
+        try:
+            origin = node.first("origin")
+            xyz, rpy = _vector(origin, "xyz"), _vector(origin, "rpy")
+            geometry = self._geometry(node, owner)
+        except _Bad as bad:
+            self._report(node, f"{owner}: this {node.tag} is left out: {bad}", "W_GEOMETRY", "E_GEOMETRY")
+            return None
+        if geometry is None:
+            return None
+        colour = self._visual_colour(node, owner, colours) if node.tag == "visual" else None
+        return Shape(geometry, xyz, rpy, colour, node.line)
+
+    def _visual_colour(self, node: Node, owner: str, colours: dict[str, Colour]) -> Colour | None:
+        material = node.first("material")
+        if material is None:
+            return None
+        name, color = material.get("name") or "", material.first("color")
+        message = ""
+        if not name:
+            message = "a material without a name, for which other readers leave the visual out"
+        elif color is None and name not in self._defined:
+            message = f"material {shown(name)} is not defined; its visuals are drawn grey"
+        if message:
+            self._findings.group("W_MATERIAL", message, owner, material.line)
+        if color is None:
+            return colours.get(name)
+        try:
+            return _colour(color)
+        except _Bad as bad:
+            if not name:
+                self._report_material(material, owner, str(bad))
+            return None
+
+    def _geometry(self, node: Node, owner: str) -> Geometry | None:
+        element = node.first("geometry")
+        if element is None:
+            raise _Bad("it has no <geometry>")
+        shapes = [child for child in element.children if child.tag in SHAPES]
+        if not shapes:
+            found = f"<{element.children[0].tag[:40]}>" if element.children else "nothing"
+            raise _Bad(f"<geometry> holds {found}; one of {', '.join(SHAPES)} is needed")
+        if len(shapes) > 1:
+            raise _Bad(f"<geometry> holds {len(shapes)} shapes; one is needed")
+        shape = shapes[0]
+        if shape.tag == "mesh":
+            return self._mesh(shape, owner)
+        sizes: list[float] = []
+        for name, form in GRAMMAR[shape.tag].attributes.items():
+            values = _numbers(shape, name, form.count)
+            if min(values) <= 0:
+                raise _Bad(f"<{shape.tag}> {name}={shown(shape.get(name) or '')} must be positive")
+            sizes += values
+        if shape.tag == "box":
+            return Box((sizes[0], sizes[1], sizes[2]))
+        return Sphere(sizes[0]) if shape.tag == "sphere" else Cylinder(sizes[0], sizes[1])
+
+    def _mesh(self, node: Node, owner: str) -> Mesh | None:
+        filename, written = (node.get("filename") or "").strip(), node.get("scale")
+        if not filename:
+            self._findings.add("W_MESH_MISSING", f"{owner}: a mesh without filename is left out", node.line)
+            return None
+        if self._meshes is not None:
+            self._meshes.check(filename, owner, node.line)
+        if written is None:
+            return Mesh(filename)
+        scale = parse_numbers(written, 3)
+        if isinstance(scale, BadNumbers):
+            message = f"{owner}: mesh scale {shown(written)} {scale.reason}; 1 1 1 is used"
+            self._findings.add("W_MESH_SCALE", message, node.line)
+            return Mesh(filename)
+        if min(scale) <= 0:
+            what = "flattens" if 0 in scale else "mirrors"
+            message = f"mesh scale {shown(written)} {what} the mesh; positive is usual"
+            self._findings.group("W_MESH_SCALE", message, owner, node.line)
+        return Mesh(filename, (scale[0], scale[1], scale[2]))
+
+
+def _misleads(node: Node) -> bool:
+    # %20 in a file name is no directive, and file names are never logged by a parser here
+    texts = (value for name, value in node.attributes.items() if name != "filename")
+    return any(DIRECTIVE.search(text) for text in texts) or any(map(_misleads, node.children))
+
+
+def _numbers(node: Node, attribute: str, count: int) -> tuple[float, ...]:
+    text = node.get(attribute)
+    if text is None:
+        raise _Bad(f"<{node.tag}> has no {attribute}")
+    result = parse_numbers(text, count)
+    if isinstance(result, BadNumbers):
+        raise _Bad(f"<{node.tag}> {attribute}={shown(text)} {result.reason}")
+    return result
+
+
+def _vector(node: Node | None, attribute: str) -> Vector:
+    if node is None or node.get(attribute) is None:
+        return ZERO3
+    x, y, z = _numbers(node, attribute, 3)
+    return (x, y, z)
+
+
+def _colour(node: Node) -> Colour:
+    red, green, blue, opacity = _numbers(node, "rgba", 4)
+    if min(red, green, blue, opacity) < 0 or max(red, green, blue, opacity) > 1:
+        raise _Bad(f"rgba={shown(node.get('rgba') or '')} must lie between 0 and 1")
+    return (red, green, blue, opacity)

@@ -5,29 +5,195 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
+from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, InternalError, UnknownNameError
-from precision_pin.robot.urdf.data import Joint, Link
+
+Vector = tuple[float, float, float]
+JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Size limits of a URDF.
+
+    ``text_length`` is that of an attribute or a name, ``elements`` counts XML elements and attributes, ``moving_joints`` are
+    those that are not fixed, ``links_in_depth`` those on the longest path from root to tip, both included.
+    """
+
+    file_bytes: int = 16 * 1024 * 1024
+    text_length: int = 64 * 1024
+    xml_depth: int = 64
+    elements: int = 250_000
+    moving_joints: int = 128
+    links_in_depth: int = 200
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass properties of a link.
+
+    Mass in kg; centre of mass in the link's axes, m; roll, pitch, yaw of the inertia's axes in the link's axes, rad;
+    ``(ixx, ixy, ixz, iyy, iyz, izz)`` about the centre of mass in the axes given by ``rpy``, kg·m².
+    """
+
+    mass: float
+    com: Vector
+    rpy: Vector
+    inertia: tuple[float, float, float, float, float, float]
+
+    @property
+    def tensor(self) -> Array:
+        """Inertia about the centre of mass in the *link's* axes, ``(3, 3)``, kg·m²."""
+        ixx, ixy, ixz, iyy, iyz, izz = self.inertia
+        turn = se3.rpy_rotation(self.rpy)
+        result: Array = turn @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ turn.T
+        return result
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box centred in its origin; edge lengths ``size`` in m."""
+
+    size: Vector
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along z, centred in its origin; m."""
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere centred in its origin; m."""
+
+    radius: float
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh: the file name as written (``package://``, relative, …) and the scale of its axes."""
+
+    filename: str
+    scale: Vector = (1.0, 1.0, 1.0)
+
+
+Geometry = Box | Cylinder | Sphere | Mesh
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One ``<visual>`` of a link: geometry placed at ``xyz``, ``rpy`` in the link's axes.
+
+    ``colour`` is red, green, blue, opacity from 0 to 1, where the file gives one.
+    """
+
+    geometry: Geometry
+    xyz: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
+    colour: tuple[float, float, float, float] | None = None
+    line: int | None = None
+
+    @property
+    def origin(self) -> Array:
+        """Pose of the shape in the link's axes, ``(4, 4)``."""
+        return se3.pose(se3.rpy_rotation(self.rpy), self.xyz)
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body; ``inertial`` is None where the file gives no mass."""
+
+    name: str
+    inertial: Inertial | None = None
+    visuals: tuple[Shape, ...] = ()
+    line: int | None = None
+
+    @property
+    def mass(self) -> float:
+        """Mass in kg, zero where the file gives none."""
+        return 0.0 if self.inertial is None else self.inertial.mass
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Joint limits: position in rad or m, effort in N·m or N, velocity in rad/s or m/s.
+
+    Infinite if the file leaves them open; ``lower`` and ``upper`` of a continuous joint always are.
+    """
+
+    lower: float
+    upper: float
+    effort: float
+    velocity: float
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint value that follows another: ``multiplier`` × value of ``joint`` + ``offset``."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint: the child's frame is ``origin`` (``xyz`` m, ``rpy`` rad, in the parent's frame), then the motion.
+
+    The axis is a unit vector in the joint's frame, ``(1, 0, 0)`` for a fixed joint. ``reversed`` joints are passed against
+    the file, from the file's child to its parent: see `rerooted`.
+    """
+
+    name: str
+    kind: JointKind
+    parent: str
+    child: str
+    xyz: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
+    axis: Vector = (1.0, 0.0, 0.0)
+    limit: Limit | None = None
+    mimic: Mimic | None = None
+    line: int | None = None
+    reversed: bool = False
+
+    @property
+    def moves(self) -> bool:
+        """True if the joint has a value."""
+        return self.kind != "fixed"
+
+    @property
+    def written_axis(self) -> Array:
+        """Unit vector of its axis as written in the file, in the joint's frame, ``(3,)``."""
+        axis = np.array(self.axis)
+        return -axis if self.reversed else axis
+
+    @cached_property
+    def origin(self) -> Array:
+        """Pose of the joint's frame in the parent's at joint value zero, ``(4, 4)``, read-only."""
+        result = se3.pose(se3.rpy_rotation(self.rpy), self.xyz)
+        result.setflags(write=False)
+        return result
+
+    def motion(self, value: float) -> Array:
+        """Return the pose of the child's frame in the joint's frame, ``(4, 4)``, at a value in rad or m."""
+        if self.kind == "fixed":
+            return np.eye(4)
+        if self.kind == "prismatic":
+            return se3.translation(value * np.array(self.axis))
+        return se3.pose(se3.rotation_about(self.axis, value), (0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A tree of links and joints, in the order of the file.
-
-    Attributes
-    ----------
-    name
-        The robot's name.
-    file
-        The file it was read from.
-    links, joints
-        All of them; exactly one link, the root, is no joint's child.
-    findings
-        The warnings of reading.
-    """
+    """A tree of links and joints, in the order of the file; one link, the root, is no joint's child. Findings are warnings."""
 
     name: str
     file: str
@@ -60,26 +226,14 @@ class Robot:
         return tuple(ordered)
 
     def link(self, name: str) -> Link:
-        """Return a link by name.
-
-        Raises
-        ------
-        UnknownNameError
-            There is none; the message gives the nearest names.
-        """
+        """Return a link by name, or raise `UnknownNameError` with the nearest names."""
         try:
             return self._links[name]
         except KeyError:
             raise UnknownNameError("link", name, self._links) from None
 
     def joint(self, name: str) -> Joint:
-        """Return a joint by name.
-
-        Raises
-        ------
-        UnknownNameError
-            There is none; the message gives the nearest names.
-        """
+        """Return a joint by name, or raise `UnknownNameError` with the nearest names."""
         try:
             return self._joints[name]
         except KeyError:
@@ -98,12 +252,7 @@ class Robot:
     def path(self, base: str, tip: str) -> tuple[Joint, ...]:
         """Return the joints from ``base`` down to ``tip``, fixed ones included.
 
-        Raises
-        ------
-        UnknownNameError
-            One of the links does not exist.
-        InputError
-            ``base`` is not between the root and ``tip``; `rerooted` returns a robot in which it is.
+        `InputError` if ``base`` is not between the root and ``tip``; `rerooted` returns a robot in which it is.
         """
         self.link(base)
         joints: list[Joint] = []
@@ -120,16 +269,8 @@ class Robot:
     def link_poses(self, values: Mapping[str, float] | None = None) -> dict[str, Array]:
         """Return every link's pose ``(4, 4)`` in the root link's frame (forward kinematics).
 
-        Parameters
-        ----------
-        values
-            Joint values by name, rad or m; joints not named are at zero. Mimic joints are joints like
-            any other here: their coupling is not applied.
-
-        Raises
-        ------
-        UnknownNameError
-            A value is given for a joint that does not exist.
+        Values by joint, rad or m; joints not named are at zero. Mimic joints are joints like any other here: their coupling is
+        not applied.
         """
         given = {} if values is None else values
         for name in given:

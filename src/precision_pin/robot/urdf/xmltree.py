@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from precision_pin.base.text_escape import shown
-from precision_pin.robot.urdf.data import Limits
 from precision_pin.robot.urdf.findings import Findings
+from precision_pin.robot.urdf.robot import Limits
 
 UTF8_MARK = codecs.BOM_UTF8
 # encodings that may be declared, with Python's names; 16-bit encodings need a byte-order mark or a declaration
@@ -73,22 +73,11 @@ class _Refused(Exception):
 
 
 def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
-    """Return the root element, or add one finding and return None.
-
-    Parameters
-    ----------
-    data
-        The whole file, in an encoding that `utf8_text` supports; any line ends.
-    findings
-        Receives ``E_XML_EMPTY``, ``E_XML_SYNTAX``, ``E_XML_ENCODING``, ``E_XML_DTD``, ``E_XML_DEPTH``,
-        ``E_TOO_BIG`` or ``E_XACRO``.
-    limits
-        The size limits.
-    """
+    """Return the root element of a file in an encoding that `utf8_text` supports, or add one finding and return None."""
     try:
         return _Builder(_plain_utf8(data, limits), limits).root
     except _Refused as problem:
-        findings.error(problem.code, problem.message, problem.line)
+        findings.add(problem.code, problem.message, problem.line)
     return None
 
 

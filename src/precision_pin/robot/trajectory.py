@@ -23,8 +23,8 @@ from precision_pin.base.errors import Finding, InputError, UnitError, nearest
 from precision_pin.base.input_files import UnreadableFileError, decode, read_regular_file
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.pose_grids import MOST_POSES
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
 
 _TIMES: Final = ("t", "time")
 _LONGEST: Final = 40
@@ -40,17 +40,7 @@ _ROUNDING: Final = 1e-9
 @final
 @dataclass(frozen=True)
 class Column:
-    """A column of a trajectory file.
-
-    Attributes
-    ----------
-    heading
-        As in the file.
-    joint
-        Its joint; empty for the times.
-    factor
-        Its unit in s, rad or m.
-    """
+    """A column of a trajectory file: its heading, its joint (empty for the times), and its unit in s, rad or m."""
 
     heading: str
     joint: str
@@ -68,20 +58,9 @@ def joint_columns(names: Iterable[str], slides: Iterable[bool]) -> list[Column]:
 @final
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Poses in order.
+    """Poses in order: joint values in chain order ``(P, n)``, rad or m, and times ``(P,)``, s, if the file has them.
 
-    Attributes
-    ----------
-    chain
-        The arm.
-    values
-        Joint values in chain order, ``(P, n)``, rad or m.
-    times
-        ``(P,)`` s; ``None`` where the file has none.
-    rows
-        Row of the file of each pose, from 1, ``(P,)``; between two rows a fraction.
-    columns
-        The columns of the file, in its order.
+    ``rows`` are the rows of the file, from 1, ``(P,)``; between two rows a fraction. ``columns`` are in the file's order.
     """
 
     chain: Chain

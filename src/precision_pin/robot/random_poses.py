@@ -9,7 +9,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.arguments import check_instance, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.interrupts import raise_if_interrupted
@@ -20,9 +20,8 @@ from precision_pin.draws.philox import Units, stream_of
 from precision_pin.draws.space import check_seed
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import inverse_kinematics
+from precision_pin.robot.pose_grids import MOST_POSES, Orientation, check_orientations
 from precision_pin.robot.pose_set import PoseSet, chain_length
-from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
-from precision_pin.robot.pose_sources.orientation import Orientation
 
 _FEWEST: Final = 32
 _MOST: Final = 256
@@ -79,10 +78,7 @@ def random_poses(
     if orientations is None:
         source: _JointDraws | _PlaceDraws = _JointDraws.of(chain, limits)
     else:
-        listed = [orientations] if isinstance(orientations, Orientation) else orientations
-        kinds = check_items("orientations", listed, Orientation)
-        if not kinds:
-            raise InputError("no orientations; give at least one, such as Orientation.free()")
+        kinds = check_orientations(orientations)
         source = _PlaceDraws(chain, _reach(chain) if limits is None else limits, kinds)
     found: list[PoseSet] = []
     missing, tried = count, 0

@@ -1,0 +1,365 @@
+"""Grids over joint values, and over places that are reached by inverse kinematics with given orientations of the tool."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, final, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin.base import se3
+from precision_pin.base.arguments import (
+    check_choice,
+    check_instance,
+    check_items,
+    check_mapping,
+    check_name,
+    check_numbers,
+    check_text,
+    check_whole,
+)
+from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.progress import steps_to
+from precision_pin.base.quantity_arguments import check_quantities
+from precision_pin.base.units import LENGTH, Quantity
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.configurations import joint_quantity
+from precision_pin.robot.inverse_kinematics import Branches, Task, inverse_kinematics
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.robot.postures import alignment
+
+_DECIMALS: Final = 9
+"""Of values in names, mm and degrees."""
+MOST_POSES: Final = 2**20 - 1
+"""The most poses of a grid: draws of pose scope can be made at no more."""
+
+
+MOST_ANGLES: Final = 3600
+Z: Final = (0.0, 0.0, 1.0)
+
+
+def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
+    """Return every combination of joint values; the last joint's change fastest.
+
+    Parameters
+    ----------
+    chain
+        The arm.
+    values
+        For each joint by name its values, rad or m, one or several, or text such as ``"0 30 60 deg"``.
+
+    Raises
+    ------
+    InputError
+        A joint is missing or has no values, a number is not finite, or there are more than 1,048,575 poses.
+    UnknownNameError
+        No such joint on the chain.
+    """
+    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    for name in check_mapping("values", values):
+        check_name("joint on the chain", name, chain.joint_names)
+    missing = [name for name in chain.joint_names if name not in values]
+    if missing:
+        raise InputError(f"no values for the joints {', '.join(missing)}; a joint that is held has one value")
+    rows = [_row(joint.name, values[joint.name], joint_quantity(joint)) for joint in chain.joints]
+    check_grid_size([len(row) for row in rows])
+    q = np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
+    return PoseSet.at(chain, chain.configurations.many(q), _names(chain, rows, q))
+
+
+def check_grid_size(counts: list[int]) -> None:
+    """Refuse a grid of more than 1,048,575 poses: the product of the counts."""
+    total = 1
+    for count in counts:
+        total *= count
+    if total > MOST_POSES:
+        raise InputError(
+            f"the grid has {' × '.join(map(str, counts))} = {total:,} poses; at most {MOST_POSES:,} are allowed"
+        )
+
+
+def _row(name: str, given: ArrayLike, quantity: Quantity) -> Array:
+    row = np.atleast_1d(check_quantities(f"values of {name}", given, quantity))
+    if row.ndim != 1 or not row.size:
+        raise InputError(f"values of {name}: expected one or several numbers, got the shape {row.shape}")
+    return row
+
+
+def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
+    """Return the values of the joints that vary, as the name of each pose."""
+    varied = [joint for joint, row in enumerate(rows) if len(row) > 1] or list(range(len(rows)))
+    words = [
+        [
+            f"{_written(1e3 * value)} mm" if chain.prismatic[joint] else f"{_written(np.degrees(value))}°"
+            for value in q[joint]
+        ]
+        for joint in varied
+    ]
+    return tuple(" ".join(word) for word in zip(*words, strict=True))
+
+
+def _written(value: float) -> str:
+    # a grid may reach zero up to a last digit
+    return f"{round(float(value), _DECIMALS) + 0.0:.6g}"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Orientation:
+    """What the attitude of the tool must be at a place; made by :meth:`given`, :meth:`along` or :meth:`free`.
+
+    Attributes
+    ----------
+    task
+        What must agree: ``pose``, ``axis`` or ``position``.
+    rotations
+        Attitudes of the tip in the base that are tried, ``(A, 3, 3)``; with ``axis`` and ``position`` a single one.
+    tool_axis
+        The tool axis in the tip's frame.
+    label
+        Its name; empty where every attitude will do.
+    """
+
+    task: Task
+    rotations: Array
+    tool_axis: Array
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @classmethod
+    def given(cls, rotation: ArrayLike, label: str = "") -> Orientation:
+        """Return one attitude: a rotation matrix ``(3, 3)``, or roll, pitch and yaw ``(3,)`` in rad, in base axes.
+
+        Raises
+        ------
+        InputError
+            Neither, or a matrix that is no rotation to 1e-9.
+        """
+        check_text("the label of an orientation", label)
+        values = check_numbers("the orientation", rotation, needs="a rotation (3, 3), or roll, pitch and yaw (3,)")
+        if values.shape == (3,):
+            degrees = " ".join(f"{angle:.6g}" for angle in np.degrees(values) + 0.0)
+            return cls("pose", se3.rpy_rotation(values)[None], np.array(Z), label or f"rpy {degrees}°")
+        if values.shape != (3, 3):
+            raise InputError(
+                f"the orientation has the shape {values.shape}, expected a rotation (3, 3), or roll, pitch and yaw (3,)"
+            )
+        if np.abs(values.T @ values - np.eye(3)).max() > 1e-9 or np.linalg.det(values) < 0:
+            raise InputError(
+                "the orientation is no rotation: its columns must be orthonormal to 1e-9, without mirroring"
+            )
+        return cls("pose", values[None], np.array(Z), label or "given")
+
+    @classmethod
+    def along(cls, direction: ArrayLike, angles: int | None = None, tool_axis: ArrayLike = Z) -> Orientation:
+        """Return a direction of the tool axis in the base, with any angle about it or with some.
+
+        Parameters
+        ----------
+        direction
+            Where the tool axis points, ``(3,)``; its length does not matter.
+        angles
+            How many angles about the tool axis are tried, in equal steps of a turn; ``None`` leaves the angle to the inverse
+            kinematics.
+        tool_axis
+            The tool axis in the tip's frame, ``(3,)``.
+
+        Raises
+        ------
+        InputError
+            A direction of length zero, or a wrong number of angles.
+        """
+        unit, axis = _direction("the direction", direction), _direction("the tool axis", tool_axis)
+        label = "axis " + " ".join(f"{value:.4g}" for value in unit + 0.0)
+        # einsum, as the rounding of a matrix product depends on the machine
+        upright = np.einsum("ij,kj->ik", alignment(unit), alignment(axis))
+        if angles is None:
+            return cls("axis", upright[None], axis, label)
+        check_whole("the number of angles about the tool axis", angles, 1, MOST_ANGLES)
+        turns = se3.rotation_about(unit, 2 * np.pi * np.arange(angles) / angles)
+        return cls("pose", np.einsum("ija,jk->aik", turns, upright), axis, label)
+
+    @classmethod
+    def free(cls) -> Orientation:
+        """Return that every attitude will do."""
+        return cls("position", np.eye(3)[None], np.array(Z))
+
+    @property
+    def angle_labels(self) -> tuple[str, ...]:
+        """A label for each attitude that is tried: its angle about the tool axis, empty where there is one."""
+        count = len(self.rotations)
+        return ("",) if count == 1 else tuple(f"{360 * k / count:.6g}°" for k in range(count))
+
+
+def _direction(name: str, value: ArrayLike) -> Array:
+    vector = check_numbers(name, value, (3,), "three finite numbers")
+    scaled = vector / max(float(np.abs(vector).max()), 1e-300)
+    size = float(np.sqrt((scaled * scaled).sum()))
+    if not size > 0:
+        raise InputError(f"{name} has length zero; give a direction, such as (0, 0, -1)")
+    return scaled / size
+
+
+def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
+    """Return the points ``(3, N)`` of a grid over a box, from the values of each coordinate in the base; z's change fastest.
+
+    They are in m, or text with a unit, such as ``"0 100 200 mm"``.
+
+    Raises
+    ------
+    InputError
+        No values, or numbers that are not finite.
+    """
+    rows = [_row(name, given, LENGTH) for name, given in (("x", x), ("y", y), ("z", z))]
+    check_grid_size([len(row) for row in rows])
+    return np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
+
+
+def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLike, along_v: ArrayLike) -> Array:
+    """Return the points ``(3, N)`` of a grid over a plane; those along v change fastest.
+
+    Parameters
+    ----------
+    origin
+        A point of the plane in the base, m, ``(3,)``, or text such as ``"400 0 300 mm"``.
+    u, v
+        Directions in the plane, in base axes, at right angles to each other; their lengths do not matter.
+    along_u, along_v
+        Distances from the origin along either, m, or text such as ``"0 50 100 mm"``.
+
+    Raises
+    ------
+    InputError
+        Directions that are not at right angles, no values, or numbers that are not finite.
+    """
+    point = check_quantities(
+        "the origin of the plane", origin, LENGTH, (3,), "three finite numbers, in m or with a unit"
+    )
+    units = []
+    for name, given in (("u", u), ("v", v)):
+        direction = check_numbers(f"the direction {name}", given, (3,), "three finite numbers")
+        size = float(np.linalg.norm(direction))
+        if not 0 < size < np.inf:
+            raise InputError(f"the direction {name} of the plane has length {size:g}; give one such as (1, 0, 0)")
+        units.append(direction / size)
+    if abs(float((units[0] * units[1]).sum())) > 1e-6:
+        raise InputError("the directions u and v of the plane are not at right angles")
+    rows = [_row("u", along_u, LENGTH), _row("v", along_v, LENGTH)]
+    check_grid_size([len(row) for row in rows])
+    first, second = (axis.ravel() for axis in np.meshgrid(*rows, indexing="ij"))
+    return point[:, None] + units[0][:, None] * first + units[1][:, None] * second
+
+
+def place_grid(
+    chain: Chain,
+    places: ArrayLike,
+    orientations: Orientation | Sequence[Orientation],
+    *,
+    branches: Branches = "nearest",
+    reference: ArrayLike | None = None,
+    progress: Callable[[int], None] | bool | None = None,
+) -> PoseSet:
+    """Return the poses that bring the tip to places, by inverse kinematics.
+
+    The poses of one place and orientation have the same number in :attr:`PoseSet.node`: its branches, and its angles about the
+    tool axis. Where an angle is out of reach it is one pose without joint values. :meth:`PoseSet.best_and_worst` compares
+    them.
+
+    Parameters
+    ----------
+    chain
+        The arm.
+    places
+        Points in the base, m, ``(3,)`` or ``(3, N)``, or one as text (``"400 0 300 mm"``), as :func:`box_places` and
+        :func:`plane_places` make them.
+    orientations
+        Orientations of the tool at each, one or several.
+    branches
+        Which solutions of the inverse kinematics: ``nearest`` to the reference posture; ``best``, farthest from a
+        singularity; ``all``.
+    reference
+        Joint values, rad and m, ``(n,)``; zero, or the limit nearest to it, if left out.
+    progress
+        Function called with the number of poses solved since its last call; ``True`` shows a bar.
+
+    Raises
+    ------
+    InputError
+        No places or orientations, a wrong shape, or a number that is not finite.
+    """
+    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    check_choice("branches", branches, get_args(Branches))
+    points = check_quantities("the places", places, LENGTH, needs="finite numbers, (3,) or (3, N), m in the base")
+    points = points[:, None] if points.ndim == 1 else points
+    if points.ndim != 2 or len(points) != 3 or not points.size:
+        raise InputError(f"the places have the shape {points.shape}, expected (3,) or (3, N) with at least one place")
+    kinds = check_orientations(orientations)
+    total = count_wanted(points.shape[1], kinds)
+    with steps_to(progress, total, "poses") as step:
+        sets = [_at_orientation(chain, points, kind, len(kinds) > 1, branches, reference, step) for kind in kinds]
+    return _place_by_place(sets, [len(kind.rotations) for kind in kinds])
+
+
+def check_orientations(given: Orientation | Sequence[Orientation]) -> tuple[Orientation, ...]:
+    """Return orientations, given one or several."""
+    kinds = check_items("orientations", [given] if isinstance(given, Orientation) else given, Orientation)
+    if not kinds:
+        raise InputError("no orientations; give at least one, such as Orientation.free()")
+    return kinds
+
+
+def count_wanted(places: int, orientations: Sequence[Orientation]) -> int:
+    """Return the number of poses that the inverse kinematics has to solve; refuse more than a grid may have."""
+    angles = sum(len(kind.rotations) for kind in orientations)
+    check_grid_size([places, angles])
+    return places * angles
+
+
+def _at_orientation(
+    chain: Chain,
+    points: Array,
+    kind: Orientation,
+    is_named: bool,
+    branches: Branches,
+    reference: ArrayLike | None,
+    step: Callable[[int], None],
+) -> PoseSet:
+    """Return the poses at one orientation; a place and an angle about the tool axis are a node."""
+    angles = len(kind.rotations)
+    wanted = np.zeros((4, 4, points.shape[1] * angles))
+    wanted[:3, :3] = np.tile(np.moveaxis(kind.rotations, 0, -1), points.shape[1])
+    wanted[:3, 3] = np.repeat(points, angles, axis=1)
+    wanted[3, 3] = 1.0
+    names = tuple(
+        ", ".join(filter(None, (place, kind.label if is_named else "", angle)))
+        for place in _place_names(points)
+        for angle in kind.angle_labels
+    )
+    found = inverse_kinematics(
+        chain, wanted, task=kind.task, tool_axis=kind.tool_axis, reference=reference, progress=step
+    )
+    return found.poses(names, branches)
+
+
+def _place_by_place(sets: Sequence[PoseSet], angles: Sequence[int]) -> PoseSet:
+    """Return the poses at several orientations in the order of the places; each place and orientation is a node."""
+    nodes = np.concatenate(
+        [
+            wanted // count * len(sets) + rank
+            for rank, (wanted, count) in enumerate(zip([poses.node for poses in sets], angles, strict=True))
+            if wanted is not None
+        ]
+    )
+    order = np.argsort(nodes, kind="stable")
+    return replace(PoseSet.joined(sets).take(order), node=nodes[order])
+
+
+def _place_names(points: Array) -> list[str]:
+    millimetres = points.T * 1e3 + 0.0
+    return [" ".join(f"{value:.6g}" for value in place) + " mm" for place in millimetres]

@@ -1,1 +1,0 @@
-"""Where poses come from: grids over joint values or places, random designs, trajectories."""

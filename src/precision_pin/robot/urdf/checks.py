@@ -1,0 +1,362 @@
+"""Checks of a URDF that has been read as a whole: names, mimics, angles, the tree, inertias, size."""
+
+from __future__ import annotations
+
+import math
+import unicodedata
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Final, Literal, TypeVar
+
+import numpy as np
+
+from precision_pin.base.arrays import Array
+from precision_pin.base.text_escape import shown
+from precision_pin.robot.urdf.findings import Findings, hint
+from precision_pin.robot.urdf.grammar import LONGEST_REACH
+from precision_pin.robot.urdf.robot import Inertial, Joint, Limits, Link, Robot
+
+Named = TypeVar("Named", Link, Joint)
+
+MOST_NAMED: Final = 8
+RESERVED: Final = "universe"
+PLAIN_MARKS: Final = frozenset("_-.:")
+# letters of other scripts that look like Latin ones, after case folding
+LOOK_ALIKE: Final = str.maketrans(
+    "авекмнорстухіјѕԁԛԝһӏαβεικνορτυχγ",
+    "abekmhopctyxijsdqwhlabeikvoptuxy",
+)
+EIGHTH: Final = math.pi / 4
+# 1.570796 (0.33 µrad off) is good enough for a thousandth of a millimetre at 2 m, 1.5708 (3.7 µrad) is not
+GOOD_ENOUGH: Final = 1e-6
+WIDEST_SLIP: Final = 2e-3
+MOST_DECIMALS: Final = 5
+WIDEST: Final = 4 * math.pi
+Verdict = Literal["physical", "point", "negative", "triangle"]
+
+# inertias are often written with three digits; those of a plate then violate ixx + iyy = izz by as much
+ROUNDING = 1e-3
+# radius of gyration of one micrometre: export programs write such inertias for zeros
+POINT_RADIUS = 1e-6
+WHAT = {
+    "negative": ("E_INERTIA_PD", "one is negative; all must be zero or more"),
+    "triangle": ("E_INERTIA_TRIANGLE", "no mass distribution has one larger than the sum of the others"),
+}
+
+
+def check_names(links: Sequence[Link], joints: Sequence[Joint], findings: Findings) -> None:
+    """Check for names that a person, a sheet, a browser or a spreadsheet would misread."""
+    for kind, things in (("link", links), ("joint", joints)):
+        looks: dict[str, str] = {}
+        for thing in things:
+            name = thing.name
+            if name == RESERVED:
+                message = f"the {kind} name {name!r} is reserved for the world; choose another name"
+                findings.add("E_RESERVED_NAME", message, thing.line)
+            odd = _find_odd_character(name)
+            if odd is not None:
+                message = f"the {kind} name {shown(name)} holds {odd}; letters, digits and _ - . : are safe everywhere"
+                findings.add("W_NAME_CHARS", message, thing.line)
+            twin = looks.setdefault(_skeleton(name), name)
+            if twin != name:
+                message = f"the {kind} names {shown(twin)} and {shown(name)} are easily confused"
+                findings.add("W_NAME_CONFUSABLE", message, thing.line)
+    joint_names = {joint.name for joint in joints}
+    for link in links:
+        if link.name in joint_names:
+            message = f"a link and a joint share the name {shown(link.name)}"
+            findings.add("W_NAME_SHARED", message, link.line)
+
+
+def _find_odd_character(name: str) -> str | None:
+    """Return a phrase for the unusual character of a name, None if there is none."""
+    if name[0] in "-.:":
+        return f"a leading {name[0]!r}"
+    for character in name:
+        if unicodedata.category(character)[0] not in "LMN" and character not in PLAIN_MARKS:
+            return "a blank" if character == " " else f"the character {character!r}"
+    return None
+
+
+def _skeleton(name: str) -> str:
+    """Return a name as a quick reader sees it: without case, width, script and invisible characters."""
+    folded = unicodedata.normalize("NFKC", name).casefold().translate(LOOK_ALIKE)
+    return "".join(character for character in folded if unicodedata.category(character)[0] not in "CZ")
+
+
+def find_exact_angle(angle: float) -> float | None:
+    """Return the multiple of 45° that an angle is rounded from, None if it is not rounded.
+
+    A right angle counts as rounded if it is off by up to 2 mrad and written with up to five decimals, since more
+    decimals look measured. An odd multiple of 45° must be truncated or rounded at its last decimal.
+    """
+    if abs(angle) > WIDEST:
+        return None
+    turns = round(angle / EIGHTH)
+    exact = turns * EIGHTH
+    slip = abs(angle - exact)
+    if turns == 0 or not GOOD_ENOUGH < slip <= WIDEST_SLIP:
+        return None
+    exponent = Decimal(repr(angle)).as_tuple().exponent
+    decimals = -exponent if isinstance(exponent, int) else 0
+    if decimals > MOST_DECIMALS or (turns % 2 and slip > 10.0**-decimals):
+        return None
+    return exact
+
+
+def check_joints(joints: Sequence[Joint], findings: Findings) -> None:
+    """Refuse mimics without sense (``E_MIMIC``); warn of rounded right angles in origins (``W_ANGLE_ROUNDED``)."""
+    by_name = {joint.name: joint for joint in joints}
+    for joint in joints:
+        if joint.mimic is None:
+            continue
+        target = joint.mimic.joint
+        followed = f"joint {shown(joint.name)} mimics {shown(target)}"
+        if target not in by_name:
+            findings.add("E_MIMIC", f"{followed}, which does not exist{hint(target, by_name)}", joint.line)
+        elif not by_name[target].moves:
+            findings.add(
+                "E_MIMIC", f"{followed}, which is fixed and has no value; a moving joint is needed", joint.line
+            )
+
+    def followed_by(name: str) -> str | None:
+        mimic = by_name[name].mimic
+        return mimic.joint if mimic is not None and mimic.joint in by_name else None
+
+    for circle in _find_circles(by_name, followed_by):
+        names = " → ".join(shown(name) for name in [*circle[:MOST_NAMED], circle[0]])
+        findings.add("E_MIMIC", f"joints mimic each other in a circle: {names}", by_name[circle[0]].line)
+    for joint in joints:
+        for name, angle in zip(("roll", "pitch", "yaw"), joint.rpy, strict=True):
+            exact = find_exact_angle(angle)
+            if exact is not None:
+                message = (
+                    f"joint {shown(joint.name)}: {name} {angle!r} is {abs(angle - exact):.1e} rad off "
+                    f"{round(math.degrees(exact))}°; write {exact!r} if that is intended (snapping does it)"
+                )
+                findings.add("W_ANGLE_ROUNDED", message, joint.line)
+
+
+def without_twins(things: Sequence[Named], kind: str, code: str, findings: Findings) -> tuple[Named, ...]:
+    """Return links or joints with the first of each name; add ``E_DUP_LINK`` or ``E_DUP_JOINT``."""
+    kept: dict[str, Named] = {}
+    for thing in things:
+        first = kept.setdefault(thing.name, thing)
+        if first is not thing:
+            message = f"{kind} {shown(thing.name)} occurs twice (first in line {first.line}); names must be unique"
+            findings.add(code, message, thing.line)
+    return tuple(kept.values())
+
+
+def check_tree(links: Sequence[Link], joints: Sequence[Joint], findings: Findings) -> bool:
+    """Return whether the joints make one tree of the links; else say what is wrong."""
+    by_name = {link.name: link for link in links}
+    parents: dict[str, Joint] = {}
+    sound = True
+    for joint in joints:
+        owner = f"joint {shown(joint.name)}"
+        for end, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in by_name:
+                message = f"{owner}: {end} link {shown(name)} does not exist{hint(name, by_name)}"
+                findings.add("E_UNKNOWN_LINK", message, joint.line)
+                sound = False
+        if joint.parent == joint.child:
+            message = f"{owner} joins link {shown(joint.child)} to itself; two links are needed"
+            findings.add("E_LOOP", message, joint.line)
+            sound = False
+        elif joint.child in parents:
+            other = parents[joint.child].name
+            message = (
+                f"link {shown(joint.child)} is the child of {owner} and of joint {shown(other)}; "
+                "each link has one parent at most (closed loops are not supported)"
+            )
+            findings.add("E_LOOP", message, joint.line)
+            sound = False
+        else:
+            parents[joint.child] = joint
+    return sound and _check_roots(links, parents, findings)
+
+
+def _check_roots(links: Sequence[Link], parents: dict[str, Joint], findings: Findings) -> bool:
+    roots = [link for link in links if link.name not in parents]
+
+    def parent_of(name: str) -> str | None:
+        return parents[name].parent if name in parents else None
+
+    circles = [sorted(circle) for circle in _find_circles((link.name for link in links), parent_of)]
+    if not roots:
+        message = f"no root: every link is some joint's child; a circle runs through {_list_names(circles[0])}"
+        findings.add("E_NO_ROOT", message, links[0].line)
+        return False
+    if len(roots) > 1:
+        names = [link.name for link in roots]
+        message = f"{len(roots)} links have no parent: {_list_names(names)}; one root is needed"
+        findings.add("E_TWO_ROOTS", message, roots[1].line)
+    for circle in circles:
+        message = f"links {_list_names(circle)} form a circle that is not connected to the root"
+        findings.add("E_LOOP", message, parents[circle[0]].line)
+    return len(roots) == 1 and not circles
+
+
+def _find_circles(starts: Iterable[str], follow: Callable[[str], str | None]) -> list[list[str]]:
+    """Return the names on each circle that is reached by following names, from the first that is met on."""
+    done: set[str] = set()
+    circles = []
+    for start in starts:
+        way: dict[str, None] = {}
+        at: str | None = start
+        while at is not None and at not in done and at not in way:
+            way[at] = None
+            at = follow(at)
+        if at is not None and at in way:
+            names = list(way)
+            circles.append(names[names.index(at) :])
+        done.update(way)
+    return circles
+
+
+def check_size(robot: Robot, line: int, limits: Limits, findings: Findings) -> None:
+    """Check a sound tree and its reach: ``E_NO_DOF``, ``E_TOO_BIG``, ``W_BRANCHED``, ``W_UNITS``."""
+    moving = len(robot.moving_joints)
+    if moving == 0:
+        findings.add("E_NO_DOF", "no joint moves; an arm needs one that is not fixed", line)
+    if moving > limits.moving_joints:
+        message = f"{moving} moving joints; up to {limits.moving_joints} are allowed (the limits can be raised)"
+        findings.add("E_TOO_BIG", message, line)
+    depth = {robot.root: 1}
+    reach = {robot.root: 0.0}
+    longest: dict[str, Joint] = {}
+    for joint in robot.joints_from_root:
+        depth[joint.child] = depth[joint.parent] + 1
+        length = _length(joint)
+        reach[joint.child] = reach[joint.parent] + length
+        above = longest.get(joint.parent)
+        longest[joint.child] = joint if above is None or length > _length(above) else above
+    if max(depth.values()) > limits.links_in_depth:
+        message = (
+            f"{max(depth.values())} links from root to tip; up to {limits.links_in_depth} are allowed "
+            "(the limits can be raised)"
+        )
+        findings.add("E_TOO_BIG", message, line)
+    farthest = max(reach, key=lambda name: reach[name])
+    # a single origin beyond the reach already has its own warning
+    if reach[farthest] > LONGEST_REACH and all(_length(joint) <= LONGEST_REACH for joint in robot.joints):
+        joint = longest[farthest]
+        message = (
+            f"the path from the root to {shown(farthest)} is {reach[farthest]:.4g} m long, "
+            f"most of it ({_length(joint):.4g} m) in joint {shown(joint.name)}; are these millimetres?"
+        )
+        findings.add("W_UNITS", message, joint.line)
+    if len(robot.leaves) > 1:
+        message = f"the robot has {len(robot.leaves)} tips: {_list_names(robot.leaves)}; name the one you mean"
+        findings.add("W_BRANCHED", message, robot.link(robot.root).line)
+
+
+def _length(joint: Joint) -> float:
+    x, y, z = joint.xyz
+    return float((x * x + y * y + z * z) ** 0.5)
+
+
+def _list_names(names: Sequence[str]) -> str:
+    more = f", … ({len(names)} in all)" if len(names) > MOST_NAMED else ""
+    return ", ".join(shown(name) for name in names[:MOST_NAMED]) + more
+
+
+def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findings) -> None:
+    """Refuse unphysical inertias (``E_INERTIA_PD``, ``E_INERTIA_TRIANGLE``).
+
+    A link that fixed joints make part of a larger rigid body only gets a warning (``W_INERTIA``) if the whole body is
+    physical, because only the body's inertia has an effect. A link with mass and no inertia is a point mass
+    (``W_INERTIA_ZERO``); one zero principal moment (a slender rod) is allowed. ``robot`` is None if there is no tree.
+    """
+    bodies = {} if robot is None else _bodies(robot)
+    for link in links:
+        inertial = link.inertial
+        if inertial is None:
+            continue
+        moments = _moments(inertial.tensor)
+        verdict = _verdict(moments, inertial.mass)
+        owner = f"link {shown(link.name)}"
+        if verdict == "point" and inertial.mass > 0:
+            message = f"{owner}: the inertia is zero; its {inertial.mass:g} kg are treated as a point mass"
+            findings.add("W_INERTIA_ZERO", message, link.line)
+        if verdict not in WHAT:
+            continue
+        code, why = WHAT[verdict]
+        message = f"{owner}: principal moments of inertia {_format_moments(moments)} kg·m²: {why}"
+        body = bodies.get(link.name)
+        if body is None or body.links == 1 or not _is_physical(body):
+            findings.add(code, message, link.line)
+        else:
+            message += f"; accepted, because the rigid body of {body.links} links that it belongs to is physical"
+            findings.add("W_INERTIA", message, link.line)
+
+
+def _verdict(moments: Array, mass: float) -> Verdict:
+    """Return the verdict on principal moments in rising order."""
+    if np.abs(moments).max() <= abs(mass) * POINT_RADIUS**2:
+        return "point"
+    if moments[0] < -ROUNDING * moments[2]:
+        return "negative"
+    if moments[2] > (moments[0] + moments[1]) + ROUNDING * moments[2]:
+        return "triangle"
+    return "physical"
+
+
+def _is_physical(body: _Body) -> bool:
+    # sums of huge numbers may have overflowed
+    return bool(np.isfinite(body.tensor).all()) and _verdict(_moments(body.tensor), body.mass) not in WHAT
+
+
+def _moments(tensor: Array) -> Array:
+    """Return the principal moments in rising order."""
+    return np.asarray(np.linalg.eigvalsh(tensor), dtype=np.float64)
+
+
+def _format_moments(moments: Array) -> str:
+    return ", ".join(f"{moment:.4g}" for moment in moments)
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Links joined by fixed joints: mass, centre and inertia about it, in the axes of the topmost link."""
+
+    links: int
+    mass: float
+    centre: Array
+    tensor: Array
+
+
+def _bodies(robot: Robot) -> dict[str, _Body]:
+    """Return the rigid body of each link, by the link's name."""
+    top: dict[str, str] = {robot.root: robot.root}
+    poses: dict[str, Array] = {robot.root: np.eye(4)}
+    for joint in robot.joints_from_root:
+        if joint.moves:
+            top[joint.child], poses[joint.child] = joint.child, np.eye(4)
+        else:
+            top[joint.child] = top[joint.parent]
+            poses[joint.child] = poses[joint.parent] @ joint.origin
+    bodies: dict[str, _Body] = {}
+    with np.errstate(over="ignore", invalid="ignore"):
+        for link in robot.links:
+            body = bodies.get(top[link.name], _Body(0, 0.0, np.zeros(3), np.zeros((3, 3))))
+            bodies[top[link.name]] = _add_link(body, link.inertial, poses[link.name])
+    return {name: bodies[at] for name, at in top.items()}
+
+
+def _add_link(body: _Body, inertial: Inertial | None, pose: Array) -> _Body:
+    """Return the body with one more link (parallel-axis theorem)."""
+    if inertial is None:
+        return _Body(body.links + 1, body.mass, body.centre, body.tensor)
+    turn = pose[:3, :3]
+    centre = turn @ np.array(inertial.com) + pose[:3, 3]
+    tensor = body.tensor + turn @ inertial.tensor @ turn.T
+    mass = body.mass + inertial.mass
+    if mass <= 0:
+        return _Body(body.links + 1, mass, body.centre, tensor)
+    apart = centre - body.centre
+    reduced = body.mass * inertial.mass / mass
+    tensor = tensor + reduced * (apart @ apart * np.eye(3) - np.outer(apart, apart))
+    return _Body(body.links + 1, mass, body.centre + inertial.mass / mass * apart, tensor)
