@@ -11,7 +11,7 @@ from scipy import optimize, stats
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
-from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.contact import contact_poses
 from precision_pin.analyses.calibration.simulation import simulate_calibrations
 from precision_pin.base import se3

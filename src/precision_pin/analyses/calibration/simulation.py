@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from precision_pin.analyses.calibration.design import (
+    Estimator,
     Station,
     UnitNumbers,
     flat,
@@ -16,9 +17,8 @@ from precision_pin.analyses.calibration.design import (
     read_poses,
     stack_at_means,
     stations_of,
+    task_poses,
 )
-from precision_pin.analyses.calibration.estimates import Estimator
-from precision_pin.analyses.calibration.forecast import task_poses
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Array
@@ -118,14 +118,8 @@ def simulate_readings(
 ) -> Array:
     """Return readings ``(P, m, N)`` of robots by the exact model, with the set-up at its nominal values.
 
-    Parameters
-    ----------
-    stations, measurement, model
-        Poses, in the order of the random streams, and instrument.
-    robots, first
-        Robots ``first … first + robots - 1`` of those that `precision_pin.monte_carlo` samples with the seed.
-    seed
-        64-bit seed of robots and noise.
+    They are the robots ``first … first + robots - 1`` of those that `precision_pin.monte_carlo` samples with the seed, which is
+    that of the noise too; the stations are the poses in the order of the random streams.
     """
     x = model.space.sample(seed, first, robots)
     count = sum(len(station.rows) for station in stations)
@@ -140,15 +134,7 @@ def simulate_readings(
 
 
 def as_measured(readings: Array, stations: tuple[Station, ...], measurement: Measurement) -> Array:
-    """Return readings ``(P, m)`` of one robot as an instrument gives them, in the axes of a known base: whole attitudes.
-
-    Parameters
-    ----------
-    readings
-        As :func:`simulate_readings` has them: of a pose, the turn from the nominal attitude.
-    stations, measurement
-        Poses and instrument.
-    """
+    """Return readings ``(P, m)`` of one robot as an instrument gives them, in the axes of a known base: whole attitudes."""
     if measurement.kind != "pose":
         return readings
     result = readings.copy()
@@ -170,7 +156,7 @@ def _root(station: Station, measurement: Measurement) -> Array:
     zero = np.zeros(len(measurement.nuisances))
     slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
     variances = np.tile(measurement.deviations**2, (len(station.rows), 1))
-    return station.noise_root(measurement, slopes.error, variances)
+    return station.noise_root(slopes.error, variances)
 
 
 def _residuals(
