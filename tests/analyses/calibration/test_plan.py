@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import time
 
 import numpy as np
@@ -60,9 +59,6 @@ def test_plan_and_forecast_agree_and_a_seed_gives_one_plan() -> None:
     assert found.rms("after") == pytest.approx(one.rms("after"), rel=1e-9)
     assert found.observability == pytest.approx(one.observability, rel=1e-6)
     assert one.efficiency > 0.9
-    data = json.loads(one.to_json())
-    assert data["schema"] == "precision-pin/calibration-plan/1"
-    assert len(data["chosen"]) == 8
 
 
 @pytest.mark.slow

@@ -92,33 +92,24 @@ class CalibrationResult(PosesOutcome):
     ----------
     has_prior
         Whether the sheet was the prior.
-    posterior
-        Mean and covariance of the numbers drawn once for each robot.
-    without_bounds
-        Estimates of these numbers where no law had bounds, ``(U,)``.
+    posterior, without_bounds
+        The numbers drawn once for each robot, and their estimates where no law had bounds, ``(U,)``.
     set_up
         The set-up as estimated.
     chi_square, degrees_of_freedom
         Sum of squares of whitened residuals (with a prior, of the numbers' deviations too), and its expectation.
-    residuals
-        Reading less prediction of the calibrated arm, in base axes, ``(P, m)``.
-    residuals_before
-        The same of the sheet's means, with the first guess of the set-up.
+    residuals, residuals_before
+        Reading less prediction of the calibrated arm, in base axes, ``(P, m)``; of the sheet's means, with the first guess of
+        the set-up.
     left_out
         Reading less the prediction of a fit without this reading, or without its group where the data have groups, ``(P, m)``,
         first order.
-    gross_errors
-        Readings that were given no weight.
-    at_bounds
-        Numbers estimated at a bound of their law.
-    original
-        The model before the calibration.
-    model
-        The arm that is left: means moved, remaining uncertainty correlated; every other analysis runs on it.
-    data
-        The readings as given.
-    steps
-        Gauss-Newton steps.
+    gross_errors, at_bounds
+        Readings that were given no weight, and numbers estimated at a bound of their law.
+    original, model
+        The model before, and the arm that is left: means moved, remaining uncertainty correlated.
+    data, steps
+        The readings as given, and Gauss-Newton steps.
     """
 
     schema: ClassVar[str] = "precision-pin/calibration/1"
@@ -166,12 +157,7 @@ class CalibrationResult(PosesOutcome):
         """Return the interval of a number drawn once for each robot, SI, with the same probability outside on both sides.
 
         It heeds the number's own law: of a number of which little is learned it is that of the law. Without a prior it is that
-        of a normal number where anything is learned.
-
-        Raises
-        ------
-        InputError
-            There is no such number, or the probability is not between 0 and 1.
+        of a normal number where anything is learned. A wrong name or probability is an :class:`InputError`.
         """
         number = self.posterior.names.index(check_name("component", name, self.posterior.names))
         check_number("the probability", probability, "between 0 and 1", lambda value: 0 < value < 1)
@@ -408,7 +394,7 @@ Verdict = Literal["agrees", "disagrees", "better than stated"]
 @final
 @dataclass(frozen=True, eq=False)
 class WorstReadings:
-    """Readings, that with the largest residual of its lengths first, base axes.
+    """K readings, that with the largest residual of its lengths first, base axes.
 
     Attributes
     ----------
@@ -416,16 +402,12 @@ class WorstReadings:
         Their indices in the data, ``(K,)``, and their rows in the file, from 1.
     points
         Place of the target where the calibrated arm predicts it, m, ``(3, K)``.
-    after, before
-        Residual after and before the calibration, m, ``(3, K)``: of a distance along the line of sight, of a height along the
-        normal of the plane. Before, in the axes of the first guess of the base where that is not known.
-    sizes
-        Lengths of ``after``, m, ``(K,)``.
-    deviations
-        Size of the whole residual in standard deviations of the reading, ``(K,)``: of instrument and repeatability together; of
-        a gross error, of the fit without it too.
-    is_gross
-        Whether a reading was given no weight, ``(K,)``.
+    after, before, sizes
+        Residual after and before, m, ``(3, K)``: of a distance along the line of sight, of a height along the normal;
+        before in the axes of the first guess of a free base. Lengths of ``after``, ``(K,)``.
+    deviations, is_gross
+        Size of the whole residual in standard deviations of instrument and repeatability, of a gross error in the fit without
+        it, ``(K,)``; whether it was given no weight.
     anchor
         Where distances are measured from, m, ``(3,)``; ``None`` for other readings.
     """

@@ -195,18 +195,14 @@ def _short(value: float) -> str:
 @final
 @dataclass(frozen=True, eq=False)
 class SetUp(Record):
-    """Set-up of the instrument as estimated.
+    """Set-up of the instrument as estimated; what does not belong to the readings is ``None``.
 
     Attributes
     ----------
     base
         The robot's base in the instrument's axes, ``(4, 4)``; ``None`` where it is known.
-    target, anchor
-        Target in tool axes, and the anchor of distances in base axes, m, ``(3,)``; no anchor for other readings.
-    plane
-        Point and unit normal of the plane in base axes, ``(2, 3)``; ``None`` for other readings.
-    sockets
-        Places of sockets in base axes, m, ``(S, 3)``; ``None`` for other readings.
+    target, anchor, plane, sockets
+        In tool axes, ``(3,)``; in base axes ``(3,)``, point and unit normal ``(2, 3)``, and ``(S, 3)``; m.
     std
         Standard deviation of each unknown number, m and rad.
     """

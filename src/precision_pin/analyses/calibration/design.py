@@ -38,16 +38,9 @@ NEGLIGIBLE: Final = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class UnitNumbers:
-    """Numbers drawn once for each robot that vary.
+    """Numbers drawn once for each robot that vary: U columns of the model's space, prior means and deviations ``(U,)``, and L.
 
-    Attributes
-    ----------
-    columns, names
-        Their U columns in the model's space, and their names.
-    mean, std
-        Prior mean and standard deviation, ``(U,)``.
-    root
-        L, ``(U, r)``: ``x = mean + L z``.
+    ``root`` is L, ``(U, r)``: ``x = mean + L z``.
     """
 
     columns: NDArray[np.intp]
@@ -259,20 +252,14 @@ def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
 @final
 @dataclass(frozen=True, eq=False)
 class Estimator:
-    """The linear estimate of z and the nuisances from whitened readings.
+    """The linear estimate of z and the nuisances from whitened readings with derivatives ``(M, r)`` and ``(M, k)``.
 
     Attributes
     ----------
-    by_z, by_nuisance
-        Whitened derivatives of the readings, ``(M, r)`` and ``(M, k)``.
     projected, nuisance_rank
         ``by_z`` without what nuisances could explain, and how many combinations of nuisances are determined.
-    covariance
-        Of z after the measurements, ``(r, r)``.
-    kept
-        Basis of the combinations that are estimated, ``(r, kept)``; all of them with a prior.
-    has_prior
-        Whether z has its prior of mean zero and unit covariance.
+    covariance, kept
+        Of z after the measurements, ``(r, r)``, and a basis of the combinations estimated, ``(r, kept)``; all with a prior.
     """
 
     by_z: Array

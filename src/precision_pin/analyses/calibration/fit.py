@@ -37,17 +37,7 @@ _HALVINGS: Final = 30
 @final
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Readings to fit.
-
-    Attributes
-    ----------
-    model, measurement, stations
-        Model, instrument and the measured poses.
-    readings, deviations
-        As :meth:`Measurement.predict` returns them, and their standard deviations, ``(P, m)``.
-    start
-        First guess of the nuisances, ``(k,)``.
-    """
+    """Readings ``(P, m)`` to fit, as :meth:`Measurement.predict` returns them, their deviations, and first nuisances ``(k,)``."""
 
     model: ErrorModel
     measurement: Measurement
@@ -128,18 +118,13 @@ class Fit:
 
     Attributes
     ----------
-    z, nuisances
-        The estimate, ``(r,)`` and ``(k,)``.
-    without_bounds
-        The estimate where no law had bounds, ``(r,)``, first order from z.
-    estimator
-        Derivatives at the estimate.
-    chi_square, degrees_of_freedom
-        Sum of squares of whitened residuals (with a prior, and of z), and its expectation where the model is right.
-    residuals, left_out
-        Reading less prediction, ``(P, m)``, and less that of a fit without it, first order.
-    distance
-        Size of ``left_out`` in units of its standard deviation, squared, ``(P,)``: chi-square of m degrees.
+    z, nuisances, without_bounds
+        The estimate, ``(r,)`` and ``(k,)``; z where no law had bounds, first order.
+    estimator, chi_square, degrees_of_freedom
+        Derivatives there, sum of squares of whitened residuals (with a prior, and of z), and its expectation.
+    residuals, left_out, distance
+        Reading less prediction, ``(P, m)``; less that of a fit without it, first order; and the size of this in units of its
+        standard deviation, squared, ``(P,)``: chi-square of m degrees.
     steps, at_bounds
         Gauss-Newton steps, and names of the numbers at a bound of their law.
     """

@@ -66,10 +66,8 @@ class CalibrationForecast(PosesOutcome):
 
     Attributes
     ----------
-    readings
-        Number of readings.
-    posterior
-        Numbers of the arm after the calibration; their means are those before.
+    readings, posterior
+        Number of readings, and the numbers of the arm after the calibration; their means are those before.
     by_count, by_instrument
         Accuracy against the number of measured poses and against the instrument's deviation.
     model

@@ -62,17 +62,7 @@ class Combination(Record):
 @final
 @dataclass(frozen=True)
 class Group(Record):
-    """Numbers of which only some combinations are determined.
-
-    Attributes
-    ----------
-    names
-        The numbers.
-    determined
-        How many independent combinations of them the readings determine.
-    unseen
-        The combination that no reading sees, if there is one only; several have no basis of their own.
-    """
+    """Numbers of which only some combinations are determined, and the combination that no reading sees, if there is only one."""
 
     names: tuple[str, ...]
     determined: int
@@ -86,16 +76,13 @@ class Group(Record):
 @final
 @dataclass(frozen=True, eq=False)
 class Identifiability(Record):
-    """What readings determine of a model's numbers.
+    """What readings determine of a model's U numbers drawn once for each robot.
 
     Attributes
     ----------
-    names
-        The numbers drawn once for each robot.
-    rank
-        How many independent combinations of them the readings determine.
-    singular_values
-        Of the readings' derivatives, in units of noise and of prior standard deviation, falling.
+    rank, singular_values
+        How many independent combinations the readings determine, and the singular values of their derivatives, in units of noise
+        and of prior standard deviation, falling.
     projector
         Onto the combinations that no reading sees, ``(U, U)``, in units of prior standard deviation.
     nuisances, nuisance_rank
@@ -105,17 +92,8 @@ class Identifiability(Record):
     """
 
     KEYS: ClassVar[Keys] = (
-        *(
-            "rank",
-            "parameters",
-            "singular_values",
-            "determined",
-            "unseen",
-            "combinations",
-            "nuisances",
-            "nuisance_rank",
-        ),
-        "observability",
+        *("rank", "parameters", "singular_values", "determined", "unseen", "combinations"),
+        *("nuisances", "nuisance_rank", "observability"),
     )
 
     names: tuple[str, ...]

@@ -64,36 +64,23 @@ class CalibrationPlan(PosesOutcome):
 
     Attributes
     ----------
-    criterion
-        ``"task"`` or ``"D"``.
-    chosen
-        Candidates to measure, in their order, from 0.
-    names, q
-        Their names, and joint values ``(n, count)``.
-    candidates
-        How many there were that the instrument sees.
+    criterion, candidates
+        ``"task"`` or ``"D"``, and how many candidates there were that the instrument sees.
+    chosen, names, q
+        Candidates to measure, in their order, from 0; their names, and joint values ``(n, count)``.
     value, bound
         The measure of the choice, and a bound that no choice of as many candidates can pass: ln det of the information on z
         (largest is best), or the mean square position error without the floor, m² (smallest is best).
-    efficiency
+    efficiency, random_efficiency
         Of the choice, at least: for D ``exp((value - bound) / L)`` with L the combinations that all candidates together
-        determine, for a task bound / value.
-    random_efficiency
-        The same of a random choice, the median of 25.
+        determine, for a task bound / value. The same of a random choice, the median of 25.
     """
 
     schema: ClassVar[str] = "precision-pin/calibration-plan/1"
     KEYS: ClassVar[Keys] = (
         *("*head", "measurement", "criterion", "candidates", "count", "value", "bound", "efficiency"),
-        *(
-            "random_efficiency",
-            "chosen=choices",
-            "rms_position",
-            "identifiability",
-            "observability",
-            "poses",
-            "findings",
-        ),
+        *("random_efficiency", "chosen=choices", "rms_position", "identifiability", "observability"),
+        *("poses", "findings"),
     )
 
     criterion: Criterion
@@ -130,7 +117,7 @@ class CalibrationPlan(PosesOutcome):
 
     def __repr__(self) -> str:
         return (
-            f"<CalibrationPlan of {self.provenance.robot}: {len(self.chosen)} of {self.candidates} poses, {self.criterion} "
+            f"<CalibrationPlan of {self.provenance.robot}: {self.count} of {self.candidates} poses, {self.criterion} "
             f"efficiency at least {self.efficiency:.4g}>"
         )
 

@@ -84,18 +84,11 @@ class Population(Outcome):
 
     Attributes
     ----------
-    robots
-        Number of robots.
-    means
-        ``"sheet"`` or ``"estimated"``.
-    confidence
-        Of each interval.
-    tolerances
-        What the readings show.
-    unseen
-        Draws that no reading of any robot shows; they keep their tolerances.
-    groups
-        Draws of which the readings show only a joint tolerance.
+    robots, means, confidence
+        Number of robots, ``"sheet"`` or ``"estimated"`` means, and the confidence of each interval.
+    tolerances, unseen, groups
+        What the readings show; draws that no reading of any robot shows, which keep their tolerances; and draws of which the
+        readings show only a joint tolerance.
     log_likelihood_ratio
         Twice the logarithm of the likelihood of these tolerances over that of the sheet's.
     model
@@ -104,17 +97,8 @@ class Population(Outcome):
 
     schema: ClassVar[str] = "precision-pin/population/1"
     KEYS: ClassVar[Keys] = (
-        *(
-            "*head",
-            "robots",
-            "means",
-            "confidence",
-            "tolerances",
-            "unseen",
-            "groups",
-            "log_likelihood_ratio",
-            "findings",
-        ),
+        *("*head", "robots", "means", "confidence", "tolerances", "unseen", "groups"),
+        *("log_likelihood_ratio", "findings"),
     )
 
     robots: int
@@ -192,7 +176,8 @@ def population(
         shown = {names: rows for names, rows in components.items() if total[rows].max() > NEGLIGIBLE * total.max()}
         if not shown or total.max() <= 0:
             raise InputError("no reading of any robot shows a number that varies from robot to robot")
-        blocks = np.array([_block(_correlation(model.space, unit), rows) for rows in shown.values()])
+        correlation = _correlation(model.space, unit)
+        blocks = np.array([_block(correlation, rows) for rows in shown.values()])
         step(len(components) - len(shown))
         estimated = variance_components(
             evidence, blocks, has_means=means == "estimated", confidence=confidence, advance=step
@@ -396,14 +381,8 @@ class Evidence:
 class VarianceComponents:
     """Scales of K components, standard deviation over that of the sheet.
 
-    Attributes
-    ----------
-    scale, low, high
-        Estimate and confidence interval, ``(K,)`` each; an upper limit may be infinite.
-    means
-        Estimated means, in units of prior standard deviations from those of the sheet, ``(U,)``; zeros where they are not.
-    log_likelihood, at_sheet
-        Of the estimate and of the sheet's scales, up to the same constant.
+    ``scale``, ``low`` and ``high`` ``(K,)`` are estimate and interval, whose upper end may be infinite; ``means`` ``(U,)``
+    estimated means less those of the sheet, in prior deviations; the logarithms of likelihood have one constant.
     """
 
     scale: Array

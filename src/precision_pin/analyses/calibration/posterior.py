@@ -87,11 +87,9 @@ class ErrorLeft(Record):
         The pose, and the sliding joints, whose values are in m.
     before
         Mean ``(6,)`` of the error before the calibration.
-    covariance_before, covariance_after
-        ``(6, 6)``; after it the error is that from the calibrated arm's own pose, of mean zero.
-    covariance_seen
-        Covariance after the calibration of the error in the instrument's axes, which a free base shares, ``(6, 6)``; that
-        of ``covariance_after`` where the base is known.
+    covariance_before, covariance_after, covariance_seen
+        ``(6, 6)``; after it the error is that from the calibrated arm's own pose, of mean zero; seen in the instrument's axes,
+        which a free base shares.
     floor
         ``(6, 6)``, the part that pose- and visit-scope numbers cause, which no calibration removes.
     sampled
@@ -178,10 +176,6 @@ class Outcome(Record, JsonResult):
         """First keys of the JSON: schema, robot, seed, versions."""
         return self.provenance.to_dict(self.schema)
 
-    def _repr_html_(self) -> str:
-        """Return the notebook view: the table of the command."""
-        return preformatted(load("precision_pin.analyses.calibration.table:table")(self))
-
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PosesOutcome(Outcome):
@@ -215,6 +209,10 @@ class PosesOutcome(Outcome):
     def rms_position(self) -> dict[str, float]:
         """Root mean square error of the position over the user's poses: ``before``, ``after``, ``seen``, ``floor``."""
         return {which: float(np.sqrt(np.mean([entry.rms(which) ** 2 for entry in self.poses]))) for which in ERRORS}
+
+    def _repr_html_(self) -> str:
+        """Return the notebook view: the table of the command."""
+        return preformatted(load("precision_pin.analyses.calibration.table:table")(self))
 
 
 @final

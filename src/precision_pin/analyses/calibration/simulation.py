@@ -19,6 +19,7 @@ from precision_pin.analyses.calibration.design import (
     stations_of,
     task_poses,
 )
+from precision_pin.analyses.calibration.fit import Problem
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Array
@@ -41,7 +42,7 @@ class SimulatedCalibrations:
     Attributes
     ----------
     errors
-        Error of the tip from the calibrated arm's own pose, at each of the user's poses at a later visit, ``(T, 6, N)``.
+        Error of the tip from the calibrated arm's own pose, at each of the user's T poses at a later visit, ``(T, 6, N)``.
     estimates, truth
         Estimated and true z, ``(r, N)``.
     chi_square, degrees_of_freedom
@@ -85,7 +86,8 @@ def simulate_calibrations(
     readings = simulate_readings(stations, measurement, model, robots=robots, seed=seed)
     by_z, by_nuisance = map(flat, stack_at_means(stations, unit, measurement))
     estimator = Estimator.of(by_z, by_nuisance, has_prior=True)
-    roots = [_root(station, measurement) for station in stations]
+    deviations = np.tile(measurement.deviations, (len(readings), 1))
+    roots = Problem(model, measurement, stations, readings, deviations, np.zeros(by_nuisance.shape[1])).roots
     z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
     for _ in range(_STEPS):
         residuals = _residuals(stations, roots, measurement, unit, readings, z, nuisances)
@@ -152,16 +154,9 @@ def _with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: 
     return model.space.sample(seed, first, x.shape[1], pose=pose, visit=visit)
 
 
-def _root(station: Station, measurement: Measurement) -> Array:
-    zero = np.zeros(len(measurement.nuisances))
-    slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
-    variances = np.tile(measurement.deviations**2, (len(station.rows), 1))
-    return station.noise_root(slopes.error, variances)
-
-
 def _residuals(
     stations: tuple[Station, ...],
-    roots: list[Array],
+    roots: tuple[Array, ...],
     measurement: Measurement,
     unit: UnitNumbers,
     readings: Array,

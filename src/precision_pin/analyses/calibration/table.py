@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Final
+from collections.abc import Iterable, Sequence
+from typing import Final
 
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, WorstReadings
 from precision_pin.analyses.calibration.data import SetUp
@@ -13,7 +13,7 @@ from precision_pin.analyses.calibration.forecast import CalibrationForecast, Cur
 from precision_pin.analyses.calibration.identifiability import Identifiability, some
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
-from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, Outcome, PosesOutcome, Posterior
+from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, PosesOutcome, Posterior
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import milli, resting_on
@@ -54,16 +54,11 @@ _EXPLANATION: Final = (
 )
 
 
-def table(result: Outcome) -> str:
-    """Return the table of any result of a calibration."""
-    tables: dict[type[Outcome], Callable[[Any], str]] = {
-        CalibrationForecast: forecast_table,
-        CalibrationPlan: plan_table,
-        CalibrationResult: calibration_table,
-        Population: population_table,
-        FactoryCalibration: factory_table,
-    }
-    return tables[type(result)](result)
+def table(result: CalibrationForecast | CalibrationPlan | CalibrationResult) -> str:
+    """Return a result of one arm as text."""
+    if isinstance(result, CalibrationForecast):
+        return forecast_table(result)
+    return plan_table(result) if isinstance(result, CalibrationPlan) else calibration_table(result)
 
 
 def forecast_table(result: CalibrationForecast) -> str:
