@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+    from precision_pin.analyses.calibration.calibrate import CalibrationResult
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.render.result_io import JsonResult
     from precision_pin.robot.pose_set import PoseSet
@@ -143,7 +143,7 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> i
     "joint1 [deg], x [mm], y [mm], z [mm]". With --no-prior the exit code is 1 where the readings do not determine every
     number.
     """  # noqa: D301 - a backspace, which tells click to keep the lines
-    from precision_pin.analyses.calibration.csv_files import poses_csv
+    from precision_pin.analyses.calibration.data import poses_csv
     from precision_pin.analyses.calibration.forecast import forecast_calibration
     from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration
     from precision_pin.analyses.calibration.table import calibration_table, forecast_table, plan_table
@@ -237,7 +237,7 @@ def _fit(
 def _read_factory(sheet: Sheet, file: str, options: _Options) -> None:
     """Print what a factory calibration says of a robot, and write what is asked for."""
     from precision_pin.analyses.calibration.factory import ur_calibration
-    from precision_pin.analyses.calibration.factory_table import factory_table
+    from precision_pin.analyses.calibration.table import factory_table
     from precision_pin.model.error_model import ErrorModel
 
     found = ur_calibration(file, ErrorModel.from_sheet(sheet))
@@ -250,9 +250,8 @@ def _read_factory(sheet: Sheet, file: str, options: _Options) -> None:
 
 def _measure_population(sheet: Sheet, robots: list[str], measurement: Measurement, options: _Options) -> None:
     """Print the tolerances that several robots show, and write the sheet with them."""
-    from precision_pin.analyses.calibration.population import population
-    from precision_pin.analyses.calibration.population_sheet import population_sheet
-    from precision_pin.analyses.calibration.population_table import population_table
+    from precision_pin.analyses.calibration.population import population, population_sheet
+    from precision_pin.analyses.calibration.table import population_table
     from precision_pin.model.error_model import ErrorModel
 
     model = ErrorModel.from_sheet(sheet)
@@ -275,7 +274,7 @@ def _measure_population(sheet: Sheet, robots: list[str], measurement: Measuremen
 
 def _write_sheet(result: JsonResult, original: str, path: str) -> None:
     """Write the sheet of the calibrated arm, and the result that it names."""
-    from precision_pin.analyses.calibration.sheet import calibrated_sheet, result_name
+    from precision_pin.analyses.calibration.calibrate import calibrated_sheet, result_name
     from precision_pin.base.files import write_files
 
     name = str(Path(path).with_name(result_name(path)))
@@ -394,7 +393,7 @@ def _answer(result: JsonResult, table: Callable[[Any], str], figure: str | None,
         write_text(Path(json_path), result.to_json() + "\n")
     if out is None:
         return
-    from precision_pin.analyses.calibration import figures
+    from precision_pin.analyses.calibration import figure as figures
     from precision_pin.sampling.figures import save
 
     drawn: Figure | None = None if figure is None else getattr(figures, figure)(result)

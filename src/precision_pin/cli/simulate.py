@@ -60,7 +60,7 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Unpac
     """
     import numpy as np
 
-    from precision_pin.analyses.calibration.csv_files import cycles_csv, readings_csv
+    from precision_pin.analyses.calibration.data import cycles_csv, readings_csv
     from precision_pin.analyses.calibration.design import stations_of
     from precision_pin.analyses.calibration.simulation import as_measured, simulate_readings
     from precision_pin.base.arguments import check_whole

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import precision_pin as pp
 from precision_pin.analyses.calibration.design import stations_of
-from precision_pin.analyses.calibration.simulation import simulate_readings
+from precision_pin.analyses.calibration.simulation import as_measured, simulate_readings
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sources import JointCompliance, JointOffset, Length
@@ -56,13 +56,6 @@ def readings_of(
     model: pp.ErrorModel, q: NDArray[np.float64], measurement: pp.Measurement, seed: int = 0
 ) -> NDArray[np.float64]:
     """Return readings of a simulated robot, attitudes as rotation vectors."""
-    from precision_pin.base import se3
-
     stations = stations_of(model, q, measurement)
     found = simulate_readings(stations, measurement, model, seed=seed)[:, :, 0]
-    if measurement.kind == "pose":
-        for station in stations:
-            for row in station.rows:
-                turn = se3.exp_rotation(found[row, 3:]) @ station.at.posture.pose[:3, :3]
-                found[row, 3:] = se3.log_rotation(turn)
-    return found
+    return as_measured(found, stations, measurement)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy import optimize, stats
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
-from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.contact import contact_poses
 from precision_pin.analyses.calibration.simulation import simulate_calibrations
 from precision_pin.base import se3
@@ -296,14 +297,31 @@ def test_the_urdf_has_the_poses_of_the_calibrated_arm(tmp_path: Path) -> None:
         np.testing.assert_allclose(read.at(q[:, k]).pose, found.predict(q[:, k]), atol=1e-9)
 
 
-def test_json_has_the_keys_of_every_result() -> None:
+def test_json_of_every_result_is_what_its_fields_declare() -> None:
+    """Numbers, texts and arrays under each key are those of its attribute; arrays in fields cannot be written."""
     model, q = plain_model(), random_poses(4, 6)
-    result = pp.calibrate(model, (q, readings_of(model, q, TRACKER)), TRACKER)
-    found = json.loads(result.to_json())
-    assert found["schema"] == "precision-pin/calibration/1"
-    assert {"complete", "robot", "base", "tip", "seed", "versions", "findings"} <= set(found)
-    assert result.rank == found["rank"] == 7
-    assert set(result.observability) == {"O1", "O2", "O3", "O4", "O5"}
+    found = pp.calibrate(model, (q, readings_of(model, q, TRACKER)), TRACKER)
+    results = {
+        "calibration": found,
+        "calibration-forecast": pp.forecast_calibration(model, q, TRACKER),
+        "calibration-plan": pp.plan_calibration(model, q, 3, TRACKER),
+        "population": pp.population(model, [found, found], TRACKER),
+    }
+    for schema, result in results.items():
+        data = json.loads(result.to_json())
+        assert list(data)[:4] == ["schema", "complete", "robot", "base"]
+        assert data["schema"] == f"precision-pin/{schema}/1"
+        assert list(data)[-1] == "findings"
+        for key, _, attribute in (entry.partition("=") for entry in result.KEYS if entry != "*head"):
+            value = attrgetter(attribute or key)(result)
+            if isinstance(value, np.ndarray):
+                assert not value.flags.writeable
+                np.testing.assert_array_equal(data[key], value)
+            elif isinstance(value, bool | int | float | str):
+                assert data[key] == value
+            else:
+                assert len(data[key]) == len(value) if isinstance(value, tuple) else data[key]
+    assert [entry["name"] for entry in json.loads(found.to_json())["poses"]] == ["work", "home"]
 
 
 @pytest.mark.slow

@@ -179,7 +179,7 @@ def write_yaml(folder: Path, kind: str) -> Path:
         moved = np.eye(4)
         moved[:3, 3], moved[:3, :3] = (
             found.displacements[k, :3],
-            Rotation.from_rotvec(found.displacements[k, 3:]).as_matrix(),
+            Rotation.from_rotvec(found.displacements[k, 3:].copy()).as_matrix(),
         )
         place = chain.placements[k] @ moved
         if k == 5:

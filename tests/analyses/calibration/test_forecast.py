@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -157,13 +155,6 @@ def test_a_map_of_the_arm_that_will_be_left_is_the_forecast_at_its_poses() -> No
         rms = np.sqrt(np.trace(mapped.covariance[:3, :3, k]) + (mapped.mean[:3, k] ** 2).sum())
         moved = np.linalg.norm(entry.before[:3])
         np.testing.assert_allclose(rms, np.hypot(entry.rms("after"), moved), rtol=1e-6)
-
-
-def test_json_has_the_keys_of_every_result() -> None:
-    found = json.loads(pp.forecast_calibration(plain_model(), random_poses(4, 6), SET_UPS[0]).to_json())
-    assert found["schema"] == "precision-pin/calibration-forecast/1"
-    assert {"complete", "robot", "base", "tip", "seed", "versions", "findings"} <= set(found)
-    assert [entry["name"] for entry in found["poses"]] == ["work", "home"]
 
 
 def test_nothing_to_calibrate_is_refused() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import time
 
 import numpy as np
@@ -12,7 +11,7 @@ from scipy import optimize
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, chain_of, plain_model, random_poses
-from precision_pin.analyses.calibration import pose_bound
+from precision_pin.analyses.calibration import pose_choice
 from precision_pin.analyses.calibration.identifiability import observability
 from precision_pin.analyses.calibration.pose_choice import Design
 
@@ -60,9 +59,6 @@ def test_plan_and_forecast_agree_and_a_seed_gives_one_plan() -> None:
     assert found.rms("after") == pytest.approx(one.rms("after"), rel=1e-9)
     assert found.observability == pytest.approx(one.observability, rel=1e-6)
     assert one.efficiency > 0.9
-    data = json.loads(one.to_json())
-    assert data["schema"] == "precision-pin/calibration-plan/1"
-    assert len(data["chosen"]) == 8
 
 
 @pytest.mark.slow
@@ -86,7 +82,7 @@ def test_weights_within_limits_by_general_solvers() -> None:
         low, high = (settled < 0.1).astype(float), (settled < 0.9).astype(float)
         total = int(generator.integers(low.sum(), high.sum() + 1))
         wanted = generator.normal(size=count) * generator.choice([0.1, 1, 10])
-        weights = pose_bound._project(wanted, total, low, high)
+        weights = pose_choice._project(wanted, total, low, high)
         assert weights.sum() == pytest.approx(total, abs=1e-9)
         assert ((weights >= low) & (weights <= high)).all()
         # the gradient is one number where neither limit holds, and no less (no more) than that at the lower (upper) one
@@ -98,7 +94,7 @@ def test_weights_within_limits_by_general_solvers() -> None:
             assert (away[(weights == low) & (low < high)] >= multiplier - 1e-9).all()
             assert (away[(weights == high) & (low < high)] <= multiplier + 1e-9).all()
         slopes = generator.normal(size=count)
-        least = pose_bound._least(slopes, total, low, high)
+        least = pose_choice._least(slopes, total, low, high)
         best = optimize.linprog(slopes, A_eq=np.ones((1, count)), b_eq=[total], bounds=np.column_stack([low, high]))
         assert slopes @ least == pytest.approx(best.fun, abs=1e-9)
 

@@ -12,8 +12,8 @@ from scipy import optimize, stats
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, random_poses
 from precision_pin.analyses.calibration.design import stations_of
+from precision_pin.analyses.calibration.population import Evidence, variance_components
 from precision_pin.analyses.calibration.simulation import simulate_readings
-from precision_pin.analyses.calibration.variance_components import Evidence, variance_components
 from precision_pin.sources import JointOffset, Length
 
 TRACKER = pp.Measurement(std=50e-6, target=OFF_AXIS)

@@ -2,33 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Final
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from precision_pin.analyses.calibration.calibration_result import CalibrationResult, GrossError
-from precision_pin.analyses.calibration.checks import check_data, doubt_model, refuse_far_readings
-from precision_pin.analyses.calibration.data import CalibrationData, read_data
-from precision_pin.analyses.calibration.design import measurement_of, stations_of
-from precision_pin.analyses.calibration.fit import Fit, Problem, fit, left_out_together
-from precision_pin.analyses.calibration.forecast import task_poses
+from precision_pin.analyses.calibration.data import (
+    CalibrationData,
+    SetUp,
+    check_data,
+    first_guess,
+    read_data,
+    readings_in_base,
+)
+from precision_pin.analyses.calibration.design import measurement_of, stations_of, task_poses
+from precision_pin.analyses.calibration.fit import (
+    DOUBTFUL,
+    Fit,
+    Problem,
+    doubt_model,
+    fit,
+    left_out_together,
+    probability,
+    refuse_far_readings,
+)
 from precision_pin.analyses.calibration.identifiability import (
     of_stack,
     rank_findings,
     refuse_where_nothing_is_seen,
     remarks_on,
 )
-from precision_pin.analyses.calibration.posterior import Posterior, SampledRobots, error_left
-from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
+from precision_pin.analyses.calibration.posterior import (
+    LEVEL,
+    PosesOutcome,
+    Posterior,
+    errors_left,
+    interval_after,
+    normal_interval,
+)
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.base.arguments import check_flag, check_items
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_flag, check_items, check_name, check_number, check_path
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding
+from precision_pin.base.errors import Finding, InputError, SheetError
+from precision_pin.base.files import write_files
+from precision_pin.base.input_files import UnreadableFileError, read_text_file
+from precision_pin.base.record import Keys, Record
 from precision_pin.draws.estimates import Estimates
+from precision_pin.export.as_built import AsBuilt
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.measurement import Measurement
+from precision_pin.sheet.text import read_text
 
 _GROSS: Final = 1e-3
 """Probability that any right reading of a set is taken for a gross error."""
@@ -36,6 +68,178 @@ _MOST_GROSS: Final = 0.2
 """Share of readings beyond which they are no gross errors but a model that is wrong."""
 _FEW_STEPS: Final = 3
 """Steps of a fit that only serves to find gross errors, which need not settle while there are any."""
+
+
+@final
+@dataclass(frozen=True)
+class GrossError(Record):
+    """A reading without weight: its row, from 1, the length (m) of its residual in the fit without it, its size in std."""
+
+    KEYS: ClassVar[Keys] = ("line", "size", "deviations", "weight")
+    weight: ClassVar[float] = 0.0
+
+    line: int
+    size: float
+    deviations: float
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class CalibrationResult(PosesOutcome):
+    """A calibrated robot, beside what :class:`PosesOutcome` has.
+
+    Attributes
+    ----------
+    has_prior
+        Whether the sheet was the prior.
+    posterior, without_bounds
+        The numbers drawn once for each robot, and their estimates where no law had bounds, ``(U,)``.
+    set_up
+        The set-up as estimated.
+    chi_square, degrees_of_freedom
+        Sum of squares of whitened residuals (with a prior, of the numbers' deviations too), and its expectation.
+    residuals, residuals_before
+        Reading less prediction of the calibrated arm, in base axes, ``(P, m)``; of the sheet's means, with the first guess of
+        the set-up.
+    left_out
+        Reading less the prediction of a fit without this reading, or without its group where the data have groups, ``(P, m)``,
+        first order.
+    gross_errors, at_bounds
+        Readings that were given no weight, and numbers estimated at a bound of their law.
+    original, model
+        The model before, and the arm that is left: means moved, remaining uncertainty correlated.
+    data, steps
+        The readings as given, and Gauss-Newton steps.
+    """
+
+    schema: ClassVar[str] = "precision-pin/calibration/1"
+    KEYS: ClassVar[Keys] = (
+        *("*head", "measurement", "prior=has_prior", "readings", "verdict", "chi_square", "degrees_of_freedom"),
+        *("probability", "steps", "rms_residual", "gross_errors", "at_bounds", "set_up", "rank", "observability"),
+        *("identifiability", "posterior", "intervals", "poses", "residuals", "residuals_before"),
+        *("residuals_left_out=left_out", "lines=data.lines", "data=given", "findings"),
+    )
+
+    has_prior: bool
+    posterior: Posterior
+    without_bounds: Array
+    set_up: SetUp
+    chi_square: float
+    degrees_of_freedom: int
+    residuals: Array
+    residuals_before: Array
+    left_out: Array
+    gross_errors: tuple[GrossError, ...]
+    at_bounds: tuple[str, ...]
+    original: ErrorModel
+    model: ErrorModel
+    data: CalibrationData
+    steps: int
+
+    @property
+    def readings(self) -> int:
+        """Number of readings."""
+        return len(self.data)
+
+    @property
+    def probability(self) -> float:
+        """Probability that a right model gives a larger chi-square."""
+        return probability(self.chi_square, self.degrees_of_freedom)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether model and data agree."""
+        if self.probability < DOUBTFUL:
+            return "disagrees"
+        return "better than stated" if self.degrees_of_freedom > 0 and 1 - self.probability < DOUBTFUL else "agrees"
+
+    def interval(self, name: str, probability: float = LEVEL) -> tuple[float, float]:
+        """Return the interval of a number drawn once for each robot, SI, with the same probability outside on both sides.
+
+        It heeds the number's own law: of a number of which little is learned it is that of the law. Without a prior it is that
+        of a normal number where anything is learned. A wrong name or probability is an :class:`InputError`.
+        """
+        number = self.posterior.names.index(check_name("component", name, self.posterior.names))
+        check_number("the probability", probability, "between 0 and 1", lambda value: 0 < value < 1)
+        # where the number itself stops at a bound, how far the readings would have it beyond says how much lies near the bound
+        estimate = float(self.without_bounds[number]) if name in self.at_bounds else self.posterior.mean[name]
+        left = 1 - self.posterior.learned[name]
+        if not self.has_prior and left < 1:
+            return normal_interval(estimate, self.posterior.std[name], probability)
+        draw = next(one for one in self.original.space.draws if name in one.components)
+        std = self.posterior.prior_std[name]
+        return interval_after(draw.law, draw.components.index(name), estimate, std, left, probability)
+
+    @cached_property
+    def components(self) -> Array:
+        """Estimated values of all components of the original model's space, ``(d,)``; of other scopes their means."""
+        space = self.original.space
+        x = space.mean.copy()
+        for name, value in self.posterior.mean.items():
+            x[space.index[name]] = value
+        return x
+
+    def predict(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
+        """Return the tip of the calibrated arm in the base, ``(4, 4)``; ``q`` as for :meth:`ErrorModel.at`."""
+        at = self.original.at(q)
+        error = at.exact(self.components[:, None])[:, 0]
+        pose = at.posture.pose
+        return se3.pose(se3.exp_rotation(error[3:]) @ pose[:3, :3], pose[:3, 3] + error[:3])
+
+    def to_urdf(
+        self, path: str | os.PathLike[str], q: ArrayLike | Mapping[str, float] | str | None = None
+    ) -> tuple[str, ...]:
+        """Write the calibrated arm as a URDF, and return the labels of the sources that hold at one pose only.
+
+        What loads cause, and what changes with the pose, is written as it is at the pose ``q``, the model's first if left
+        out; everything else holds at every pose.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        InputError
+            The robot's file has changed.
+        """
+        name = check_path("the path of the URDF", path)
+        writer = AsBuilt.prepare(self.original, q)
+        write_files({name: writer.fitted(self.components)})
+        return writer.frozen
+
+    def rms(self, which: Literal["before", "after", "left out"]) -> float:
+        """Return the root mean square length (m) of the residuals of the readings that have weight."""
+        values = {"before": self.residuals_before, "after": self.residuals, "left out": self.left_out}[which]
+        gross = {error.line for error in self.gross_errors}
+        used = [k for k, line in enumerate(self.data.lines) if line not in gross]
+        return float(np.sqrt((values[used][:, :3] ** 2).sum(axis=1).mean()))
+
+    @property
+    def rms_residual(self) -> dict[str, float]:
+        """Root mean squares of :meth:`rms`, as in the JSON."""
+        return {"before": self.rms("before"), "after": self.rms("after"), "left_out": self.rms("left out")}
+
+    @property
+    def intervals(self) -> dict[str, Any]:
+        """The 95 % interval of each number, as in the JSON."""
+        return {"probability": LEVEL, "numbers": {name: self.interval(name) for name in self.posterior.names}}
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Joint values and readings as in the JSON, a row for each reading; ``std`` and ``group`` where they are given."""
+        data = self.data
+        optional = {"std": data.std, "group": data.group}
+        return {
+            "joints": self.original.chain.joint_names,
+            "q": data.q.T,
+            "readings": data.readings,
+            **{name: values for name, values in optional.items() if values.size},
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"<CalibrationResult of {self.provenance.robot}: {len(self.data)} readings, residuals "
+            f"{1e3 * self.rms('before'):.3g} mm before, {1e3 * self.rms('after'):.3g} mm after, model and data: {self.verdict}>"
+        )
 
 
 def calibrate(
@@ -77,17 +281,18 @@ def calibrate(
     given, base, whole = measured_problem(model, data, measurement)
     used, best, distances = without_gross_errors(whole, given, has_prior=prior)
     residuals = whole.residuals(best.z, best.nuisances)
-    without = left_out_together(used, best, given.group) if given.group.size else best.residuals.left_out
+    without = left_out_together(used, best, given.group) if given.group.size else best.left_out
     left_out = np.where(np.isin(np.arange(len(given)), list(distances))[:, None], residuals, without)
     unit, estimator = whole.unit, best.estimator
-    seen = of_stack(unit.names, *used.plain_slopes(best.z, best.nuisances), measurement, len(given) - len(distances))
+    seen = of_stack(
+        unit.names, *used.slopes(best.z, best.nuisances, plain=True), measurement, len(given) - len(distances)
+    )
     refuse_where_nothing_is_seen(seen)
     mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
     gross = tuple(
         GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])))
         for row in sorted(distances)
     )
-    robots = SampledRobots.of(model.space, unit, estimator)
     return CalibrationResult(
         provenance=Provenance.of(model, 0),
         measurement=measurement,
@@ -103,9 +308,7 @@ def calibrate(
         left_out=left_out,
         gross_errors=gross,
         at_bounds=best.at_bounds,
-        poses=tuple(
-            error_left(one, name, unit, estimator, measurement, robots) for name, one in task_poses(model, at, given.q)
-        ),
+        poses=errors_left(task_poses(model, at, given.q), unit, estimator, measurement, model.space),
         original=model,
         model=model.calibrated(Estimates(unit.names, mean, covariance)),
         data=given,
@@ -124,18 +327,12 @@ def calibrate(
 def measured_problem(
     model: ErrorModel, data: object, measurement: Measurement
 ) -> tuple[CalibrationData, Array, Problem]:
-    """Return the data, the first guess of the base in the instrument's axes ``(4, 4)``, and the problem of all readings.
-
-    Raises
-    ------
-    InputError
-        The data are wrong, or far from the nominal arm.
-    """
+    """Return the data, the first guess of the base in the instrument's axes ``(4, 4)``, and the problem of all readings."""
     given = read_data(model, data, measurement)
     stations = stations_of(model, given.q, measurement)
     base, start = first_guess(given, stations, measurement)
     readings = readings_in_base(given, stations, base, measurement)
-    whole = Problem.of(model, measurement, stations, readings, _deviations(given, measurement), start)
+    whole = Problem(model, measurement, stations, readings, _deviations(given, measurement), start)
     refuse_far_readings(whole, given)
     return given, base, whole
 
@@ -160,7 +357,7 @@ def without_gross_errors(
     middle = float(stats.chi2.median(size))
     while True:
         kept = np.array([row for row in range(len(data)) if row not in found])
-        distance = best.residuals.distance[kept]
+        distance = best.distance[kept]
         scale = max(1.0, float(np.median(distance)) / middle)
         worst = int(np.argmax(distance))
         if distance[worst] <= limit * scale:
@@ -189,3 +386,130 @@ def _remarks(data: CalibrationData, best: Fit, gross: tuple[GrossError, ...]) ->
             "the others keep their means and tolerances"
         )
         yield Finding("warning", "W_NO_PRIOR", message)
+
+
+Verdict = Literal["agrees", "disagrees", "better than stated"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class WorstReadings:
+    """K readings, that with the largest residual of its lengths first, base axes.
+
+    Attributes
+    ----------
+    rows, lines
+        Their indices in the data, ``(K,)``, and their rows in the file, from 1.
+    points
+        Place of the target where the calibrated arm predicts it, m, ``(3, K)``.
+    after, before, sizes
+        Residual after and before, m, ``(3, K)``: of a distance along the line of sight, of a height along the normal;
+        before in the axes of the first guess of a free base. Lengths of ``after``, ``(K,)``.
+    deviations, is_gross
+        Size of the whole residual in standard deviations of instrument and repeatability, of a gross error in the fit without
+        it, ``(K,)``; whether it was given no weight.
+    anchor
+        Where distances are measured from, m, ``(3,)``; ``None`` for other readings.
+    """
+
+    rows: NDArray[np.intp]
+    lines: tuple[int, ...]
+    points: Array
+    after: Array
+    before: Array
+    sizes: Array
+    deviations: Array
+    is_gross: NDArray[np.bool_]
+    anchor: Array | None
+
+    @classmethod
+    def of(cls, result: CalibrationResult, most: int) -> WorstReadings:
+        """Return the worst readings of a calibration, ``most`` of them or all."""
+        sizes = np.linalg.norm(result.residuals[:, :3], axis=1)
+        rows = np.argsort(-sizes, kind="stable")[:most]
+        given, data, found = result.measurement, result.data, result.set_up
+        known = _known(result)
+        points, after, before = np.zeros((3, rows.size)), np.zeros((3, rows.size)), np.zeros((3, rows.size))
+        deviations = np.zeros(rows.size)
+        for station in stations_of(result.original, data.q[:, rows], given):
+            pose, error = station.at.posture.pose, station.at.exact(result.components[:, None])
+            point = Measurement(target=known.target).predict(pose, error, np.zeros((0, 1)))[:, 0]
+            slopes = known.slopes(pose, error[:, 0], np.zeros(0))
+            directions = np.eye(3)
+            if known.place is not None:
+                nominal = pose[:3, 3] + pose[:3, :3] @ given.target
+                directions = known.place.slopes(point, np.zeros(len(known.place.names)), nominal)[0]
+            for k in station.rows:
+                row = int(rows[k])
+                points[:, k] = point
+                after[:, k] = result.residuals[row, : len(directions)] @ directions
+                before[:, k] = result.residuals_before[row, : len(directions)] @ directions
+                if found.base is not None:
+                    place = found.base
+                    after[:, k] = (data.readings[row, :3] - place[:3, 3]) @ place[:3, :3] - point
+                scale = data.std[row] / given.std if data.std.size else 1.0
+                alone = replace(station, rows=(k,))
+                noise = alone.noise(slopes.error, (scale * given.deviations) ** 2)
+                residual = result.residuals[row].copy()
+                residual[:3] = after[:, k] if known.place is None else residual[:3]
+                deviations[k] = np.sqrt(residual @ np.linalg.solve(noise, residual))
+        gross = {error.line: error.deviations for error in result.gross_errors}
+        lines = tuple(data.lines[row] for row in rows)
+        is_gross = np.array([line in gross for line in lines], dtype=bool)
+        deviations = np.array([gross.get(line, own) for line, own in zip(lines, deviations.tolist(), strict=True)])
+        return cls(rows, lines, points, after, before, sizes[rows], deviations, is_gross, found.anchor)
+
+
+def _known(result: CalibrationResult) -> Measurement:
+    """Return the measurement with its set-up as estimated, in base axes."""
+    found = result.set_up
+    places = {name: getattr(found, name) for name in ("anchor", "plane", "sockets")}
+    given = {name: place.tolist() for name, place in {"target": found.target, **places}.items() if place is not None}
+    return replace(result.measurement, base="known", target_known=True, **given)
+
+
+_LARGEST: Final = 4 * 2**20
+_ROBOT: Final = re.compile(r"^robot[ \t]*:.*\n?", re.MULTILINE)
+_KEY: Final = re.compile(r"^calibrated[ \t]*:.*\n?", re.MULTILINE)
+
+
+def result_name(sheet: str) -> str:
+    """Return the name of the result beside a sheet: ``arm.calibration.json`` for ``arm.errors.yaml``."""
+    return Path(sheet).name.removesuffix(".yaml").removesuffix(".yml").removesuffix(".errors") + ".calibration.json"
+
+
+def calibrated_sheet(original: str, new: str) -> str:
+    """Return the text of the sheet ``original`` with the key ``calibrated``, to be written at ``new``.
+
+    In another folder the robot gets its whole path. A sheet there that names tables is refused, and one whose keys share lines.
+    """
+    folder = Path(original).resolve().parent
+    try:
+        text = read_text_file(original, _LARGEST)
+        data = dict(read_text(text, original).data)
+        if folder != Path(new).resolve().parent:
+            if _names_tables(data):
+                raise InputError(
+                    f"the calibrated sheet must be in the folder of {original}, which names tables beside it"
+                )
+            if not data["robot"].startswith("example:"):
+                data["robot"] = str(folder / data["robot"])
+                text = _ROBOT.sub(lambda _: f"robot: {json.dumps(data['robot'])}\n", text)
+        data["calibrated"] = result_name(new)
+        text = _KEY.sub("", text).rstrip("\n") + f"\ncalibrated: {json.dumps(data['calibrated'])}\n"
+        is_same = read_text(text, new).data == data
+    except UnreadableFileError as error:
+        raise InputError(f"{original} {error.reason}") from None
+    except SheetError:
+        is_same = False
+    if not is_same:
+        raise InputError(
+            f"the key 'calibrated' cannot be added to {original}; write its keys each in a line of its own"
+        )
+    return text
+
+
+def _names_tables(data: object) -> bool:
+    if isinstance(data, dict):
+        return "file" in data or any(map(_names_tables, data.values()))
+    return isinstance(data, list) and any(map(_names_tables, data))

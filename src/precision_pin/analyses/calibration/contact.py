@@ -35,14 +35,10 @@ def contact_poses(chain: Chain, measurement: Measurement, count: int, *, seed: i
 
     Parameters
     ----------
-    chain
-        The arm.
-    measurement
-        Of kind ``"plane"`` or ``"socket"``.
-    count
-        Number of poses.
-    seed
-        64-bit seed.
+    chain, measurement
+        The arm, and a measurement of kind ``"plane"`` or ``"socket"``.
+    count, seed
+        Number of poses, and 64-bit seed.
 
     Raises
     ------

@@ -18,6 +18,7 @@ from typing import Final, final
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_instance
@@ -37,18 +38,9 @@ NEGLIGIBLE: Final = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class UnitNumbers:
-    """The numbers drawn once for each robot that vary.
+    """Numbers drawn once for each robot that vary: U columns of the model's space, prior means and deviations ``(U,)``, and L.
 
-    Attributes
-    ----------
-    columns
-        Their columns in the model's space, ``(U,)``.
-    names
-        Their names.
-    mean, std
-        Prior mean and standard deviation, ``(U,)``.
-    root
-        L, ``(U, r)``: ``x = mean + L z``.
+    ``root`` is L, ``(U, r)``: ``x = mean + L z``.
     """
 
     columns: NDArray[np.intp]
@@ -59,13 +51,7 @@ class UnitNumbers:
 
     @classmethod
     def of(cls, space: Space) -> UnitNumbers:
-        """Return the numbers of a space.
-
-        Raises
-        ------
-        InputError
-            Nothing varies from robot to robot, so that nothing can be calibrated.
-        """
+        """Return the numbers of a space; refuse one where nothing varies from robot to robot."""
         columns = _columns(space, Scope.UNIT)
         std = np.sqrt(space.block_covariance.variances[columns])
         columns, std = columns[std > 0], std[std > 0]
@@ -106,64 +92,42 @@ def _columns(space: Space, scope: Scope) -> NDArray[np.intp]:
     return np.concatenate([np.zeros(0, dtype=np.intp), *found]).astype(np.intp)
 
 
-def _scope_covariance(at: PoseModel, jacobian: Array, scope: Scope) -> Array:
+def _scope_covariance(at: PoseModel, scope: Scope) -> Array:
     columns = _columns(at.space, scope)
-    slopes = jacobian[:, columns]
+    slopes = at.jacobian[:, columns]
     result: Array = slopes @ at.space.block_covariance.within(columns) @ slopes.T
     return result
 
 
 def repeat_covariance(at: PoseModel) -> Array:
     """Return the covariance ``(6, 6)`` of the tip's error that pose- and visit-scope numbers cause: no fit removes it."""
-    return sum((_scope_covariance(at, at.jacobian, scope) for scope in (Scope.POSE, Scope.VISIT)), np.zeros((6, 6)))
+    return sum((_scope_covariance(at, scope) for scope in (Scope.POSE, Scope.VISIT)), np.zeros((6, 6)))
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Station:
-    """A pose at which readings are taken.
-
-    Attributes
-    ----------
-    at
-        The model at the pose.
-    rows
-        Indices of its readings.
-    """
+    """A pose at which readings are taken: the model there, and the indices of its readings."""
 
     at: PoseModel
     rows: tuple[int, ...]
 
-    def noise(self, measurement: Measurement, by_error: Array, variances: Array) -> Array:
-        """Return the covariance of its readings, ``(V m, V m)``.
+    def noise(self, by_error: Array, variances: Array) -> Array:
+        """Return the covariance of its V readings, ``(V m, V m)``.
 
-        Parameters
-        ----------
-        measurement
-            The instrument.
-        by_error
-            Derivative of a reading with respect to the tip's error, ``(m, 6)``.
-        variances
-            Of the instrument in each number of each reading, ``(V, m)``.
+        ``by_error`` ``(m, 6)`` are the derivatives by the tip's error, ``variances`` ``(V, m)`` those of the instrument.
         """
         visits = len(self.rows)
-        jacobian = self.at.jacobian
-        each = by_error @ _scope_covariance(self.at, jacobian, Scope.VISIT) @ by_error.T
-        common = by_error @ _scope_covariance(self.at, jacobian, Scope.POSE) @ by_error.T
+        each = by_error @ _scope_covariance(self.at, Scope.VISIT) @ by_error.T
+        common = by_error @ _scope_covariance(self.at, Scope.POSE) @ by_error.T
         result: Array = (
             np.diag(variances.ravel()) + np.kron(np.eye(visits), each) + np.kron(np.ones((visits, visits)), common)
         )
         return result
 
-    def noise_root(self, measurement: Measurement, by_error: Array, variances: Array) -> Array:
-        """Return the lower triangular root of :meth:`noise`, of the same arguments.
-
-        Raises
-        ------
-        InputError
-            The tool varies between visits so much that beside it the instrument's own deviation is lost in rounding.
-        """
-        noise = self.noise(measurement, by_error, variances)
+    def noise_root(self, by_error: Array, variances: Array) -> Array:
+        """Return the lower triangular root of :meth:`noise`; refuse an instrument that is lost in rounding beside it."""
+        noise = self.noise(by_error, variances)
         try:
             return np.asarray(np.linalg.cholesky(noise), dtype=float)
         except np.linalg.LinAlgError:
@@ -175,13 +139,7 @@ class Station:
 
 
 def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]]:
-    """Return joint values ``(n, P)`` and names of poses: a list, an array ``(n, P)``, a mapping or a pose set.
-
-    Raises
-    ------
-    InputError
-        Wrong joint values, no poses, or a pose set with poses whose joint values are not known.
-    """
+    """Return joint values ``(n, P)`` and names of poses: a list, an array ``(n, P)``, a mapping or a pose set."""
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if isinstance(poses, PoseSet):
         if not poses.known.all():
@@ -194,13 +152,7 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
 
 
 def measurement_of(model: ErrorModel, measurement: Measurement | None) -> Measurement:
-    """Return the measurement given, or that of the model's sheet.
-
-    Raises
-    ------
-    InputError
-        There is neither, or it is no measurement.
-    """
+    """Return the measurement given, or that of the model's sheet."""
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if measurement is not None:
         return check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
@@ -244,12 +196,7 @@ def stack_at_means(
 ) -> tuple[Array, Array]:
     """Return the whitened derivatives of all readings at the means: by z ``(P, m, r)`` and by nuisances ``(P, m, k)``.
 
-    Parameters
-    ----------
-    stations, unit, measurement
-        Poses, numbers and instrument.
-    deviations
-        Standard deviations of the readings, ``(P, m)``; the instrument's if left out.
+    ``deviations`` ``(P, m)`` are standard deviations of the readings, the instrument's if left out.
     """
     count = sum(len(station.rows) for station in stations)
     by_z = np.zeros((count, measurement.size, unit.root.shape[1]))
@@ -260,7 +207,7 @@ def stack_at_means(
         rows = list(station.rows)
         slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
         own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
-        root = station.noise_root(measurement, slopes.error, given[rows] ** 2)
+        root = station.noise_root(slopes.error, given[rows] ** 2)
         white = scipy.linalg.solve_triangular(root, np.tile(own, (len(rows), 1)), lower=True)
         white = white.reshape(len(rows), measurement.size, -1)
         by_z[rows], by_nuisance[rows] = np.split(white, [unit.root.shape[1]], axis=2)
@@ -268,18 +215,10 @@ def stack_at_means(
 
 
 def project_out(by_z: Array, by_nuisance: Array) -> tuple[Array, int]:
-    """Return derivatives ``(M, r)`` without what nuisances could explain, and the number of nuisances determined.
-
-    Parameters
-    ----------
-    by_z, by_nuisance
-        ``(M, r)`` and ``(M, k)``.
-    """
+    """Return derivatives ``(M, r)`` without what nuisances ``(M, k)`` could explain, and the number of nuisances determined."""
     if not by_nuisance.shape[1]:
         return by_z, 0
-    scale = np.linalg.norm(by_nuisance, axis=0)
-    scaled = by_nuisance / np.where(scale > 0, scale, 1.0)
-    basis, values, _ = np.linalg.svd(scaled, full_matrices=False)
+    basis, values, _ = np.linalg.svd(by_nuisance / _lengths(by_nuisance), full_matrices=False)
     rank = int((values > NEGLIGIBLE * values[0]).sum())
     basis = basis[:, :rank]
     # twice, so that rounding of the first projection goes as well
@@ -287,6 +226,120 @@ def project_out(by_z: Array, by_nuisance: Array) -> tuple[Array, int]:
     return left - basis @ (basis.T @ left), rank
 
 
+def _lengths(columns: Array) -> Array:
+    """Return the lengths of columns; 1 of a column of zeros."""
+    lengths = np.linalg.norm(columns, axis=0)
+    return np.where(lengths > 0, lengths, 1.0)
+
+
 def flat(stack: Array) -> Array:
     """Return ``(P, m, n)`` as ``(P m, n)``."""
     return stack.reshape(stack.shape[0] * stack.shape[1], stack.shape[2])
+
+
+WEAKEST: Final = 1.0
+"""Without a prior, a combination is estimated if the readings alone determine it better than its tolerance, by this factor."""
+
+
+def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
+    """Return the covariance of z after measurements, ``(r, r)``: ``(I + Hᵀ(1 - P)H)⁻¹`` with P that of the nuisances."""
+    left, _ = project_out(by_z, by_nuisance)
+    values, vectors = np.linalg.eigh(left.T @ left)
+    result: Array = (vectors / (1 + np.maximum(values, 0.0))) @ vectors.T
+    return result
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Estimator:
+    """The linear estimate of z and the nuisances from whitened readings with derivatives ``(M, r)`` and ``(M, k)``.
+
+    Attributes
+    ----------
+    projected, nuisance_rank
+        ``by_z`` without what nuisances could explain, and how many combinations of nuisances are determined.
+    covariance, kept
+        Of z after the measurements, ``(r, r)``, and a basis of the combinations estimated, ``(r, kept)``; all with a prior.
+    """
+
+    by_z: Array
+    by_nuisance: Array
+    projected: Array
+    nuisance_rank: int
+    covariance: Array
+    kept: Array
+    has_prior: bool
+
+    @classmethod
+    def of(cls, by_z: Array, by_nuisance: Array, *, has_prior: bool, kept: Array | None = None) -> Estimator:
+        """Return the estimator of whitened derivatives; without a prior of the combinations kept, or of those determined."""
+        projected, rank = project_out(by_z, by_nuisance)
+        if has_prior:
+            whole = np.eye(by_z.shape[1])
+            return cls(by_z, by_nuisance, projected, rank, covariance_with_prior(by_z, by_nuisance), whole, has_prior)
+        if kept is None:
+            _, values, rows = np.linalg.svd(projected, full_matrices=True)
+            kept = rows[: int((values > WEAKEST).sum())].T
+        _, triangle = np.linalg.qr(projected @ kept)
+        inverse = np.linalg.pinv(triangle, rcond=1e-12)
+        # combinations that the readings do not determine keep their prior
+        covariance = kept @ inverse @ inverse.T @ kept.T + np.eye(len(kept)) - kept @ kept.T
+        return cls(by_z, by_nuisance, projected, rank, covariance, kept, has_prior)
+
+    def estimate(self, readings: Array, low: Array | None = None, high: Array | None = None) -> Array:
+        """Return z ``(r,)`` for whitened readings ``(M,)``, within bounds ``(r,)`` if they are given."""
+        if not self.has_prior:
+            found: Array = self.covariance @ (self.kept @ (self.kept.T @ (self.projected.T @ readings)))
+            return found
+        free: Array = self.covariance @ (self.projected.T @ readings)
+        if low is None or high is None or ((free >= low) & (free <= high)).all():
+            return free
+        rows = np.vstack([self.projected, np.eye(free.size)])
+        target = np.concatenate([readings, np.zeros(free.size)])
+        # BVLS is exact at the bounds, and the problem is small
+        bounded: Array = scipy.optimize.lsq_linear(rows, target, (low, high), method="bvls", tol=1e-14).x
+        return bounded
+
+    def nuisances(self, readings: Array) -> Array:
+        """Return the nuisances ``(k,)`` that explain whitened readings less what z explains, ``(M,)``, with least norm."""
+        if not self.by_nuisance.shape[1]:
+            return np.zeros(0)
+        scale = _lengths(self.by_nuisance)
+        found: Array = np.linalg.lstsq(self.by_nuisance / scale, readings, rcond=1e-9)[0] / scale
+        return found
+
+    def leverage(self) -> Array:
+        """Return the share G ``(M, M)`` of whitened readings that the estimate follows: fitted = G readings."""
+        basis = np.zeros((len(self.by_z), 0))
+        if self.by_nuisance.shape[1]:
+            vectors, _, _ = np.linalg.svd(self.by_nuisance / _lengths(self.by_nuisance), full_matrices=False)
+            basis = vectors[:, : self.nuisance_rank]
+        within = self.kept @ (self.kept.T @ self.covariance @ self.kept) @ self.kept.T
+        result: Array = basis @ basis.T + self.projected @ within @ self.projected.T
+        return result
+
+    @cached_property
+    def joint_covariance(self) -> Array:
+        """Covariance of z and the nuisances together, ``(r + k, r + k)``; of nuisances that are determined."""
+        inverse = np.linalg.pinv(self.by_nuisance, rcond=1e-12) if self.by_nuisance.size else self.by_nuisance.T
+        through = inverse @ self.by_z
+        cross = -self.covariance @ through.T
+        own = inverse @ inverse.T + through @ self.covariance @ through.T
+        return np.block([[self.covariance, cross], [cross.T, own]])
+
+    def nuisance_covariance(self) -> Array:
+        """Return the covariance of the nuisances, ``(k, k)``, of those combinations that are determined."""
+        size = self.by_z.shape[1]
+        return self.joint_covariance[size:, size:]
+
+
+def task_poses(model: ErrorModel, at: object, measured: Array) -> list[tuple[str, PoseModel]]:
+    """Return names and models of the user's own poses: those given, the model's named ones, or the measured ones."""
+    if at is not None:
+        values, names = read_poses(model, at)
+    elif model.poses:
+        values, names = np.array(list(model.poses.values())).T, tuple(model.poses)
+    else:
+        values, names = measured, ("",) * measured.shape[1]
+    labels = [name or f"pose {k + 1}" for k, name in enumerate(names)]
+    return list(zip(labels, model.at_columns(np.ascontiguousarray(values)), strict=True))

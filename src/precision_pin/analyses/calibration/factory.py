@@ -5,21 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, final
+from typing import ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.analyses.declaration import load
+from precision_pin.analyses.calibration.posterior import Outcome
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.files import write_files
+from precision_pin.base.record import Keys
+from precision_pin.export.as_built import AsBuilt
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.frame_models import displaced_arm
-from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
 
@@ -37,14 +38,12 @@ _NOTED: Final = 1e-7
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class FactoryCalibration(JsonResult):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class FactoryCalibration(Outcome):
     """A UR robot as its factory calibration has it.
 
     Attributes
     ----------
-    provenance
-        Robot and versions.
     file, checksum
         The file, and its ``hash``; empty for none.
     kind
@@ -55,12 +54,14 @@ class FactoryCalibration(JsonResult):
         These displacements, ``[d; δ]`` in the axes of each seat, m and rad, ``(7, 6)``; the last is that of the tip.
     rms_position, largest_position
         Distance of the tip from the nominal robot over 200 random poses, m.
-    findings
-        Warnings.
     """
 
     schema: ClassVar[str] = "precision-pin/factory-calibration/1"
-    provenance: Provenance
+    KEYS: ClassVar[Keys] = (
+        *("*head", "file", "hash=checksum", "model=kind", "displacements=by_place"),
+        *("rms_position", "largest_position", "findings"),
+    )
+
     file: str
     checksum: str
     kind: str
@@ -68,7 +69,12 @@ class FactoryCalibration(JsonResult):
     displacements: Array
     rms_position: float
     largest_position: float
-    findings: tuple[Finding, ...]
+
+    @property
+    def by_place(self) -> dict[str, Array]:
+        """The displacement of each joint and of the tip, by name."""
+        chain = self.model.chain
+        return dict(zip((*chain.joint_names, chain.tip), self.displacements, strict=True))
 
     def predict(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
         """Return the tip of the built arm in the base, ``(4, 4)``; ``q`` as for :meth:`ErrorModel.at`."""
@@ -89,22 +95,8 @@ class FactoryCalibration(JsonResult):
         name = check_path("the path of the URDF", path)
         chain = self.model.chain
         bare = displaced_arm(chain, chain.placements @ np.array([se3.displacement(one) for one in self.displacements]))
-        writer = load("precision_pin.export.as_built:AsBuilt").prepare(bare, np.zeros(6))
+        writer = AsBuilt.prepare(bare, np.zeros(6))
         write_files({name: writer.fitted(np.zeros(bare.space.size))})
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in its JSON schema, SI units, axes of each seat."""
-        places = [*self.model.chain.joint_names, self.model.chain.tip]
-        return {
-            **self.provenance.to_dict(self.schema),
-            "file": self.file,
-            "hash": self.checksum,
-            "model": self.kind,
-            "displacements": dict(zip(places, self.displacements.tolist(), strict=True)),
-            "rms_position": self.rms_position,
-            "largest_position": self.largest_position,
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
 
     def __repr__(self) -> str:
         return (
@@ -222,15 +214,7 @@ def _model_of(chain: Chain) -> tuple[str, Array]:
 
 
 def _fitted(points: Array, directions: Array, places: Array, axes: Array) -> tuple[Array, float, float]:
-    """Return the pose that moves lines onto others, and the largest distance and angle that are left between them.
-
-    Parameters
-    ----------
-    points, directions
-        Lines to be moved, ``(n, 3)`` each.
-    places, axes
-        The other lines.
-    """
+    """Return the pose that moves lines onto others, and the largest distance and angle left between them; ``(n, 3)`` each."""
     left, _, right = np.linalg.svd(axes.T @ directions)
     rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     across = np.eye(3) - np.einsum("ki,kj->kij", axes, axes)

@@ -1,4 +1,4 @@
-"""The fit of the exact model to readings: Gauss-Newton steps within bounds.
+"""The fit of the exact model to readings: Gauss-Newton steps within bounds, and what to doubt after it.
 
 It minimises ``|R^(-1/2) (y - h(q; x, n))|² + |z|²`` over z, with ``x = μ + L z``, and the nuisances n; without a prior only
 the first part, over the combinations of z that the readings determine. Derivatives are those of the displaced chain at the
@@ -7,19 +7,23 @@ current estimate. The noise R is that at the means.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, final
 
 import numpy as np
 import scipy.linalg
+from scipy import stats
 
-from precision_pin.analyses.calibration.design import Station, UnitNumbers
-from precision_pin.analyses.calibration.estimates import Estimator
+from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.estimates import bounds_of
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sheet.measurement import Measurement
 
 STEPS: Final = 60
@@ -33,59 +37,44 @@ _HALVINGS: Final = 30
 @final
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Readings to fit.
-
-    Attributes
-    ----------
-    model, unit, measurement
-        Model, its numbers drawn once for each robot, and the instrument.
-    stations
-        The measured poses.
-    readings, deviations
-        As :meth:`Measurement.predict` returns them, and their standard deviations, ``(P, m)``.
-    roots
-        Lower root of the noise of each station's readings.
-    start
-        First guess of the nuisances, ``(k,)``.
-    low, high
-        Bounds of z, ``(r,)``.
-    """
+    """Readings ``(P, m)`` to fit, as :meth:`Measurement.predict` returns them, their deviations, and first nuisances ``(k,)``."""
 
     model: ErrorModel
-    unit: UnitNumbers
     measurement: Measurement
     stations: tuple[Station, ...]
     readings: Array
     deviations: Array
-    roots: tuple[Array, ...]
     start: Array
-    low: Array
-    high: Array
 
-    @classmethod
-    def of(
-        cls,
-        model: ErrorModel,
-        measurement: Measurement,
-        stations: Sequence[Station],
-        readings: Array,
-        deviations: Array,
-        start: Array,
-    ) -> Problem:
-        """Return the problem of readings ``(P, m)`` with standard deviations ``(P, m)``."""
-        unit = UnitNumbers.of(model.space)
+    @cached_property
+    def unit(self) -> UnitNumbers:
+        """The model's numbers drawn once for each robot."""
+        return UnitNumbers.of(self.model.space)
+
+    @cached_property
+    def roots(self) -> tuple[Array, ...]:
+        """Lower root of the noise of each station's readings."""
         roots: list[Array] = []
-        for station in stations:
-            slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, start)
-            roots.append(station.noise_root(measurement, slopes.error, deviations[list(station.rows)] ** 2))
-        bounds = _bounds(model, unit)
-        return cls(model, unit, measurement, tuple(stations), readings, deviations, tuple(roots), start, *bounds)
+        for station in self.stations:
+            slopes = self.measurement.slopes(station.at.posture.pose, station.at.error_at_means, self.start)
+            roots.append(station.noise_root(slopes.error, self.deviations[list(station.rows)] ** 2))
+        return tuple(roots)
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Bounds of z where the numbers are independent, ``(r,)`` each; of correlated numbers none."""
+        unit = self.unit
+        size = unit.root.shape[1]
+        if not unit.is_independent:
+            return np.full(size, -np.inf), np.full(size, np.inf)
+        ends = [bounds_of(draw.law, k) for draw in self.model.space.draws for k in range(draw.law.size)]
+        low, high = (np.array(ends)[unit.columns].T - unit.mean) / unit.std
+        return low, high
 
     def without(self, rows: Collection[int]) -> Problem:
         """Return the problem without some readings, which keep their places in the arrays."""
-        kept = [Station(one.at, tuple(row for row in one.rows if row not in rows)) for one in self.stations]
-        stations = [station for station in kept if station.rows]
-        return Problem.of(self.model, self.measurement, stations, self.readings, self.deviations, self.start)
+        kept = (Station(one.at, tuple(row for row in one.rows if row not in rows)) for one in self.stations)
+        return replace(self, stations=tuple(station for station in kept if station.rows))
 
     def residuals(self, z: Array, nuisances: Array) -> Array:
         """Return readings less predictions, ``(P, m)``."""
@@ -107,15 +96,9 @@ class Problem:
         stacked = np.concatenate(parts)
         return stacked[:, 0] if values.ndim == 2 else stacked
 
-    def slopes(self, z: Array, nuisances: Array) -> tuple[Array, Array]:
-        """Return whitened derivatives of the readings by z and by the nuisances, ``(M, r)`` and ``(M, k)``."""
-        return self._slopes(z, nuisances, self.unit.root)
-
-    def plain_slopes(self, z: Array, nuisances: Array) -> tuple[Array, Array]:
-        """Return the same by each number in units of its prior standard deviation, ``(M, U)``, and by the nuisances."""
-        return self._slopes(z, nuisances, np.diag(self.unit.std))
-
-    def _slopes(self, z: Array, nuisances: Array, root: Array) -> tuple[Array, Array]:
+    def slopes(self, z: Array, nuisances: Array, *, plain: bool = False) -> tuple[Array, Array]:
+        """Return whitened derivatives of the readings by z (plain: by each number over its prior std) and by the nuisances."""
+        root = np.diag(self.unit.std) if plain else self.unit.root
         x = self.unit.components(self.model.space, z[:, None])[:, 0]
         size = root.shape[1]
         whole = np.zeros((*self.readings.shape, size + nuisances.size))
@@ -128,36 +111,6 @@ class Problem:
         return white[:, :size], white[:, size:]
 
 
-def _bounds(model: ErrorModel, unit: UnitNumbers) -> tuple[Array, Array]:
-    """Return the bounds of z where the numbers are independent; of correlated numbers none."""
-    size = unit.root.shape[1]
-    if not unit.is_independent:
-        return np.full(size, -np.inf), np.full(size, np.inf)
-    ends = [bounds_of(draw.law, k) for draw in model.space.draws for k in range(draw.law.size)]
-    low, high = (np.array(ends)[unit.columns].T - unit.mean) / unit.std
-    return low, high
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """Residuals of a fit, reading by reading.
-
-    Attributes
-    ----------
-    values
-        Reading less prediction, ``(P, m)``.
-    left_out
-        Reading less the prediction of a fit without it, ``(P, m)``, first order.
-    distance
-        Size of ``left_out`` in units of its standard deviation, squared, ``(P,)``: chi-square of m degrees.
-    """
-
-    values: Array
-    left_out: Array
-    distance: Array
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -165,20 +118,15 @@ class Fit:
 
     Attributes
     ----------
-    z, nuisances
-        The estimate, ``(r,)`` and ``(k,)``.
-    without_bounds
-        The estimate where no law had bounds, ``(r,)``, first order from z.
-    estimator
-        Derivatives at the estimate.
-    chi_square, degrees_of_freedom
-        Sum of squares of whitened residuals (with a prior, and of z), and its expectation where the model is right.
-    residuals
-        Reading by reading.
-    steps
-        Gauss-Newton steps.
-    at_bounds
-        Names of the numbers at a bound of their law.
+    z, nuisances, without_bounds
+        The estimate, ``(r,)`` and ``(k,)``; z where no law had bounds, first order.
+    estimator, chi_square, degrees_of_freedom
+        Derivatives there, sum of squares of whitened residuals (with a prior, and of z), and its expectation.
+    residuals, left_out, distance
+        Reading less prediction, ``(P, m)``; less that of a fit without it, first order; and the size of this in units of its
+        standard deviation, squared, ``(P,)``: chi-square of m degrees.
+    steps, at_bounds
+        Gauss-Newton steps, and names of the numbers at a bound of their law.
     """
 
     z: Array
@@ -187,19 +135,15 @@ class Fit:
     estimator: Estimator
     chi_square: float
     degrees_of_freedom: int
-    residuals: Residuals
+    residuals: Array
+    left_out: Array
+    distance: Array
     steps: int
     at_bounds: tuple[str, ...]
 
 
 def fit(problem: Problem, *, has_prior: bool, steps: int = STEPS) -> Fit:
-    """Return the estimate of a problem, after a number of steps or when it has settled.
-
-    Raises
-    ------
-    InputError
-        The estimate has not settled after :data:`STEPS` steps.
-    """
+    """Return the estimate of a problem, after a number of steps or when it has settled; refuse one that does not."""
     z, nuisances = np.zeros(problem.unit.root.shape[1]), problem.start
     white = problem.whiten(problem.residuals(z, nuisances))
     cost = _cost(white, z, has_prior)
@@ -210,7 +154,7 @@ def fit(problem: Problem, *, has_prior: bool, steps: int = STEPS) -> Fit:
         if estimator is None or size > _SMALL:
             estimator = Estimator.of(*problem.slopes(z, nuisances), has_prior=has_prior, kept=kept)
         target = white + estimator.by_z @ z + estimator.by_nuisance @ nuisances
-        better = estimator.estimate(target, problem.low, problem.high)
+        better = estimator.estimate(target, *problem.bounds)
         other = estimator.nuisances(target - estimator.by_z @ better)
         change, other_change = better - z, other - nuisances
         size = max(np.abs(change).max(initial=0.0), np.abs(estimator.by_nuisance @ other_change).max(initial=0.0))
@@ -252,10 +196,12 @@ def _result(
     problem: Problem, z: Array, nuisances: Array, white: Array, steps: int, has_prior: bool, kept: Array | None
 ) -> Fit:
     estimator = Estimator.of(*problem.slopes(z, nuisances), has_prior=has_prior, kept=kept)
+    residuals = problem.residuals(z, nuisances)
     estimated = estimator.nuisance_rank + (0 if has_prior else estimator.kept.shape[1])
     at_bounds: tuple[str, ...] = ()
     if has_prior and problem.unit.is_independent:
-        held = (z <= problem.low) | (z >= problem.high)
+        low, high = problem.bounds
+        held = (z <= low) | (z >= high)
         at_bounds = tuple(name for name, is_held in zip(problem.unit.names, held, strict=True) if is_held)
     return Fit(
         z,
@@ -264,13 +210,14 @@ def _result(
         estimator,
         _cost(white, z, has_prior),
         len(white) - estimated,
-        _residuals(problem, estimator, problem.residuals(z, nuisances), white),
+        residuals,
+        *_left_out(problem, estimator, residuals, white),
         steps,
         at_bounds,
     )
 
 
-def _residuals(problem: Problem, estimator: Estimator, values: Array, white: Array) -> Residuals:
+def _left_out(problem: Problem, estimator: Estimator, values: Array, white: Array) -> tuple[Array, Array]:
     """Return the residuals with those of each reading left out, from the precision of the residuals of each station."""
     hold = np.eye(len(white)) - estimator.leverage()
     left_out, distance = np.zeros_like(values), np.zeros(len(values))
@@ -286,20 +233,12 @@ def _residuals(problem: Problem, estimator: Estimator, values: Array, white: Arr
             # a reading that alone determines something has no residual in that direction
             left_out[row] = np.linalg.pinv(precision[own, own], rcond=1e-9, hermitian=True) @ pull[own]
             distance[row] = max(float(pull[own] @ left_out[row]), 0.0)
-    return Residuals(values, left_out, distance)
+    return left_out, distance
 
 
 def left_out_together(problem: Problem, best: Fit, groups: Array) -> Array:
-    """Return each reading less the prediction of a fit without its group, first order, ``(P, m)``.
-
-    Parameters
-    ----------
-    problem, best
-        The readings with weight, and their fit.
-    groups
-        Number of the group of each reading, ``(P,)``.
-    """
-    white = problem.whiten(best.residuals.values)
+    """Return each reading less the prediction of a fit without its group ``(P,)``, first order, ``(P, m)``."""
+    white = problem.whiten(best.residuals)
     hold = np.eye(len(white)) - best.estimator.leverage()
     inverse = scipy.linalg.block_diag(
         *(scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True) for root in problem.roots)
@@ -307,10 +246,113 @@ def left_out_together(problem: Problem, best: Fit, groups: Array) -> Array:
     precision, pull = inverse.T @ hold @ inverse, inverse.T @ white
     size = problem.readings.shape[1]
     rows = np.array([row for station in problem.stations for row in station.rows])
-    result = np.zeros_like(best.residuals.values)
+    result = np.zeros_like(best.residuals)
     for group in np.unique(groups[rows]):
         own = np.flatnonzero(groups[rows] == group)
         places = (own[:, None] * size + np.arange(size)).ravel()
         inner = np.linalg.pinv(precision[np.ix_(places, places)], rcond=1e-9, hermitian=True)
         result[rows[own]] = (inner @ pull[places]).reshape(-1, size)
+    return result
+
+
+DOUBTFUL: Final = 1e-3
+"""Probability of a larger chi-square below which the model does not explain the readings."""
+
+FARTHEST: Final = 50.0
+"""Root mean square of the readings' distances, in standard deviations, beyond which data are refused."""
+
+
+def probability(chi_square: float, degrees: int) -> float:
+    """Return the probability that a right model gives a larger chi-square; 1 without degrees of freedom."""
+    return float(stats.chi2.sf(chi_square, degrees)) if degrees > 0 else 1.0
+
+
+def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
+    """Refuse readings that no robot within the tolerances, by far, can have given: columns are swapped, or units."""
+    z = np.zeros(problem.unit.root.shape[1])
+    values = problem.residuals(z, problem.start)
+    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
+    hold = np.eye(len(estimator.by_z)) - estimator.leverage()
+    white = problem.whiten(values)
+    nuisances = estimator.nuisances(white)
+    left = white - estimator.by_nuisance @ nuisances
+    squared = float(left @ hold @ left) / max(len(left), 1)
+    if squared <= FARTHEST**2:
+        return
+    far = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
+    free = " or the base is not known" if problem.measurement.base == "known" else ""
+    message = (
+        f"the readings are {1e3 * far:.3g} mm (median) from the nominal arm, {np.sqrt(squared):.3g} standard deviations of all "
+        f"tolerances: columns or units are wrong, the target is another{free}"
+    )
+    raise InputError([Finding("error", "E_DATA", message, data.file or None)])
+
+
+def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Finding]:
+    """Yield what to doubt where the model does not explain the readings."""
+    chance = probability(fit.chi_square, fit.degrees_of_freedom)
+    facts = f"chi-square {fit.chi_square:.4g} for {fit.degrees_of_freedom} degrees of freedom"
+    if has_prior:
+        yield from _pulled(problem, fit)
+    if chance < DOUBTFUL:
+        joint, ratio = _suspect_joint(problem, fit)
+        message = (
+            f"the model does not explain the readings: {facts} (probability {chance:.2g}); residuals look most like "
+            f"an error of {joint} that changes from reading to reading ({ratio:.3g} times the expected square); "
+            "doubt that joint, the instrument's std, or a source that the sheet lacks"
+        )
+        yield Finding("warning", "W_MODEL", message)
+    elif fit.degrees_of_freedom > 0 and 1 - chance < DOUBTFUL:
+        message = (
+            f"residuals are smaller than std says: {facts}; the instrument or the tolerances are better than stated"
+        )
+        yield Finding("warning", "W_NOISE", message)
+    if all(draw.scope is Scope.UNIT for draw in problem.model.space.draws):
+        message = (
+            "the sheet has no draw of scope visit or pose: repeatability counts as perfect, here and in the error left"
+        )
+        yield Finding("warning", "W_NO_REPEATABILITY", message)
+
+
+def _pulled(problem: Problem, fit: Fit) -> Iterator[Finding]:
+    """Yield a warning for numbers farther from their means than their tolerances make likely."""
+    if not problem.unit.is_independent:
+        return
+    expected = np.maximum(1 - np.diag(fit.estimator.covariance), 1e-12)
+    ratio = np.where(expected > 1e-6, np.abs(fit.z) / np.sqrt(expected), 0.0)
+    limit = float(stats.norm.isf(DOUBTFUL / 2 / len(ratio)))
+    for k in np.argsort(-ratio, kind="stable")[:3]:
+        if ratio[k] > limit:
+            message = (
+                f"{problem.unit.names[k]} is estimated {fit.z[k]:+.3g} standard deviations from its mean; "
+                "doubt its tolerance, or an error that acts like it"
+            )
+            yield Finding("warning", "W_TOLERANCE", message)
+
+
+def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
+    """Return the joint whose own error explains residuals best, and by how much its squares exceed those expected."""
+    white = problem.whiten(problem.residuals(fit.z, fit.nuisances))
+    hold = np.eye(len(white)) - fit.estimator.leverage()
+    values, first = np.zeros(len(problem.model.chain.joints)), 0
+    expected = np.zeros_like(values)
+    for station, root in zip(problem.stations, problem.roots, strict=True):
+        rows = slice(first, first + len(root))
+        first += len(root)
+        slopes = problem.measurement.slopes(station.at.posture.pose, station.at.error_at_means, fit.nuisances)
+        moved = slopes.error @ _joint_jacobian(station.at)
+        size = len(moved)
+        for k in range(len(station.rows)):
+            own = np.zeros((len(root), moved.shape[1]))
+            own[k * size : (k + 1) * size] = moved
+            along = np.linalg.solve(root, own)
+            values += (along.T @ white[rows]) ** 2
+            expected += np.einsum("ij,ik,kj->j", along, hold[rows, rows], along)
+    ratio = values / np.where(expected > 0, expected, np.inf)
+    best = int(np.argmax(ratio))
+    return problem.model.chain.joint_names[best], float(ratio[best])
+
+
+def _joint_jacobian(at: PoseModel) -> Array:
+    result: Array = at.posture.chain.at_columns(at.posture.q[:, None]).joint_jacobian[:, :, 0]
     return result

@@ -12,32 +12,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
-from typing import Any, ClassVar, Final, final
+from typing import ClassVar, Final, final
 
 import numpy as np
 
 from precision_pin.analyses.calibration.contact import doubt_contact
 from precision_pin.analyses.calibration.design import (
+    Estimator,
     Station,
     UnitNumbers,
+    covariance_with_prior,
     flat,
     measurement_of,
     read_poses,
     stack_at_means,
     stations_of,
+    task_poses,
 )
-from precision_pin.analyses.calibration.estimates import Estimator, covariance_with_prior
-from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack, remarks_on
-from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, SampledRobots, error_left
+from precision_pin.analyses.calibration.identifiability import Identifiability, determined_by, remarks_on
+from precision_pin.analyses.calibration.posterior import PosesOutcome, Posterior, errors_left
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.arguments import check_items
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding
+from precision_pin.base.record import Keys, Record
 from precision_pin.draws.estimates import Estimates
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.render.notebook import preformatted
-from precision_pin.render.result_io import JsonResult
 from precision_pin.sheet.measurement import Measurement
 
 _COUNTS: Final = (3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 1000)
@@ -52,98 +52,43 @@ _FACTORS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 @final
 @dataclass(frozen=True)
-class CurvePoint:
-    """Root mean square error of the position that is left, over the user's poses.
-
-    Attributes
-    ----------
-    value
-        Number of measured poses, or standard deviation of the instrument, m.
-    rms_position
-        m.
-    """
+class CurvePoint(Record):
+    """Number of measured poses, or the instrument's standard deviation, and rms error of the position left over all poses, m."""
 
     value: float
     rms_position: float
 
-    def to_dict(self) -> dict[str, float]:
-        """Return the point as in the JSON."""
-        return {"value": self.value, "rms_position": self.rms_position}
-
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class CalibrationForecast(JsonResult):
-    """What a calibration will buy.
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class CalibrationForecast(PosesOutcome):
+    """What a calibration will buy, beside what :class:`PosesOutcome` has.
 
     Attributes
     ----------
-    provenance
-        Robot, seed and versions.
-    measurement
-        Instrument and set-up.
-    readings
-        Number of readings.
-    posterior
-        Numbers of the arm after the calibration; their means are those before.
-    identifiability
-        What the readings determine.
-    poses
-        The error before and after at each of the user's poses.
+    readings, posterior
+        Number of readings, and the numbers of the arm after the calibration; their means are those before.
     by_count, by_instrument
         Accuracy against the number of measured poses and against the instrument's deviation.
     model
         The arm as it will be left: every other analysis runs on it. Its means are those of the sheet.
-    findings
-        Warnings.
     """
 
     schema: ClassVar[str] = "precision-pin/calibration-forecast/1"
-    provenance: Provenance
-    measurement: Measurement
+    KEYS: ClassVar[Keys] = (
+        *("*head", "measurement", "readings", "rms_position", "identifiability", "posterior", "poses"),
+        *("accuracy_by_count=by_count", "accuracy_by_instrument=by_instrument", "findings"),
+    )
+
     readings: int
     posterior: Posterior
-    identifiability: Identifiability
-    poses: tuple[ErrorLeft, ...]
     by_count: tuple[CurvePoint, ...]
     by_instrument: tuple[CurvePoint, ...]
     model: ErrorModel
-    findings: tuple[Finding, ...]
-
-    @property
-    def rank(self) -> int:
-        """How many independent combinations of the numbers the readings determine."""
-        return self.identifiability.rank
-
-    @property
-    def observability(self) -> dict[str, float]:
-        """O1 to O5."""
-        return self.identifiability.observability
 
     def rms(self, which: str) -> float:
         """Return the root mean square error of the position over the user's poses: ``before``, ``after``, ``seen``, ``floor``."""
-        return float(np.sqrt(np.mean([entry.rms(which) ** 2 for entry in self.poses])))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in its JSON schema, SI units, base axes."""
-        return {
-            **self.provenance.to_dict(self.schema),
-            "measurement": self.measurement.to_dict(),
-            "readings": self.readings,
-            "rms_position": {which: self.rms(which) for which in ("before", "after", "seen", "floor")},
-            "identifiability": self.identifiability.to_dict(),
-            "posterior": self.posterior.to_dict(),
-            "poses": [entry.to_dict() for entry in self.poses],
-            "accuracy_by_count": [point.to_dict() for point in self.by_count],
-            "accuracy_by_instrument": [point.to_dict() for point in self.by_instrument],
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
-
-    def _repr_html_(self) -> str:
-        """Return the notebook view: the table of the command."""
-        # texts rest on results, not results on texts
-        made = import_module("precision_pin.analyses.calibration.table").forecast_table(self)
-        return preformatted(str(made))
+        return self.rms_position[which]
 
     def __repr__(self) -> str:
         before, after, floor = (1e3 * self.rms(which) for which in ("before", "after", "floor"))
@@ -190,9 +135,8 @@ def forecast_calibration(
     by_z, by_nuisance = stack_at_means(stations, unit, measurement)
     estimator = Estimator.of(flat(by_z), flat(by_nuisance), has_prior=True)
     tasks = task_poses(model, at, values)
-    robots = SampledRobots.of(model.space, unit, estimator)
-    entries = tuple(error_left(one, name, unit, estimator, measurement, robots) for name, one in tasks)
-    found = of_stack(unit.names, *_plain(unit, stations, measurement), measurement, values.shape[1])
+    entries = errors_left(tasks, unit, estimator, measurement, model.space)
+    found = determined_by(stations, unit, measurement)
     slopes = np.concatenate([one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks])
     nominal = np.array([station.at.posture.pose for station in stations])
     floor = float(np.mean([entry.rms("floor") ** 2 for entry in entries]))
@@ -209,25 +153,6 @@ def forecast_calibration(
         model=model.calibrated(Estimates(unit.names, unit.mean, left)),
         findings=(*findings, *_remarks(found, model, unit), *doubt_contact(measurement, nominal)),
     )
-
-
-def task_poses(model: ErrorModel, at: object, measured: Array) -> list[tuple[str, Any]]:
-    """Return names and models of the user's own poses: those given, the model's named ones, or the measured ones."""
-    if at is not None:
-        values, names = read_poses(model, at)
-    elif model.poses:
-        values, names = np.array(list(model.poses.values())).T, tuple(model.poses)
-    else:
-        values, names = measured, ("",) * measured.shape[1]
-    labels = [name or f"pose {k + 1}" for k, name in enumerate(names)]
-    return list(zip(labels, model.at_columns(np.ascontiguousarray(values)), strict=True))
-
-
-def _plain(unit: UnitNumbers, stations: Sequence[Station], measurement: Measurement) -> tuple[Array, Array]:
-    """Return the derivatives by each number in units of its standard deviation, and by the nuisances."""
-    plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
-    by_number, by_nuisance = stack_at_means(stations, plain, measurement)
-    return flat(by_number), flat(by_nuisance)
 
 
 def _rms(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> float:

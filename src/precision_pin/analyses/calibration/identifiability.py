@@ -9,15 +9,18 @@ of n numbers in a group, some combinations are determined and the rest are not.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, final
+from dataclasses import dataclass, replace
+from itertools import compress
+from typing import ClassVar, Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from precision_pin.analyses.calibration.design import (
     NEGLIGIBLE,
+    Station,
     UnitNumbers,
     flat,
     measurement_of,
@@ -28,6 +31,7 @@ from precision_pin.analyses.calibration.design import (
 )
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.record import Keys, Record
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.measurement import Measurement
 
@@ -38,36 +42,27 @@ _MOST_NAMED: Final = 4
 
 @final
 @dataclass(frozen=True)
-class Combination:
-    """A weighted sum of numbers, each in units of its prior standard deviation.
+class Combination(Record):
+    """A weighted sum of numbers, each in units of its prior standard deviation; the squared weights sum up to 1."""
 
-    Attributes
-    ----------
-    names, weights
-        The numbers and their weights; the sum of the squared weights is 1, the largest weight positive.
-    """
+    KEYS: ClassVar[Keys] = ("*weight_by_name",)
 
     names: tuple[str, ...]
     weights: tuple[float, ...]
 
+    @property
+    def weight_by_name(self) -> dict[str, float]:
+        """The weight of each number."""
+        return dict(zip(self.names, self.weights, strict=True))
+
     def __str__(self) -> str:
-        return " ".join(f"{weight:+.3g}·{name}" for name, weight in zip(self.names, self.weights, strict=True))
+        return " ".join(f"{weight:+.3g}·{name}" for name, weight in self.weight_by_name.items())
 
 
 @final
 @dataclass(frozen=True)
-class Group:
-    """Numbers of which only some combinations are determined.
-
-    Attributes
-    ----------
-    names
-        The numbers.
-    determined
-        How many independent combinations of them the readings determine.
-    unseen
-        The combination that no reading sees, if there is one only; several have no basis of their own.
-    """
+class Group(Record):
+    """Numbers of which only some combinations are determined, and the combination that no reading sees, if there is only one."""
 
     names: tuple[str, ...]
     determined: int
@@ -77,25 +72,17 @@ class Group:
         text = f"{self.determined} of {len(self.names)} combinations of {', '.join(self.names)}"
         return text if self.unseen is None else f"{text}; not seen: {self.unseen}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the group as in the JSON."""
-        unseen = None if self.unseen is None else dict(zip(self.unseen.names, self.unseen.weights, strict=True))
-        return {"names": list(self.names), "determined": self.determined, "unseen": unseen}
-
 
 @final
 @dataclass(frozen=True, eq=False)
-class Identifiability:
-    """What readings determine of a model's numbers.
+class Identifiability(Record):
+    """What readings determine of a model's U numbers drawn once for each robot.
 
     Attributes
     ----------
-    names
-        The numbers drawn once for each robot.
-    rank
-        How many independent combinations of them the readings determine.
-    singular_values
-        Of the readings' derivatives, in units of noise and of prior standard deviation, falling.
+    rank, singular_values
+        How many independent combinations the readings determine, and the singular values of their derivatives, in units of noise
+        and of prior standard deviation, falling.
     projector
         Onto the combinations that no reading sees, ``(U, U)``, in units of prior standard deviation.
     nuisances, nuisance_rank
@@ -103,6 +90,11 @@ class Identifiability:
     observability
         O1 to O5 of the determined combinations.
     """
+
+    KEYS: ClassVar[Keys] = (
+        *("rank", "parameters", "singular_values", "determined", "unseen", "combinations"),
+        *("nuisances", "nuisance_rank", "observability"),
+    )
 
     names: tuple[str, ...]
     rank: int
@@ -113,16 +105,22 @@ class Identifiability:
     observability: dict[str, float]
 
     @property
+    def parameters(self) -> int:
+        """How many numbers there are."""
+        return len(self.names)
+
+    @property
     def determined(self) -> tuple[str, ...]:
         """Numbers that are determined each by itself."""
-        share = np.diag(self.projector)
-        return tuple(name for name, part in zip(self.names, share, strict=True) if part <= _ENTRY)
+        return self._named(np.diag(self.projector) <= _ENTRY)
 
     @property
     def unseen(self) -> tuple[str, ...]:
         """Numbers that no reading sees."""
-        share = np.diag(self.projector)
-        return tuple(name for name, part in zip(self.names, share, strict=True) if part >= 1 - _ENTRY)
+        return self._named(np.diag(self.projector) >= 1 - _ENTRY)
+
+    def _named(self, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+        return tuple(compress(self.names, chosen))
 
     @property
     def combinations(self) -> tuple[Group, ...]:
@@ -133,20 +131,6 @@ class Identifiability:
     def is_complete(self) -> bool:
         """Whether the readings determine every number, of the model and of the set-up."""
         return self.rank == len(self.names) and self.nuisance_rank == len(self.nuisances)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as in the JSON."""
-        return {
-            "rank": self.rank,
-            "parameters": len(self.names),
-            "singular_values": self.singular_values.tolist(),
-            "determined": list(self.determined),
-            "unseen": list(self.unseen),
-            "combinations": [group.to_dict() for group in self.combinations],
-            "nuisances": list(self.nuisances),
-            "nuisance_rank": self.nuisance_rank,
-            "observability": self.observability,
-        }
 
 
 def identifiability(model: ErrorModel, poses: object, measurement: Measurement | None = None) -> Identifiability:
@@ -171,10 +155,15 @@ def identifiability(model: ErrorModel, poses: object, measurement: Measurement |
     measurement = measurement_of(model, measurement)
     values, _ = read_poses(model, poses)
     unit = UnitNumbers.of(model.space)
+    return determined_by(stations_of(model, values, measurement), unit, measurement)
+
+
+def determined_by(stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement) -> Identifiability:
+    """Return what the readings at some stations determine, at the means."""
     # a number that another one fixes is a combination too, so the columns are numbers and not independent ones
-    plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
-    by_z, by_nuisance = stack_at_means(stations_of(model, values, measurement), plain, measurement)
-    return of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement, values.shape[1])
+    plain = replace(unit, root=np.diag(unit.std))
+    by_number, by_nuisance = stack_at_means(stations, plain, measurement)
+    return of_stack(unit.names, flat(by_number), flat(by_nuisance), measurement, len(by_number))
 
 
 def of_stack(
@@ -202,13 +191,7 @@ def of_stack(
 
 
 def refuse_where_nothing_is_seen(found: Identifiability) -> None:
-    """Refuse readings that determine nothing of the arm.
-
-    Raises
-    ------
-    InputError
-        They determine no combination of its numbers.
-    """
+    """Refuse readings that determine no combination of the arm's numbers."""
     if not found.rank:
         free = ", or with the base known" if any(name.startswith("base") for name in found.nuisances) else ""
         raise InputError(
@@ -231,7 +214,7 @@ def remarks_on(found: Identifiability) -> Iterator[Finding]:
         )
         yield Finding("warning", "W_UNOBSERVABLE", message)
     elif found.unseen:
-        listed = ", ".join(found.unseen[:3]) + (f" and {len(found.unseen) - 3} more" if len(found.unseen) > 3 else "")
+        listed = some(found.unseen, 3)
         keeps = "they keep their tolerances" if len(found.unseen) > 1 else "it keeps its tolerance"
         yield Finding("warning", "W_UNOBSERVABLE", f"no reading sees {listed}; {keeps}")
 
@@ -241,11 +224,11 @@ def rank_findings(found: Identifiability) -> Iterator[Finding]:
     if found.is_complete:
         return
     groups = [str(group) for group in found.combinations]
-    parts = [f"not seen at all: {_first(found.unseen)}"] if found.unseen else []
-    parts += [f"only {_first(groups, '; only ')}"] if groups else []
+    parts = [f"not seen at all: {some(found.unseen, _MOST_NAMED)}"] if found.unseen else []
+    parts += [f"only {some(groups, _MOST_NAMED, '; only ')}"] if groups else []
     if found.nuisance_rank < len(found.nuisances):
         parts.append(
-            f"{found.nuisance_rank} of the {len(found.nuisances)} numbers of the set-up ({_first(found.nuisances)})"
+            f"{found.nuisance_rank} of the {len(found.nuisances)} numbers of the set-up ({some(found.nuisances, _MOST_NAMED)})"
         )
     message = (
         f"without a prior, the readings determine {found.rank:,} combinations of {len(found.names):,} numbers: "
@@ -254,16 +237,14 @@ def rank_findings(found: Identifiability) -> Iterator[Finding]:
     yield Finding("warning", "W_RANK", message)
 
 
-def _first(names: Sequence[str], between: str = ", ") -> str:
-    more = f" and {len(names) - _MOST_NAMED:,} more" if len(names) > _MOST_NAMED else ""
-    return between.join(names[:_MOST_NAMED]) + more
+def some(names: Sequence[str], most: int, between: str = ", ") -> str:
+    """Return the first names as text, and how many more there are."""
+    more = f" and {len(names) - most:,} more" if len(names) > most else ""
+    return between.join(names[:most]) + more
 
 
 def observability(singular_values: Array, poses: int) -> dict[str, float]:
-    """Return the observability indices O1 to O5 of the singular values of m poses (Sun and Hollerbach 2008).
-
-    They depend on the scaling of numbers and readings: here prior standard deviations and noise.
-    """
+    """Return the observability indices O1 to O5 of singular values, in units of prior std and noise (Sun and Hollerbach 2008)."""
     s = np.sort(singular_values)[::-1]
     if not s.size or poses < 1:
         return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)

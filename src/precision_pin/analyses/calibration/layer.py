@@ -7,8 +7,7 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin.analyses.calibration.calibration_result import CalibrationResult
-from precision_pin.analyses.calibration.readings import WorstReadings
+from precision_pin.analyses.calibration.calibrate import CalibrationResult, WorstReadings
 from precision_pin.analyses.calibration.table import MOST_READINGS, deviations_text, headline
 from precision_pin.base.arrays import Array
 from precision_pin.render.colour_scale import ColourScale, round_number
@@ -37,17 +36,7 @@ _LIMITED: Final = {
 @final
 @dataclass(frozen=True, eq=False)
 class CalibrationLayer:
-    """A calibration.
-
-    Attributes
-    ----------
-    result
-        The calibration.
-    worst
-        The readings that are drawn, the worst first.
-    scale
-        Colours of the residuals of readings that have weight.
-    """
+    """A calibration, its worst readings, which are drawn, and colours for residuals of readings that have weight."""
 
     result: CalibrationResult
     worst: WorstReadings

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
@@ -13,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from precision_pin.analyses.calibration.contact import doubt_contact, seen_poses
 from precision_pin.analyses.calibration.design import (
+    Estimator,
     Station,
     UnitNumbers,
     flat,
@@ -20,27 +20,25 @@ from precision_pin.analyses.calibration.design import (
     measurement_of,
     read_poses,
     stack_at_means,
+    task_poses,
 )
-from precision_pin.analyses.calibration.estimates import Estimator
-from precision_pin.analyses.calibration.forecast import task_poses
 from precision_pin.analyses.calibration.identifiability import (
     Identifiability,
+    determined_by,
     of_stack,
     refuse_where_nothing_is_seen,
     remarks_on,
 )
-from precision_pin.analyses.calibration.pose_bound import branches, relaxed
-from precision_pin.analyses.calibration.pose_choice import Design
-from precision_pin.analyses.calibration.posterior import ErrorLeft, SampledRobots, error_left
+from precision_pin.analyses.calibration.pose_choice import Design, branches, relaxed
+from precision_pin.analyses.calibration.posterior import PosesOutcome, errors_left
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.arguments import check_choice, check_items, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.progress import steps_to
+from precision_pin.base.record import Keys
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.render.notebook import preformatted
-from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sheet.measurement import Measurement
 
@@ -60,43 +58,31 @@ Criterion = Literal["task", "D"]
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class CalibrationPlan(JsonResult):
-    """The poses to measure.
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class CalibrationPlan(PosesOutcome):
+    """The poses to measure, beside what :class:`PosesOutcome` has.
 
     Attributes
     ----------
-    provenance
-        Robot, seed and versions.
-    measurement
-        Instrument and set-up.
-    criterion
-        ``"task"`` or ``"D"``.
-    chosen
-        Candidates to measure, in their order, from 0.
-    names, q
-        Their names, and joint values ``(n, count)``.
-    candidates
-        How many there were that the instrument sees.
+    criterion, candidates
+        ``"task"`` or ``"D"``, and how many candidates there were that the instrument sees.
+    chosen, names, q
+        Candidates to measure, in their order, from 0; their names, and joint values ``(n, count)``.
     value, bound
         The measure of the choice, and a bound that no choice of as many candidates can pass: ln det of the information on z
         (largest is best), or the mean square position error without the floor, m² (smallest is best).
-    efficiency
+    efficiency, random_efficiency
         Of the choice, at least: for D ``exp((value - bound) / L)`` with L the combinations that all candidates together
-        determine, for a task bound / value.
-    random_efficiency
-        The same of a random choice, the median of 25.
-    identifiability
-        What the chosen readings determine.
-    poses
-        The error before and after at each of the user's poses.
-    findings
-        Warnings.
+        determine, for a task bound / value. The same of a random choice, the median of 25.
     """
 
     schema: ClassVar[str] = "precision-pin/calibration-plan/1"
-    provenance: Provenance
-    measurement: Measurement
+    KEYS: ClassVar[Keys] = (
+        *("*head", "measurement", "criterion", "candidates", "count", "value", "bound", "efficiency"),
+        *("random_efficiency", "chosen=choices", "rms_position", "identifiability", "observability"),
+        *("poses", "findings"),
+    )
+
     criterion: Criterion
     chosen: tuple[int, ...]
     names: tuple[str, ...]
@@ -106,9 +92,6 @@ class CalibrationPlan(JsonResult):
     bound: float
     efficiency: float
     random_efficiency: float
-    identifiability: Identifiability
-    poses: tuple[ErrorLeft, ...]
-    findings: tuple[Finding, ...]
 
     @property
     def sliding_joints(self) -> tuple[str, ...]:
@@ -116,52 +99,25 @@ class CalibrationPlan(JsonResult):
         return self.poses[0].sliding_joints
 
     @property
-    def rank(self) -> int:
-        """How many independent combinations of the numbers the chosen readings determine."""
-        return self.identifiability.rank
+    def count(self) -> int:
+        """How many candidates are measured."""
+        return len(self.chosen)
 
     @property
-    def observability(self) -> dict[str, float]:
-        """O1 to O5."""
-        return self.identifiability.observability
+    def choices(self) -> list[dict[str, Any]]:
+        """Number, name and joint values of each candidate to measure, as in the JSON."""
+        return [
+            {"candidate": k, "name": name, "q": dict(zip(self.poses[0].q, values, strict=True))}
+            for k, name, values in zip(self.chosen, self.names, self.q.T, strict=True)
+        ]
 
     def rms(self, which: str) -> float:
         """Return the root mean square error of the position over the user's poses: ``before``, ``after``, ``floor``."""
-        return float(np.sqrt(np.mean([entry.rms(which) ** 2 for entry in self.poses])))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in its JSON schema, SI units, base axes."""
-        joints = tuple(self.poses[0].q)
-        return {
-            **self.provenance.to_dict(self.schema),
-            "measurement": self.measurement.to_dict(),
-            "criterion": self.criterion,
-            "candidates": self.candidates,
-            "count": len(self.chosen),
-            "value": self.value,
-            "bound": self.bound,
-            "efficiency": self.efficiency,
-            "random_efficiency": self.random_efficiency,
-            "chosen": [
-                {"candidate": k, "name": name, "q": dict(zip(joints, map(float, values), strict=True))}
-                for k, name, values in zip(self.chosen, self.names, self.q.T, strict=True)
-            ],
-            "rms_position": {which: self.rms(which) for which in ("before", "after", "seen", "floor")},
-            "identifiability": self.identifiability.to_dict(),
-            "observability": self.observability,
-            "poses": [entry.to_dict() for entry in self.poses],
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
-
-    def _repr_html_(self) -> str:
-        """Return the notebook view: the table of the command."""
-        # texts rest on results, not results on texts
-        made = import_module("precision_pin.analyses.calibration.table").plan_table(self)
-        return preformatted(str(made))
+        return self.rms_position[which]
 
     def __repr__(self) -> str:
         return (
-            f"<CalibrationPlan of {self.provenance.robot}: {len(self.chosen)} of {self.candidates} poses, {self.criterion} "
+            f"<CalibrationPlan of {self.provenance.robot}: {self.count} of {self.candidates} poses, {self.criterion} "
             f"efficiency at least {self.efficiency:.4g}>"
         )
 
@@ -254,12 +210,9 @@ def plan_calibration(
     efficiency = design.efficiency(loss, bound)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
     estimator = Estimator.of(flat(by_z[chosen]), flat(by_nuisance[chosen]), has_prior=True)
-    robots = SampledRobots.of(model.space, unit, estimator)
     nominal = np.array([stations[k].at.posture.pose for k in chosen])
-    plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
     own = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
-    readings, set_up = stack_at_means(own, plain, measurement)
-    found = of_stack(unit.names, flat(readings), flat(set_up), measurement, count)
+    found = determined_by(own, unit, measurement)
     return CalibrationPlan(
         provenance=Provenance.of(model, seed),
         measurement=measurement,
@@ -273,7 +226,7 @@ def plan_calibration(
         efficiency=efficiency,
         random_efficiency=design.efficiency(float(np.median(random)), bound),
         identifiability=found,
-        poses=tuple(error_left(one, name, unit, estimator, measurement, robots) for name, one in tasks),
+        poses=errors_left(tasks, unit, estimator, measurement, model.space),
         findings=(*findings, *_remarks(found, efficiency, hidden), *doubt_contact(measurement, nominal)),
     )
 

@@ -2,32 +2,40 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
+import scipy.optimize
+from ruamel.yaml import YAML
+from scipy import stats
 
-from precision_pin.analyses.calibration.calibrate import measured_problem, without_gross_errors
-from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.analyses.calibration.calibrate import CalibrationResult, measured_problem, without_gross_errors
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, measurement_of, project_out
-from precision_pin.analyses.calibration.identifiability import Group, subspaces
-from precision_pin.analyses.calibration.variance_components import Evidence, variance_components
+from precision_pin.analyses.calibration.identifiability import Group, some, subspaces
+from precision_pin.analyses.calibration.posterior import Outcome
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.base import units
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_number
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, UnitError
 from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
 from precision_pin.base.progress import steps_to
+from precision_pin.base.record import Keys, Record
+from precision_pin.base.text_escape import visible
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.render.result_io import JsonResult
 from precision_pin.sheet.measurement import Measurement
+from precision_pin.sheet.settings import TOLERANCE_PATTERN
 
 _LARGEST: Final = 64 * 2**20
 _FEW: Final = 10
@@ -38,15 +46,13 @@ _UNSEEN: Final = 1e-3
 
 @final
 @dataclass(frozen=True)
-class MeasuredTolerance:
+class MeasuredTolerance(Record):
     """The tolerance of a draw as several robots show it.
 
     Attributes
     ----------
-    names
-        The draws that share it: one, or several that the sheet correlates.
-    numbers
-        Names of their numbers.
+    names, numbers
+        The draws that share it, one or several that the sheet correlates, and their numbers.
     scale, low, high
         Standard deviation over that of the sheet, and its confidence interval; ``high`` may be infinite.
     std
@@ -54,6 +60,8 @@ class MeasuredTolerance:
     means
         Mean of each number less that of the sheet, in the sheet's standard deviations; zeros where means are not estimated.
     """
+
+    KEYS: ClassVar[Keys] = ("draws=names", "numbers", "scale", "low", "high", "std", "means")
 
     names: tuple[str, ...]
     numbers: tuple[str, ...]
@@ -68,50 +76,31 @@ class MeasuredTolerance:
         """Whether the sheet's tolerance lies within the interval."""
         return self.low <= 1.0 <= self.high
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the tolerance as in the JSON; an upper limit that does not exist is null."""
-        return {
-            "draws": list(self.names),
-            "numbers": list(self.numbers),
-            "scale": self.scale,
-            "low": self.low,
-            "high": self.high if np.isfinite(self.high) else None,
-            "std": self.std,
-            "means": list(self.means),
-        }
-
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class Population(JsonResult):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Population(Outcome):
     """Tolerances that several robots show.
 
     Attributes
     ----------
-    provenance
-        Robot and versions.
-    robots
-        Number of robots.
-    means
-        ``"sheet"`` or ``"estimated"``.
-    confidence
-        Of each interval.
-    tolerances
-        What the readings show.
-    unseen
-        Draws that no reading of any robot shows; they keep their tolerances.
-    groups
-        Draws of which the readings show only a joint tolerance.
+    robots, means, confidence
+        Number of robots, ``"sheet"`` or ``"estimated"`` means, and the confidence of each interval.
+    tolerances, unseen, groups
+        What the readings show; draws that no reading of any robot shows, which keep their tolerances; and draws of which the
+        readings show only a joint tolerance.
     log_likelihood_ratio
         Twice the logarithm of the likelihood of these tolerances over that of the sheet's.
     model
         The model that was given.
-    findings
-        Warnings.
     """
 
     schema: ClassVar[str] = "precision-pin/population/1"
-    provenance: Provenance
+    KEYS: ClassVar[Keys] = (
+        *("*head", "robots", "means", "confidence", "tolerances", "unseen", "groups"),
+        *("log_likelihood_ratio", "findings"),
+    )
+
     robots: int
     means: Literal["sheet", "estimated"]
     confidence: float
@@ -120,21 +109,6 @@ class Population(JsonResult):
     groups: tuple[Group, ...]
     log_likelihood_ratio: float
     model: ErrorModel
-    findings: tuple[Finding, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in its JSON schema."""
-        return {
-            **self.provenance.to_dict(self.schema),
-            "robots": self.robots,
-            "means": self.means,
-            "confidence": self.confidence,
-            "tolerances": [one.to_dict() for one in self.tolerances],
-            "unseen": list(self.unseen),
-            "groups": [group.to_dict() for group in self.groups],
-            "log_likelihood_ratio": self.log_likelihood_ratio,
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
 
     def __repr__(self) -> str:
         other = sum(not one.agrees for one in self.tolerances)
@@ -202,7 +176,8 @@ def population(
         shown = {names: rows for names, rows in components.items() if total[rows].max() > NEGLIGIBLE * total.max()}
         if not shown or total.max() <= 0:
             raise InputError("no reading of any robot shows a number that varies from robot to robot")
-        blocks = np.array([_block(model.space, unit, rows) for rows in shown.values()])
+        correlation = _correlation(model.space, unit)
+        blocks = np.array([_block(correlation, rows) for rows in shown.values()])
         step(len(components) - len(shown))
         estimated = variance_components(
             evidence, blocks, has_means=means == "estimated", confidence=confidence, advance=step
@@ -222,16 +197,16 @@ def population(
     groups = _groups([" and ".join(names) for names in shown], evidence, blocks)
     unseen = tuple(name for names in components if names not in shown for name in names)
     return Population(
-        Provenance.of(model, 0),
-        len(robots),
-        means,
-        confidence,
-        tolerances,
-        unseen,
-        groups,
-        2 * (estimated.log_likelihood - estimated.at_sheet),
-        model,
-        (*findings, *_remarks(len(robots), tolerances, unseen, groups)),
+        provenance=Provenance.of(model, 0),
+        robots=len(robots),
+        means=means,
+        confidence=confidence,
+        tolerances=tolerances,
+        unseen=unseen,
+        groups=groups,
+        log_likelihood_ratio=2 * (estimated.log_likelihood - estimated.at_sheet),
+        model=model,
+        findings=(*findings, *_remarks(len(robots), tolerances, unseen, groups)),
     )
 
 
@@ -257,10 +232,10 @@ def _correlation(space: Space, unit: UnitNumbers) -> Array:
     return matrix
 
 
-def _block(space: Space, unit: UnitNumbers, rows: list[int]) -> Array:
+def _block(correlation: Array, rows: list[int]) -> Array:
     """Return C of some numbers, ``(U, U)``."""
-    block = np.zeros((unit.std.size,) * 2)
-    block[np.ix_(rows, rows)] = _correlation(space, unit)[np.ix_(rows, rows)]
+    block = np.zeros_like(correlation)
+    block[np.ix_(rows, rows)] = correlation[np.ix_(rows, rows)]
     return block
 
 
@@ -281,7 +256,7 @@ def _evidence(
 
     given, _, whole = measured_problem(model, robot, measurement_of(model, measurement))
     used, best, _ = without_gross_errors(whole, given, has_prior=True)
-    by_number, by_nuisance = used.plain_slopes(best.z, best.nuisances)
+    by_number, by_nuisance = used.slopes(best.z, best.nuisances, plain=True)
     numbers = (unit.values(best.z) - unit.mean) / unit.std
     target = used.whiten(used.residuals(best.z, best.nuisances)) + by_number @ numbers
     projected, _ = project_out(by_number, by_nuisance)
@@ -302,13 +277,7 @@ def _read(file: str) -> dict[str, Any]:
 
 
 def _readings(data: dict[str, Any], file: str, measurement: Measurement) -> CalibrationData:
-    """Return the readings that a calibration keeps, of one whose estimates do not say what they show.
-
-    Raises
-    ------
-    InputError
-        They were measured in another way, or are not complete.
-    """
+    """Return the readings that a calibration keeps, of one whose estimates do not say what they show."""
     if data.get("measurement") != measurement.to_dict():
         raise InputError(
             f"{file}: estimated at a bound or without prior, so that its readings are fitted again, and they were measured in "
@@ -373,17 +342,261 @@ def _remarks(
         )
     other = [one for one in tolerances if not one.agrees]
     if other:
-        listed = ", ".join(f"{' and '.join(one.names)} × {one.scale:.3g}" for one in other[:3])
-        more = f" and {len(other) - 3} more" if len(other) > 3 else ""
-        yield Finding(
-            "warning", "W_OTHER_TOLERANCE", f"the sheet's tolerance is outside the interval of {listed}{more}"
-        )
+        listed = some([f"{' and '.join(one.names)} × {one.scale:.3g}" for one in other], 3)
+        yield Finding("warning", "W_OTHER_TOLERANCE", f"the sheet's tolerance is outside the interval of {listed}")
     if unseen:
-        listed = ", ".join(unseen[:3]) + (f" and {len(unseen) - 3} more" if len(unseen) > 3 else "")
-        yield Finding("warning", "W_UNOBSERVABLE", f"no reading of any robot shows {listed}")
+        yield Finding("warning", "W_UNOBSERVABLE", f"no reading of any robot shows {some(unseen, 3)}")
     for group in groups[:1]:
         message = (
             f"the readings show hardly more than a joint tolerance of {', '.join(group.names)}; "
             "their own intervals are wide, or begin at zero"
         )
         yield Finding("warning", "W_JOINT_TOLERANCE", message)
+
+
+_WIDEST: Final = 1e4
+"""Largest scale that an interval can end at; beyond it there is no upper limit."""
+_ZERO: Final = 1e-6
+_STEPS: Final = 500
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the readings of R robots say of their U numbers, in prior standard deviations: A ``(R, U, U)`` and b ``(R, U)``."""
+
+    information: Array
+    score: Array
+
+    @cached_property
+    def seen(self) -> Array:
+        """Basis of the combinations that any robot shows, ``(U, k)``."""
+        values, vectors = np.linalg.eigh(self.information.sum(axis=0))
+        basis: Array = vectors[:, values > NEGLIGIBLE * max(float(values[-1]), 0.0)]
+        return basis
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class VarianceComponents:
+    """Scales of K components, standard deviation over that of the sheet.
+
+    ``scale``, ``low`` and ``high`` ``(K,)`` are estimate and interval, whose upper end may be infinite; ``means`` ``(U,)``
+    estimated means less those of the sheet, in prior deviations; the logarithms of likelihood have one constant.
+    """
+
+    scale: Array
+    low: Array
+    high: Array
+    means: Array
+    log_likelihood: float
+    at_sheet: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Likelihood:
+    evidence: Evidence
+    blocks: Array
+    has_means: bool
+
+    def of(self, scales: Array) -> tuple[float, Array]:
+        """Return ln L and its derivatives by the scales ``(K,)``."""
+        spread, width, means, score = self._parts(scales)
+        moved = np.linalg.solve(spread, score[:, :, None])[:, :, 0]
+        covariance = self._covariance(scales)
+        value = float(np.einsum("ri,ij,rj->", moved, covariance, score) - np.linalg.slogdet(spread)[1].sum())
+        squares = np.einsum("ri,kij,rj->k", moved, self.blocks, moved)
+        traces = np.einsum("rij,kji->k", width, self.blocks)
+        if self.has_means:
+            basis, plain = self.evidence.seen, self.evidence
+            value += float(2 * means @ plain.score.sum(axis=0) - means @ plain.information.sum(axis=0) @ means)
+            total = basis.T @ width.sum(axis=0) @ basis
+            value -= float(np.linalg.slogdet(total)[1])
+            inverse = basis @ np.linalg.inv(total) @ basis.T
+            traces -= np.einsum("ij,rja,kab,rbi->k", inverse, width, self.blocks, width, optimize=True)
+        return value / 2, scales * (squares - traces)
+
+    def _covariance(self, scales: Array) -> Array:
+        result: Array = np.einsum("k,kij->ij", scales**2, self.blocks)
+        return result
+
+    def _parts(self, scales: Array) -> tuple[Array, Array, Array, Array]:
+        """Return I + A D, W, the means and b̃."""
+        spread = np.eye(self.blocks.shape[1]) + self.evidence.information @ self._covariance(scales)
+        width = np.asarray(np.linalg.solve(spread, self.evidence.information), dtype=float)
+        means = np.zeros(self.blocks.shape[1])
+        score = self.evidence.score
+        if self.has_means:
+            basis = self.evidence.seen
+            pull = np.linalg.solve(spread, score[:, :, None])[:, :, 0].sum(axis=0)
+            means = np.asarray(
+                basis @ np.linalg.solve(basis.T @ width.sum(axis=0) @ basis, basis.T @ pull), dtype=float
+            )
+            score = np.asarray(score - self.evidence.information @ means, dtype=float)
+        return spread, width, means, score
+
+    def means(self, scales: Array) -> Array:
+        return self._parts(scales)[2]
+
+    def best(self, start: Array, fixed: int | None = None) -> tuple[Array, float]:
+        """Return the scales of the largest likelihood and ln L there, one of them fixed at its start if it is named."""
+        free = np.array([k for k in range(start.size) if k != fixed], dtype=np.intp)
+        if not free.size:
+            return start, self.of(start)[0]
+
+        def loss(values: Array) -> tuple[float, Array]:
+            scales = start.copy()
+            scales[free] = values
+            value, slopes = self.of(scales)
+            return -value, -slopes[free]
+
+        # away from zero, where the derivative by a scale vanishes
+        begin = np.maximum(start[free], 1e-2)
+        found = scipy.optimize.minimize(
+            loss,
+            begin,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(0.0, _WIDEST)] * free.size,
+            options={"maxiter": _STEPS, "ftol": 1e-13, "gtol": 1e-7},
+        )
+        scales = start.copy()
+        scales[free] = found.x
+        return scales, -float(found.fun)
+
+
+def variance_components(
+    evidence: Evidence,
+    blocks: Array,
+    *,
+    has_means: bool = False,
+    confidence: float = 0.95,
+    advance: Callable[[int], None] = lambda _: None,
+) -> VarianceComponents:
+    """Return the scales of components with the correlations ``blocks`` ``(K, U, U)``, and their intervals.
+
+    In units of the sheet's standard deviations the numbers of a robot are u with mean m and covariance ``D(s) = Σ s_k C_k``,
+    C_k the sheet's correlations of component k and s_k the square of its scale. Readings with unit noise, freed of what the
+    set-up explains, are ``y = H u + e``. They enter by ``A = HᵀH`` and ``b = Hᵀy`` alone:
+
+        2 ln L = Σ_r [ vᵀ D b̃ + 2 mᵀb - mᵀA m - ln det(I + A D) ],  v = (I + A D)⁻¹ b̃,  b̃ = b - A m.
+
+    That is the likelihood of the readings, without any prior on u. Means that are estimated too (``has_means``) cost degrees of
+    freedom; the restricted likelihood (Patterson and Thompson 1971) has ``-ln det Σ_r W_r`` besides, ``W = (I + A D)⁻¹ A``, over
+    the combinations that any robot shows. Intervals are those of the profile likelihood.
+    """
+    likelihood = _Likelihood(evidence, blocks, has_means)
+    scale, largest = likelihood.best(np.ones(len(blocks)))
+    limit = largest - float(stats.chi2.ppf(confidence, 1)) / 2
+    low, high = np.zeros_like(scale), np.full_like(scale, np.inf)
+    for k in range(len(blocks)):
+        low[k], high[k] = _interval(likelihood, scale, k, limit)
+        advance(1)
+    return VarianceComponents(
+        scale,
+        low,
+        high,
+        likelihood.means(scale),
+        largest,
+        likelihood.of(np.ones(len(blocks)))[0],
+    )
+
+
+def _interval(likelihood: _Likelihood, scale: Array, k: int, limit: float) -> tuple[float, float]:
+    """Return the scales of component k between which the profile likelihood stays above a limit."""
+
+    def above(value: float) -> float:
+        start = scale.copy()
+        start[k] = value
+        return likelihood.best(start, k)[1] - limit
+
+    here = float(scale[k])
+    low = 0.0
+    if here > _ZERO and above(0.0) < 0:
+        low = float(scipy.optimize.brentq(above, 0.0, here, rtol=1e-4))
+    inside, high = here, max(1.5 * here, 0.1)
+    while above(high) > 0:
+        inside, high = high, 2 * high
+        if high > _WIDEST:
+            return low, np.inf
+    return low, float(scipy.optimize.brentq(above, inside, high, rtol=1e-4))
+
+
+_WIDTHS: Final = ("uniform", "normal", "triangular", "arcsine", "disc", "circle", "two_point")
+"""Laws whose key is a width that their standard deviation is in proportion to."""
+_DIGITS: Final = 6
+
+
+def population_sheet(result: Population, folder: Path) -> str:
+    """Return the sheet of the model with the measured tolerances, each with its interval in a comment at the top.
+
+    A law keeps its kind: its width is multiplied by the measured scale. Laws without a width, and those whose scale has no upper
+    limit, stay as they are; a comment says so. The robot's file is named from ``folder``, where the sheet will lie.
+    """
+    sheet = result.model.sheet
+    if sheet is None or sheet.contents is None:
+        raise InputError("the model was not read from a sheet or a dictionary")
+    changes: dict[str, Any] = {}
+    notes = [
+        f"measured: {result.robots} robots; tolerances by maximum likelihood, means "
+        f"{'estimated too' if result.means == 'estimated' else 'those of the sheet'}",
+        f"tolerance: measured over former width, {100 * result.confidence:g} % interval",
+    ]
+    parameters = {draw.name for draw in sheet.space.draws}
+    for one in result.tolerances:
+        for name in one.names:
+            path = f"parameters.{name}" if name in parameters else name
+            found = _scaled(list(sheet.contents.values_at(sheet, path).values()), one) if _has_limit(one) else None
+            if found is not None:
+                changes[path] = found
+            kept = "" if found is not None else "; kept as it was"
+            notes.append(f"{visible(name)}: × {one.scale:.3g}, {one.low:.3g} to {one.high:.3g}{kept}")
+    notes += [f"{visible(name)}: not shown by any reading; kept as it was" for name in result.unseen]
+    changed = result.model.with_(changes).sheet if changes else sheet
+    assert changed is not None
+    assert changed.contents is not None
+    data = dict(changed.contents.text.data)
+    if changes:
+        measured = {path: {"measured": f"{result.robots} robots"} for path in changes}
+        data["provenance"] = {**data.get("provenance", {}), **measured}
+    file = changed.contents.folder / data["robot"]
+    if file.is_file():
+        data["robot"] = os.path.relpath(file, folder)
+    writer = YAML()
+    writer.width = 120
+    text = io.StringIO()
+    writer.dump(data, text)
+    return "".join(f"# {note}\n" for note in notes) + text.getvalue()
+
+
+def _has_limit(one: MeasuredTolerance) -> bool:
+    return one.scale > 0 and one.high < float("inf")
+
+
+def _scaled(values: list[Any], one: MeasuredTolerance) -> object:
+    """Return a law with its width multiplied, as a sheet has it; ``None`` where it has no width."""
+    if len(values) != 1:
+        return None
+    value = values[0]
+    if isinstance(value, str):
+        parts = re.split(f"({TOLERANCE_PATTERN})", value, maxsplit=1)
+        width = _times(parts[2], one.scale) if len(parts) == 3 else None
+        return None if width is None else f"{parts[0].strip()} ± {width}".strip()
+    if not isinstance(value, Mapping):
+        return None
+    key = next((key for key in _WIDTHS if key in value), None)
+    if key is None:
+        return None
+    given = value[key]
+    is_std = isinstance(given, Mapping) and set(given) == {"std"}
+    width = _times(given["std"] if is_std else given, one.scale)
+    return None if width is None else {**value, key: {"std": width} if is_std else width}
+
+
+def _times(text: object, factor: float) -> str | None:
+    try:
+        numbers, unit = units.split(text)
+    except UnitError:
+        return None
+    return f"{numbers[0] * factor:.{_DIGITS}g} {unit}" if len(numbers) == 1 else None

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Final, final
+from typing import Any, ClassVar, Final, final
 
 import numpy as np
+from scipy import special
 
-from precision_pin.analyses.calibration.design import UnitNumbers, repeat_covariance
-from precision_pin.analyses.calibration.estimates import Estimator
+from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, repeat_covariance
+from precision_pin.analyses.calibration.identifiability import Identifiability
+from precision_pin.analyses.declaration import load
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.provenance import Provenance
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_name
 from precision_pin.base.arrays import Array
+from precision_pin.base.errors import Finding
+from precision_pin.base.record import Keys, Record
+from precision_pin.draws.laws import Law
+from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.render.notebook import preformatted
+from precision_pin.render.result_io import JsonResult
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import quantile_ranks
 
@@ -25,25 +34,17 @@ LEVEL: Final = 0.95
 ROBOTS: Final = 10_000
 """Robots that are sampled for the quantiles where a law is not normal."""
 
+ERRORS: Final = ("before", "after", "seen", "floor")
+"""Which errors at a pose are told: before the calibration, after it, so in the instrument's axes, and what stays of any."""
 _SEED: Final = 0
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Posterior:
-    """Mean and covariance of the numbers drawn once for each robot, SI.
+class Posterior(Record):
+    """Mean and covariance ``(U, U)`` of the numbers drawn once for each robot, and their prior means and deviations, SI."""
 
-    Attributes
-    ----------
-    names
-        The numbers.
-    mean
-        Mean of each number.
-    covariance
-        ``(U, U)``, rows and columns in the order of the names.
-    prior_mean, prior_std
-        Before the calibration.
-    """
+    KEYS: ClassVar[Keys] = ("names", "mean", "std", "prior_mean", "prior_std", "learned", "covariance")
 
     names: tuple[str, ...]
     mean: Mapping[str, float]
@@ -54,9 +55,10 @@ class Posterior:
     @classmethod
     def of(cls, unit: UnitNumbers, mean: Array, covariance: Array) -> Posterior:
         """Return the posterior of the numbers of a space."""
-        means = dict(zip(unit.names, mean.tolist(), strict=True))
-        before = dict(zip(unit.names, unit.mean.tolist(), strict=True))
-        return cls(unit.names, means, covariance, before, dict(zip(unit.names, unit.std.tolist(), strict=True)))
+        means, before, std = (
+            dict(zip(unit.names, values.tolist(), strict=True)) for values in (mean, unit.mean, unit.std)
+        )
+        return cls(unit.names, means, covariance, before, std)
 
     @cached_property
     def std(self) -> Mapping[str, float]:
@@ -69,32 +71,14 @@ class Posterior:
         return {name: float(np.clip(1 - (self.std[name] / self.prior_std[name]) ** 2, 0.0, 1.0)) for name in self.names}
 
     def covariance_of(self, one: str, other: str) -> float:
-        """Return the covariance of two numbers.
-
-        Raises
-        ------
-        UnknownNameError
-            There is no such number.
-        """
+        """Return the covariance of two numbers, by their names."""
         row, column = (self.names.index(check_name("component", name, self.names)) for name in (one, other))
         return float(self.covariance[row, column])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the posterior as in the JSON."""
-        return {
-            "names": list(self.names),
-            "mean": dict(self.mean),
-            "std": dict(self.std),
-            "prior_mean": dict(self.prior_mean),
-            "prior_std": dict(self.prior_std),
-            "learned": dict(self.learned),
-            "covariance": self.covariance.tolist(),
-        }
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class ErrorLeft:
+class ErrorLeft(Record):
     """The tip's error at a pose before and after a calibration, first order; base axes, m and rad.
 
     Attributes
@@ -103,17 +87,20 @@ class ErrorLeft:
         The pose, and the sliding joints, whose values are in m.
     before
         Mean ``(6,)`` of the error before the calibration.
-    covariance_before, covariance_after
-        ``(6, 6)``; after it the error is that from the calibrated arm's own pose, of mean zero.
-    covariance_seen
-        Covariance after the calibration of the error in the instrument's axes, which a free base shares, ``(6, 6)``; that
-        of ``covariance_after`` where the base is known.
+    covariance_before, covariance_after, covariance_seen
+        ``(6, 6)``; after it the error is that from the calibrated arm's own pose, of mean zero; seen in the instrument's axes,
+        which a free base shares.
     floor
         ``(6, 6)``, the part that pose- and visit-scope numbers cause, which no calibration removes.
     sampled
         Where a law is not normal: the sizes |d| and |δ| ``(2, N)`` of the errors ``before``, ``after``, ``seen`` and ``floor`` of
         sampled robots in rising order, to first order.
     """
+
+    KEYS: ClassVar[Keys] = (
+        *("name", "q", "*sizes", "mean_before=before"),
+        *("covariance_before", "covariance_after", "covariance_seen", "covariance_floor=floor"),
+    )
 
     name: str
     q: Mapping[str, float]
@@ -125,17 +112,16 @@ class ErrorLeft:
     floor: Array
     sampled: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
-    @property
-    def _matrices(self) -> dict[str, Array]:
-        seen = self.covariance_seen
-        return {"before": self.covariance_before, "after": self.covariance_after, "seen": seen, "floor": self.floor}
+    def _normal(self, which: str, attitude: bool) -> tuple[Array, Array]:
+        """Return mean ``(3,)`` and covariance ``(3, 3)`` of the position's error, or the attitude's."""
+        covariance = self.floor if which == "floor" else getattr(self, f"covariance_{which}")
+        rows = slice(3, 6) if attitude else slice(0, 3)
+        return self.before[rows] if which == "before" else np.zeros(3), covariance[rows, rows]
 
     def rms(self, which: str, *, attitude: bool = False) -> float:
         """Return the root mean square of the position's (or attitude's) error: ``before``, ``after``, ``seen`` or ``floor``."""
-        rows = slice(3, 6) if attitude else slice(0, 3)
-        matrix = self._matrices[which]
-        mean = self.before[rows] if which == "before" else np.zeros(3)
-        return float(np.sqrt(max(np.trace(matrix[rows, rows]), 0.0) + mean @ mean))
+        mean, covariance = self._normal(which, attitude)
+        return float(np.sqrt(max(np.trace(covariance), 0.0) + mean @ mean))
 
     def quantile(self, which: str, *, attitude: bool = False) -> float:
         """Return the 95 % quantile of |d| (or |δ|): ``before``, ``after``, ``seen`` or ``floor``.
@@ -144,12 +130,10 @@ class ErrorLeft:
         """
         if self.sampled:
             return float(np.quantile(self.sampled[which][int(attitude)], LEVEL))
-        rows = slice(3, 6) if attitude else slice(0, 3)
-        matrix = self._matrices[which]
-        mean = self.before[rows] if which == "before" else np.zeros(3)
-        if not matrix[rows, rows].any():
+        mean, covariance = self._normal(which, attitude)
+        if not covariance.any():
             return float(np.linalg.norm(mean))
-        return float(NormalNorm(mean.copy(), matrix[rows, rows].copy()).quantile(LEVEL))
+        return float(NormalNorm(mean.copy(), covariance.copy()).quantile(LEVEL))
 
     def quantile_interval(self, which: str, *, attitude: bool = False) -> tuple[float, float] | None:
         """Return the distribution-free 95 % interval of a sampled :meth:`quantile`; None where it is that of a normal error."""
@@ -160,29 +144,75 @@ class ErrorLeft:
         assert ranks is not None
         return float(ordered[ranks[0] - 1]), float(ordered[ranks[1] - 1])
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry as in the JSON."""
-        sizes = {
-            which: {
-                "rms_position": self.rms(which),
-                "quantile_position": self.quantile(which),
-                "quantile_position_interval": self.quantile_interval(which),
-                "rms_attitude": self.rms(which, attitude=True),
-                "quantile_attitude": self.quantile(which, attitude=True),
-                "quantile_attitude_interval": self.quantile_interval(which, attitude=True),
-            }
-            for which in ("before", "after", "seen", "floor")
-        }
-        return {
-            "name": self.name,
-            "q": dict(self.q),
-            **sizes,
-            "mean_before": self.before.tolist(),
-            "covariance_before": self.covariance_before.tolist(),
-            "covariance_after": self.covariance_after.tolist(),
-            "covariance_seen": self.covariance_seen.tolist(),
-            "covariance_floor": self.floor.tolist(),
-        }
+    @property
+    def sizes(self) -> dict[str, dict[str, Any]]:
+        """Root mean squares and 95 % quantiles with their intervals, as in the JSON."""
+        found: dict[str, dict[str, Any]] = {which: {} for which in ERRORS}
+        for which, entry in found.items():
+            for name, attitude in (("position", False), ("attitude", True)):
+                entry[f"rms_{name}"] = self.rms(which, attitude=attitude)
+                entry[f"quantile_{name}"] = self.quantile(which, attitude=attitude)
+                entry[f"quantile_{name}_interval"] = self.quantile_interval(which, attitude=attitude)
+        return found
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Outcome(Record, JsonResult):
+    """Result of a calibration, of what is done before it, or of several; SI units, base axes.
+
+    Attributes
+    ----------
+    provenance
+        Robot, seed and versions.
+    findings
+        Those passed in, then the warnings of this result.
+    """
+
+    provenance: Provenance
+    findings: tuple[Finding, ...]
+
+    @property
+    def head(self) -> dict[str, Any]:
+        """First keys of the JSON: schema, robot, seed, versions."""
+        return self.provenance.to_dict(self.schema)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class PosesOutcome(Outcome):
+    """Result with the error that is left at the user's poses.
+
+    Attributes
+    ----------
+    measurement
+        Instrument and set-up as given.
+    identifiability
+        What the readings determine.
+    poses
+        The error before and after at each of the user's poses.
+    """
+
+    measurement: Measurement
+    identifiability: Identifiability
+    poses: tuple[ErrorLeft, ...]
+
+    @property
+    def rank(self) -> int:
+        """How many independent combinations of the numbers the readings determine."""
+        return self.identifiability.rank
+
+    @property
+    def observability(self) -> dict[str, float]:
+        """O1 to O5."""
+        return self.identifiability.observability
+
+    @cached_property
+    def rms_position(self) -> dict[str, float]:
+        """Root mean square error of the position over the user's poses: ``before``, ``after``, ``seen``, ``floor``."""
+        return {which: float(np.sqrt(np.mean([entry.rms(which) ** 2 for entry in self.poses]))) for which in ERRORS}
+
+    def _repr_html_(self) -> str:
+        """Return the notebook view: the table of the command."""
+        return preformatted(load("precision_pin.analyses.calibration.table:table")(self))
 
 
 @final
@@ -191,16 +221,8 @@ class SampledRobots:
     """Robots with the laws of the sheet, each measured once: what the linear estimate leaves of their numbers.
 
     With C the covariance of z after measuring, the estimate leaves ``C z`` of z, and of the noise of the readings a normal part
-    with the covariance ``C - C²``: z enters with its law.
-
-    Attributes
-    ----------
-    deviations
-        All numbers minus their means, ``(d, N)``.
-    z
-        Unit-scope numbers in units of their root, ``(r, N)``.
-    left
-        What is left of z and, below, the nuisances' errors, ``(r + k, N)``.
+    with the covariance ``C - C²``: z enters with its law. ``deviations`` ``(d, N)`` are all numbers minus their means, ``z``
+    ``(r, N)`` those of unit scope in units of their root, ``left`` ``(r + k, N)`` what is left of z and the nuisances' errors.
     """
 
     deviations: Array
@@ -237,7 +259,19 @@ class SampledRobots:
         }
 
 
-def error_left(
+def errors_left(
+    tasks: Iterable[tuple[str, PoseModel]],
+    unit: UnitNumbers,
+    estimator: Estimator,
+    measurement: Measurement,
+    space: Space,
+) -> tuple[ErrorLeft, ...]:
+    """Return the error at each named pose before and after a calibration."""
+    robots = SampledRobots.of(space, unit, estimator)
+    return tuple(_error_left(at, name, unit, estimator, measurement, robots) for name, at in tasks)
+
+
+def _error_left(
     at: PoseModel,
     name: str,
     unit: UnitNumbers,
@@ -245,7 +279,6 @@ def error_left(
     measurement: Measurement,
     robots: SampledRobots | None,
 ) -> ErrorLeft:
-    """Return the error at a pose before and after a calibration, its quantiles those of the robots where there are any."""
     slopes = at.jacobian[:, unit.columns] @ unit.root
     floor = repeat_covariance(at)
     chain = at.posture.chain
@@ -268,3 +301,63 @@ def error_left(
         floor,
         {} if robots is None else robots.sizes(at, unit, slopes, together),
     )
+
+
+_NOTHING: Final = 1e-9
+"""Share of a variance below which nothing is learned."""
+_REACH: Final = 9.0
+"""Deviations s beyond which the readings leave nothing of the law."""
+_WITHIN: Final = 6.0
+"""Score of a normal law beyond which the ends of a law are neglected: a probability of 2e-9."""
+_CELLS: Final = 1000
+
+
+def interval_after(
+    law: Law, number: int, estimate: float, std: float, variance_left: float, probability: float
+) -> tuple[float, float]:
+    """Return the interval of a number after a calibration, with the probability outside split evenly over both sides.
+
+    Its own law in the sheet is weighed by what the readings say of it. With v₀ and v the number's variance before and after, and
+    x̂ its estimate where no law has bounds, they say what one reading ``y ± s`` of the number itself would: 1/s² = 1/v - 1/v₀ and
+    y/s² = x̂/v - μ/v₀ (all other numbers taken as normal). The interval is that of the law times ``exp(-(x - y)²/2s²)``. A number
+    of which little is learned keeps the interval of its law, which a normal one would miss: ± 1.96 standard deviations of a
+    uniform law lie beyond its ends. ``std`` is v₀'s root, ``variance_left`` v/v₀, above 0 and up to 1.
+    """
+    mean = float(law.mean_vector[number])
+    projection = law.projection(np.eye(law.size)[number])
+    if projection is None:
+        # normal numbers stay normal
+        return normal_interval(estimate, std * float(np.sqrt(variance_left)), probability)
+    precision = 1 / variance_left - 1
+    if precision < _NOTHING:
+        low, high = _quantiles(projection, 0.0, np.inf, probability)
+    else:
+        reading = (estimate - mean) / variance_left / precision
+        low, high = _quantiles(projection, reading, std / np.sqrt(precision), probability)
+    return mean + low, mean + high
+
+
+def normal_interval(mean: float, std: float, probability: float) -> tuple[float, float]:
+    """Return the interval of a normal number about its mean."""
+    reach = float(special.ndtri((1 + probability) / 2)) * std
+    return mean - reach, mean + reach
+
+
+def _quantiles(projection: Projection, reading: float, std: float, probability: float) -> tuple[float, float]:
+    """Return both ends of the interval of a law of zero mean times ``exp(-(x - reading)²/2 std²)``."""
+    ends = projection.within(_WITHIN)
+    for low, high in ((reading - _REACH * std, reading + _REACH * std), ends):
+        edges = np.linspace(max(ends[0], low), min(ends[1], high), _CELLS + 1)
+        below = projection.cumulative(edges)
+        if edges[0] == ends[0]:
+            below[0] = 0.0
+        share = np.diff(below)
+        # nothing: the readings are beyond an end of the law, or between its single values
+        if edges[0] < edges[-1] and (share > 0).any():
+            break
+    exponent = -0.5 * (((edges[1:] + edges[:-1]) / 2 - reading) / std) ** 2
+    share *= np.exp(np.minimum(exponent - exponent[share > 0].max(), 0.0))
+    within = np.concatenate([[0.0], np.cumsum(share)])
+    sides = (1 - probability) / 2
+    first, last = np.interp([sides, 1 - sides], within / within[-1], edges)
+    return float(first), float(last)

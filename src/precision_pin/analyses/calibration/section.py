@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.analyses.calibration.calibration_result import CalibrationResult
-from precision_pin.analyses.calibration.figures import calibration_figure
+from precision_pin.analyses.calibration.calibrate import CalibrationResult
+from precision_pin.analyses.calibration.figure import calibration_figure
 from precision_pin.analyses.calibration.layer import CalibrationLayer
 from precision_pin.analyses.calibration.table import (
     LEARNED,
@@ -38,13 +38,7 @@ _SHOWN: Final = (
 
 
 def calibration_chapter(result: CalibrationResult) -> Chapter:
-    """Return a calibration as a chapter; at the head whether the model explains the readings, what is left, and gross errors.
-
-    Parameters
-    ----------
-    result
-        What :func:`precision_pin.calibrate` returns, of the arm of the report.
-    """
+    """Return a calibration as a chapter; at the head whether the model explains the readings, what is left, and gross errors."""
     said = headline(result)
     answers = [said[0], *said[2:]]
     lines = tuple(f"Calibration: {line[:1].lower()}{line[1:]}" for line in answers)

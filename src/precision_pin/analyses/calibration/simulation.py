@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from precision_pin.analyses.calibration.design import (
+    Estimator,
     Station,
     UnitNumbers,
     flat,
@@ -16,9 +17,9 @@ from precision_pin.analyses.calibration.design import (
     read_poses,
     stack_at_means,
     stations_of,
+    task_poses,
 )
-from precision_pin.analyses.calibration.estimates import Estimator
-from precision_pin.analyses.calibration.forecast import task_poses
+from precision_pin.analyses.calibration.fit import Problem
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Array
@@ -41,7 +42,7 @@ class SimulatedCalibrations:
     Attributes
     ----------
     errors
-        Error of the tip from the calibrated arm's own pose, at each of the user's poses at a later visit, ``(T, 6, N)``.
+        Error of the tip from the calibrated arm's own pose, at each of the user's T poses at a later visit, ``(T, 6, N)``.
     estimates, truth
         Estimated and true z, ``(r, N)``.
     chi_square, degrees_of_freedom
@@ -85,7 +86,8 @@ def simulate_calibrations(
     readings = simulate_readings(stations, measurement, model, robots=robots, seed=seed)
     by_z, by_nuisance = map(flat, stack_at_means(stations, unit, measurement))
     estimator = Estimator.of(by_z, by_nuisance, has_prior=True)
-    roots = [_root(station, measurement) for station in stations]
+    deviations = np.tile(measurement.deviations, (len(readings), 1))
+    roots = Problem(model, measurement, stations, readings, deviations, np.zeros(by_nuisance.shape[1])).roots
     z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
     for _ in range(_STEPS):
         residuals = _residuals(stations, roots, measurement, unit, readings, z, nuisances)
@@ -118,14 +120,8 @@ def simulate_readings(
 ) -> Array:
     """Return readings ``(P, m, N)`` of robots by the exact model, with the set-up at its nominal values.
 
-    Parameters
-    ----------
-    stations, measurement, model
-        Poses, in the order of the random streams, and instrument.
-    robots, first
-        Robots ``first … first + robots - 1`` of those that `precision_pin.monte_carlo` samples with the seed.
-    seed
-        64-bit seed of robots and noise.
+    They are the robots ``first … first + robots - 1`` of those that `precision_pin.monte_carlo` samples with the seed, which is
+    that of the noise too; the stations are the poses in the order of the random streams.
     """
     x = model.space.sample(seed, first, robots)
     count = sum(len(station.rows) for station in stations)
@@ -140,15 +136,7 @@ def simulate_readings(
 
 
 def as_measured(readings: Array, stations: tuple[Station, ...], measurement: Measurement) -> Array:
-    """Return readings ``(P, m)`` of one robot as an instrument gives them, in the axes of a known base: whole attitudes.
-
-    Parameters
-    ----------
-    readings
-        As :func:`simulate_readings` has them: of a pose, the turn from the nominal attitude.
-    stations, measurement
-        Poses and instrument.
-    """
+    """Return readings ``(P, m)`` of one robot as an instrument gives them, in the axes of a known base: whole attitudes."""
     if measurement.kind != "pose":
         return readings
     result = readings.copy()
@@ -166,16 +154,9 @@ def _with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: 
     return model.space.sample(seed, first, x.shape[1], pose=pose, visit=visit)
 
 
-def _root(station: Station, measurement: Measurement) -> Array:
-    zero = np.zeros(len(measurement.nuisances))
-    slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
-    variances = np.tile(measurement.deviations**2, (len(station.rows), 1))
-    return station.noise_root(measurement, slopes.error, variances)
-
-
 def _residuals(
     stations: tuple[Station, ...],
-    roots: list[Array],
+    roots: tuple[Array, ...],
     measurement: Measurement,
     unit: UnitNumbers,
     readings: Array,

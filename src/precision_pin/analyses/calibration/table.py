@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
-import numpy as np
-
-from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.analyses.calibration.calibrate import CalibrationResult, WorstReadings
+from precision_pin.analyses.calibration.data import SetUp
+from precision_pin.analyses.calibration.factory import FactoryCalibration
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
-from precision_pin.analyses.calibration.identifiability import Identifiability
+from precision_pin.analyses.calibration.identifiability import Identifiability, some
 from precision_pin.analyses.calibration.plan import CalibrationPlan
-from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, Posterior
-from precision_pin.analyses.calibration.readings import WorstReadings
-from precision_pin.analyses.calibration.set_up import SetUp
+from precision_pin.analyses.calibration.population import Population
+from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, PosesOutcome, Posterior
+from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import milli, resting_on
 from precision_pin.render.text_table import aligned
@@ -39,7 +39,9 @@ VERDICTS: Final = {
 SEEN: Final = "seen: the error after, in the instrument's axes; the base is found with the arm"
 _POSES: Final = 12
 _NAME: Final = 44
+_SEAT: Final = 34
 _ROWS: Final = 8
+_TOLERANCES: Final = 60
 _HEAD: Final = 9
 """Longest name of a joint above its values."""
 _JOINTS: Final = 7
@@ -52,13 +54,18 @@ _EXPLANATION: Final = (
 )
 
 
+def table(result: CalibrationForecast | CalibrationPlan | CalibrationResult) -> str:
+    """Return a result of one arm as text."""
+    if isinstance(result, CalibrationForecast):
+        return forecast_table(result)
+    return plan_table(result) if isinstance(result, CalibrationPlan) else calibration_table(result)
+
+
 def forecast_table(result: CalibrationForecast) -> str:
     """Return what measuring will buy: the error left at the user's poses, what is learned, and against what it depends."""
     of = result.provenance
     lines = [
-        f"calibrating {visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: rms position error "
-        f"{milli(result.rms('before'), 3)} mm before, {milli(result.rms('after'), 3)} mm after; "
-        f"floor {milli(result.rms('floor'), 3)} mm",
+        f"calibrating {_arm(of)}: rms position error {_sizes(result)}",
         f"{result.readings:,} readings of {describe_measurement(result.measurement)}; first order",
         "",
         *_poses(result.poses, result.measurement),
@@ -82,8 +89,7 @@ def calibration_table(result: CalibrationResult) -> str:
     """Return the verdict on model and data, the residuals, the estimates and the error left."""
     of = result.provenance
     lines = [
-        f"{visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: {VERDICTS[result.verdict]}; "
-        f"{residuals_text(result)}",
+        f"{_arm(of)}: {VERDICTS[result.verdict]}; {residuals_text(result)}",
         f"{measured_text(result)}; {chi_square_text(result)}",
         "" if result.has_prior else f"{NO_PRIOR}\n",
         *_poses(result.poses, result.measurement),
@@ -123,9 +129,7 @@ def plan_table(result: CalibrationPlan) -> str:
         ]
         rows.append([shortened(name, 20) or f"candidate {k + 1}", "", *cells])
     lines = [
-        f"measure {len(result.chosen):,} of {result.candidates:,} poses of {visible(of.robot)}, {visible(of.base)} to "
-        f"{visible(of.tip)}: rms position error {milli(result.rms('before'), 3)} mm before, "
-        f"{milli(result.rms('after'), 3)} mm after; floor {milli(result.rms('floor'), 3)} mm",
+        f"measure {result.count:,} of {result.candidates:,} poses of {_arm(of)}: rms position error {_sizes(result)}",
         f"{describe_measurement(result.measurement)}; first order; seed {of.seed}",
         f"chosen for {aim}: at least {100 * result.efficiency:.4g} % of the best possible (certified bound); "
         f"random choices: {100 * result.random_efficiency:.3g} %",
@@ -147,8 +151,7 @@ def describe_measurement(measurement: Measurement) -> str:
     words = [f"{measurement.kind}, std {1e6 * measurement.std:.4g} µm"]
     if measurement.kind == "pose":
         words.append(f"{1e6 * float(measurement.deviations[-1]):.4g} µrad")
-    target = " ".join(f"{1e3 * x:.6g}" for x in measurement.target)
-    words.append(f"target at {target} mm{'' if measurement.target_known else ' (estimated)'}")
+    words.append(f"target at {_point(measurement.target)} mm{'' if measurement.target_known else ' (estimated)'}")
     words.append(f"{_FREE.get(measurement.kind, 'base')} {measurement.base}")
     if measurement.load is not None:
         carried = " + ".join(f"{payload.mass:.4g} kg at {visible(payload.at)}" for payload in measurement.load)
@@ -158,11 +161,13 @@ def describe_measurement(measurement: Measurement) -> str:
 
 def headline(result: CalibrationResult) -> list[str]:
     """Return the answer as sentences: verdict, residuals, the error left, the readings without weight."""
+    entries = result.poses
+    where = f"pose {shown(entries[0].name)}" if len(entries) == 1 else f"{len(entries):,} poses"
     lines = [
         f"{_capital(VERDICTS[result.verdict])}: {chi_square_text(result)}.",
         f"{_capital(residuals_text(result))}.",
+        f"Position error of the tip at {where}: rms {_sizes(result)}.",
     ]
-    lines.append(f"{_error_left_text(result)}.")
     if result.gross_errors:
         worst = max(result.gross_errors, key=lambda error: error.deviations)
         count = len(result.gross_errors)
@@ -174,18 +179,14 @@ def headline(result: CalibrationResult) -> list[str]:
     return lines
 
 
-def _error_left_text(result: CalibrationResult) -> str:
-    """Return the error at the user's poses before and after, rms over all of them."""
-    entries = result.poses
-    sizes = {
-        which: milli(float(np.sqrt(np.mean([entry.rms(which) ** 2 for entry in entries]))), 3)
-        for which in ("before", "after", "floor")
-    }
-    where = f"pose {shown(entries[0].name)}" if len(entries) == 1 else f"{len(entries):,} poses"
-    return (
-        f"Position error of the tip at {where}: rms {sizes['before']} mm before, {sizes['after']} mm after; floor "
-        f"{sizes['floor']} mm"
-    )
+def _arm(of: Provenance) -> str:
+    return f"{visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}"
+
+
+def _sizes(result: PosesOutcome) -> str:
+    """Return the position error at the user's poses before and after, rms over all of them."""
+    before, after, floor = (milli(result.rms_position[which], 3) for which in ("before", "after", "floor"))
+    return f"{before} mm before, {after} mm after; floor {floor} mm"
 
 
 def _capital(text: str) -> str:
@@ -258,24 +259,22 @@ def _poses(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[str]:
 
 
 def _learned(posterior: Posterior) -> list[str]:
-    names = sorted(posterior.names, key=lambda name: -posterior.learned[name])
     rows = [["number", "", "prior std", "std after", "learned"]]
-    for name in names[:MOST_NUMBERS]:
-        cells = [
-            f"{posterior.prior_std[name]:.3g}",
-            f"{posterior.std[name]:.3g}",
-            f"{100 * posterior.learned[name]:.1f} %",
-        ]
-        rows.append([shortened(name, _NAME), "", *cells])
-    return [*aligned(rows), *_more(len(names))]
+    for name in _most_learned(posterior)[:MOST_NUMBERS]:
+        before, after = f"{posterior.prior_std[name]:.3g}", f"{posterior.std[name]:.3g}"
+        rows.append([shortened(name, _NAME), "", before, after, f"{100 * posterior.learned[name]:.1f} %"])
+    return [*aligned(rows), *_more(len(posterior.names))]
+
+
+def _most_learned(posterior: Posterior) -> list[str]:
+    return sorted(posterior.names, key=lambda name: -posterior.learned[name])
 
 
 def estimate_rows(result: CalibrationResult, most: int = MOST_NUMBERS) -> list[list[str]]:
     """Return a header and a row for each number, at most so many, that of which most is learned first; SI units."""
     posterior = result.posterior
-    names = sorted(posterior.names, key=lambda name: -posterior.learned[name])
     rows = [["number", "prior mean", "prior std", "estimate", "95 % from", "to", "learned"]]
-    for name in names[:most]:
+    for name in _most_learned(posterior)[:most]:
         values = (posterior.prior_mean[name], posterior.prior_std[name], posterior.mean[name], *result.interval(name))
         cells = [*(f"{value + 0.0:.3g}" for value in values), f"{100 * posterior.learned[name]:.1f} %"]
         rows.append([shortened(name, _NAME - 4), *cells])
@@ -283,12 +282,9 @@ def estimate_rows(result: CalibrationResult, most: int = MOST_NUMBERS) -> list[l
 
 
 def _more(count: int) -> list[str]:
-    rest = (
-        [f"… and {count - MOST_NUMBERS:,} numbers of which less is learned; all are in the JSON"]
-        if count > MOST_NUMBERS
-        else []
-    )
-    return [LEARNED, *rest]
+    if count <= MOST_NUMBERS:
+        return [LEARNED]
+    return [LEARNED, f"… and {count - MOST_NUMBERS:,} numbers of which less is learned; all are in the JSON"]
 
 
 def identifiability_lines(found: Identifiability) -> list[str]:
@@ -299,16 +295,11 @@ def identifiability_lines(found: Identifiability) -> list[str]:
         "(units of prior std and noise)"
     ]
     if found.unseen:
-        lines.append(f"not seen at all: {_list(found.unseen)}")
+        lines.append(f"not seen at all: {some(found.unseen, _ROWS)}")
     lines += [f"only combinations: {group}" for group in found.combinations[:_ROWS]]
     if len(found.combinations) > _ROWS:
         lines.append(f"… and {len(found.combinations) - _ROWS} more groups")
     return lines
-
-
-def _list(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _ROWS} more" if len(names) > _ROWS else ""
-    return f"{', '.join(names[:_ROWS])}{more}"
 
 
 def _curve(what: str, points: Sequence[CurvePoint], per_si: float) -> list[str]:
@@ -343,18 +334,71 @@ def gross_rows(result: CalibrationResult) -> list[list[str]]:
 
 def set_up_lines(found: SetUp) -> list[str]:
     """Return a line for each part of the set-up that was estimated, mm."""
+
+    def is_estimated(part: str) -> bool:
+        return any(name.startswith(part) for name in found.std)
+
     lines = []
     if found.base is not None:
-        place = " ".join(f"{1e3 * x:.6g}" for x in found.base[:3, 3])
-        lines.append(f"base of the robot in the instrument's axes, estimated: {place} mm")
-    if any(name.startswith("target") for name in found.std):
-        lines.append(f"target in tool axes, estimated: {' '.join(f'{1e3 * x:.6g}' for x in found.target)} mm")
-    if found.plane is not None and any(name.startswith("plane") for name in found.std):
+        lines.append(f"base of the robot in the instrument's axes, estimated: {_point(found.base[:3, 3])} mm")
+    if is_estimated("target"):
+        lines.append(f"target in tool axes, estimated: {_point(found.target)} mm")
+    if found.plane is not None and is_estimated("plane"):
         height, normal = 1e3 * float(found.plane[0] @ found.plane[1]), " ".join(f"{x:.6f}" for x in found.plane[1])
         lines.append(f"plane in base axes, estimated: normal {normal}, {height:.6g} mm from the base's origin")
-    if found.sockets is not None and any(name.startswith("socket") for name in found.std):
+    if found.sockets is not None and is_estimated("socket"):
         for k, place in enumerate(found.sockets[:_ROWS]):
-            lines.append(f"socket {k + 1} in base axes, estimated: {' '.join(f'{1e3 * x:.6g}' for x in place)} mm")
-    if found.anchor is not None and any(name.startswith("anchor") for name in found.std):
-        lines.append(f"anchor in base axes, estimated: {' '.join(f'{1e3 * x:.6g}' for x in found.anchor)} mm")
+            lines.append(f"socket {k + 1} in base axes, estimated: {_point(place)} mm")
+    if found.anchor is not None and is_estimated("anchor"):
+        lines.append(f"anchor in base axes, estimated: {_point(found.anchor)} mm")
     return lines
+
+
+def _point(values: Iterable[float]) -> str:
+    """Return a place in mm, without the unit."""
+    return " ".join(f"{1e3 * x:.6g}" for x in values)
+
+
+def population_table(result: Population) -> str:
+    """Return how many tolerances are other than the sheet's, and each with its interval."""
+    of = result.provenance
+    other = [one for one in result.tolerances if not one.agrees]
+    verdict = f"{len(other):,} of {len(result.tolerances):,} tolerances are other than the sheet's"
+    rows = [["draw", "", "measured std", "of the sheet's", f"{100 * result.confidence:g} %", "interval", ""]]
+    order = sorted(result.tolerances, key=lambda one: (one.agrees, -one.scale))
+    for one in order[:_TOLERANCES]:
+        high = f"{one.high:.3g}" if one.high < float("inf") else "no limit"
+        mark = "" if one.agrees else "other"
+        name = shortened(" and ".join(one.names), _NAME)
+        rows.append([name, "", f"{one.std:.3g}", f"{one.scale:.3g}", f"{one.low:.3g}", high, mark])
+    lines = [
+        f"{result.robots:,} robots {_arm(of)}: {verdict}",
+        f"means {'estimated too, restricted likelihood' if result.means == 'estimated' else 'of the sheet'}; likelihood ratio "
+        f"to the sheet's {result.log_likelihood_ratio:.4g} (chi-square of {len(result.tolerances)} where the sheet is right)",
+        "",
+        *aligned(rows),
+        *([f"… and {len(order) - _TOLERANCES:,} more in the JSON"] if len(order) > _TOLERANCES else []),
+        "std in SI units; of the sheet's: measured over the sheet's standard deviation; profile likelihood",
+    ]
+    if result.unseen:
+        lines.append(f"no reading shows {', '.join(map(visible, result.unseen))}")
+    lines += [f"hardly more than a joint tolerance of {', '.join(group.names)}" for group in result.groups]
+    return "\n".join(lines)
+
+
+def factory_table(result: FactoryCalibration) -> str:
+    """Return how far the built arm is from the nominal robot, and the displacement of each joint."""
+    of, chain = result.provenance, result.model.chain
+    rows = [["place", "", "x [mm]", "y [mm]", "z [mm]", "rx [mrad]", "ry [mrad]", "rz [mrad]"]]
+    for name, values in zip((*chain.joint_names, chain.tip), result.displacements, strict=True):
+        rows.append([shortened(name, _SEAT), "", *(f"{1e3 * value + 0.0:.4f}" for value in values)])
+    lines = [
+        f"{visible(of.robot, 30)} is a {result.kind}; as its factory measured it, the tip is "
+        f"{milli(result.rms_position, 3)} mm rms from the nominal",
+        f"robot's, at most {milli(result.largest_position, 3)} mm (200 random poses); {visible(of.base)} to {visible(of.tip)}",
+        f"{visible(result.file)}{f', hash {visible(result.checksum)}' if result.checksum else ''}",
+        "",
+        *aligned(rows),
+        "displacement of each joint's origin and of the tip, in their own axes, as a shift and a rotation vector",
+    ]
+    return "\n".join(lines)

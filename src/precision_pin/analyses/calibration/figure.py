@@ -11,11 +11,11 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
-from precision_pin.analyses.calibration.table import VERDICTS, describe_measurement
+from precision_pin.analyses.calibration.table import VERDICTS, describe_measurement, measured_text
 from precision_pin.base.text_escape import visible
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY, VERMILION
 from precision_pin.render.figure_style import (
@@ -43,22 +43,21 @@ def forecast_figure(result: CalibrationForecast) -> Figure:
         made = new_figure(DOUBLE_COLUMN)
         left, right = made.subplots(1, 2, sharey=True)
         _draw_curve(left, result, result.by_count, 1.0, "readings", float(result.readings))
-        _draw_curve(
-            right,
-            result,
-            result.by_instrument,
-            1e6,
-            "standard deviation of the instrument [µm]",
-            result.measurement.std,
-        )
+        of_instrument = "standard deviation of the instrument [µm]"
+        _draw_curve(right, result, result.by_instrument, 1e6, of_instrument, result.measurement.std)
         left.set_ylabel("rms position error [mm]")
-        lines = wrapped(f"{result.readings:,} readings of {describe_measurement(result.measurement)}", made)
-        entries = labelled([left])
         of = result.provenance
-        made.suptitle(f"forecast of a calibration of {visible(of.robot, 60)}: {visible(of.base)} to {visible(of.tip)}")
-        legend_below(made, entries, len(entries), lines)
-        set_height(made, _HEIGHT + (len(lines) + 2) * LINE_HEIGHT)
+        title = f"forecast of a calibration of {visible(of.robot, 60)}: {visible(of.base)} to {visible(of.tip)}"
+        _finish(made, left, title, f"{result.readings:,} readings of {describe_measurement(result.measurement)}")
     return made
+
+
+def _finish(made: Figure, axes: Axes, title: str, note: str) -> None:
+    """Add the title, and below it the legend of one panel and a note; set the height."""
+    made.suptitle(title)
+    lines, entries = wrapped(note, made), labelled([axes])
+    legend_below(made, entries, len(entries), lines)
+    set_height(made, _HEIGHT + (len(lines) + 2) * LINE_HEIGHT)
 
 
 def _draw_curve(
@@ -103,12 +102,9 @@ def plan_figure(result: CalibrationPlan) -> Figure:
         right.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
         right.set_xlabel("pose")
         right.set_ylabel("rms position error [mm]")
-        of = result.provenance
-        made.suptitle(f"{len(result.chosen):,} of {result.candidates:,} poses of {visible(of.robot, 60)} to measure")
-        lines = wrapped(describe_measurement(result.measurement), made)
-        entries = labelled([right])
-        legend_below(made, entries, len(entries), lines)
-        set_height(made, _HEIGHT + (len(lines) + 2) * LINE_HEIGHT)
+        robot = visible(result.provenance.robot, 60)
+        title = f"{result.count:,} of {result.candidates:,} poses of {robot} to measure"
+        _finish(made, right, title, describe_measurement(result.measurement))
     return made
 
 
@@ -127,30 +123,16 @@ def calibration_figure(result: CalibrationResult) -> Figure:
             axes.plot(rows, 1e3 * np.maximum(values, 1e-12), marker, color=colour, markersize=3, label=label)
         gross = [k for k, line in enumerate(result.data.lines) if line in {error.line for error in result.gross_errors}]
         if gross:
-            axes.plot(
-                rows[gross],
-                1e3 * sizes["after"][gross],
-                "o",
-                markersize=7,
-                markerfacecolor="none",
-                color=VERMILION,
-                label="no weight",
-            )
+            after = 1e3 * sizes["after"][gross]
+            axes.plot(rows[gross], after, "o", ms=7, mfc="none", color=VERMILION, label="no weight")
         axes.set_yscale("log")
         _number(axes.yaxis)
         axes.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
         axes.set_xlabel("row of the data")
         axes.set_ylabel("residual [mm]")
-        of = result.provenance
-        made.suptitle(f"calibration of {visible(of.robot, 60)}; {VERDICTS[result.verdict]}")
-        lines = wrapped(
-            f"{len(result.data):,} readings of {describe_measurement(result.measurement)}; chi-square "
-            f"{result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom",
-            made,
-        )
-        entries = labelled([axes])
-        legend_below(made, entries, len(entries), lines)
-        set_height(made, _HEIGHT + (len(lines) + 2) * LINE_HEIGHT)
+        title = f"calibration of {visible(result.provenance.robot, 60)}; {VERDICTS[result.verdict]}"
+        note = f"{measured_text(result)}; chi-square {result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom"
+        _finish(made, axes, title, note)
     return made
 
 
