@@ -12,10 +12,15 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from precision_pin.analyses.iso9283.cube_search import largest_cube, lattice_of
-from precision_pin.analyses.iso9283.figure_law import FigureLaw
-from precision_pin.analyses.iso9283.reach import ToolPoses
-from precision_pin.analyses.iso9283.standard_poses import Cube, paths_of_approach, standard_poses
+from precision_pin.analyses.iso9283.cube import (
+    Cube,
+    ToolPoses,
+    largest_cube,
+    lattice_of,
+    paths_of_approach,
+    standard_poses,
+)
+from precision_pin.analyses.iso9283.result import FigureLaw
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.sources import Backlash, JointOffset, Length, Thermal

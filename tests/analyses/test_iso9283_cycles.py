@@ -10,7 +10,7 @@ from scipy import integrate
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from precision_pin.analyses.iso9283.limits import mean_distance, repeatability_limit
+from precision_pin.analyses.iso9283.figures import mean_distance, repeatability_limit
 
 HOME = np.zeros(6)
 

@@ -68,6 +68,11 @@ class Provenance:
             shares = origin_shares(error_model.origins, next(error_model.at_columns(error_model.poses[first][:, None])))
         return cls(*arm, int(seed), error_model.assumed, len(error_model.sources), shares, first if shares else "")
 
+    @property
+    def arm(self) -> str:
+        """Robot and ends of the chain in words."""
+        return f"{self.robot}: {self.base} to {self.tip}"
+
     def to_dict(self, schema: str) -> dict[str, Any]:
         """Return the first keys of a result's JSON."""
         return {
