@@ -11,7 +11,7 @@ from scipy import optimize
 import precision_pin as pp
 from precision_pin.analyses.allocation.error_parts import MEAN
 from precision_pin.analyses.allocation.table import allocation_table
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.base.errors import InputError
 
 URDF = """<robot name="slide"><link name="base"/><link name="tip"/>

@@ -17,7 +17,7 @@ from precision_pin.analyses.allocation.costs import Grades, read_cost
 from precision_pin.analyses.allocation.grades import solve_with_grades
 from precision_pin.analyses.allocation.iso286 import GRADES, SIZES, grade_width
 from precision_pin.analyses.allocation.solver_output import without_solver_lines
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.base import units
 from precision_pin.base.errors import InputError

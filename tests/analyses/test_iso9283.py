@@ -21,6 +21,7 @@ from precision_pin.analyses.iso9283.cube import (
     standard_poses,
 )
 from precision_pin.analyses.iso9283.result import FigureLaw
+from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.sources import Backlash, JointOffset, Length, Thermal
@@ -182,7 +183,7 @@ def test_a_load_is_a_payload_of_the_sheet():
 
 
 def test_no_visits_is_warned_of():
-    with pytest.warns(pp.errors.PrecisionPinWarning, match="W_NO_VISITS"):
+    with pytest.warns(PrecisionPinWarning, match="W_NO_VISITS"):
         found = pp.iso9283(MODEL, [MODEL.configuration()], robots=2)
     assert any("W_NO_VISITS" in line for line in found.warnings)
     assert (found.poses["P1"].RP.mean, found.AD, found.E) == (0, None, None)

@@ -137,6 +137,3 @@ def test_every_result_is_a_frame_a_dataset_and_a_view(results: dict[str, Any]) -
 
 def test_old_names_stay() -> None:
     assert pp.Analysis is pp.MonteCarloResult is MonteCarloResult
-    result = CALLS["worst-case"]()
-    assert result.heading is result.provenance
-    assert result.poses[0].heading is result.poses[0].pose

@@ -11,7 +11,7 @@ import numpy as np
 
 from precision_pin.analyses.calibration.design import UnitNumbers, repeat_covariance
 from precision_pin.analyses.calibration.estimates import Estimator
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_name
 from precision_pin.base.arrays import Array

@@ -5,6 +5,15 @@ this bound is largest, over points known to be out of reach: at first those of a
 lattice. Where points of it are out of reach, the border of the workspace is found between them and the centre, its points are
 added to the known ones, and the search goes on. The first cube whose lattice is all within reach is the largest, as far as
 lattice and grid see. It is found with a coarse clearance first, which settles where it is, then with a fine one.
+
+Which of thousands of tool poses are within reach: one solution of each, by damped Gauss-Newton steps for all at once.
+
+:mod:`precision_pin.robot.inverse_kinematics` finds all solutions of a pose, which takes a thousand times as long. The steps
+start from the nearest of many known configurations.
+
+An arm of six joints or more keeps the orientation; one of fewer is free to turn the tool. What is found is checked by the
+forward kinematics: position to a micrometre, orientation to a microradian, joints inside their limits. What is not found counts
+as out of reach: of 4,000 points about a Panda none that inverse kinematics in closed form reaches.
 """
 
 from __future__ import annotations

@@ -1,4 +1,13 @@
-"""The forecast of a test by ISO 9283:1998: the law of every figure over built robots and over tests."""
+"""The forecast of a test by ISO 9283:1998: the law of every figure over built robots and over tests.
+
+Comparison of a measured robot with the forecast: where its figures lie among those of the simulated robots.
+
+If the sheet is right, the measured robot is one more of the N simulated ones, and no ranking of all N + 1 can tell it from them.
+Of a figure, let z be the distance from the median in units of that of the 95 % quantile from the median, of the 5 % quantile
+below it. With the largest z of each robot over all figures, the share of the N + 1 robots whose largest z is not below that of
+the measured one is a test of all figures at once (Westfall and Young 1993, max-T). It is exact whatever the figures' laws and
+however they depend on one another; medians and quantiles are those of all N + 1.
+"""
 
 from __future__ import annotations
 
