@@ -133,19 +133,7 @@ Poses = Pose | Sequence[Pose]
 
 
 def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose]:
-    """Return a list of poses. A row of numbers is one pose, any other list contains several.
-
-    Parameters
-    ----------
-    poses, q, pose
-        Synonyms, of which one may be given.
-
-    Raises
-    ------
-    InputError
-        More than one argument is given; the list is empty; or the poses are in an array, where rows and columns cannot be
-        distinguished.
-    """
+    """Return a list of poses. A row of numbers is one pose, any other list contains several."""
     given = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
     if len(given) > 1:
         raise InputError("pose, poses and q mean the same; give one of them")

@@ -513,19 +513,7 @@ class Summand:
 
 
 def certified_series(mean: float, std: float, summands: Sequence[Summand], largest_error: float) -> SeriesLaw | float:
-    """Return the series of a law with the terms that its certified error needs, otherwise the smallest error reached.
-
-    Parameters
-    ----------
-    mean
-        Mean of the number.
-    std
-        Standard deviation of its normal parts together.
-    summands
-        The other parts.
-    largest_error
-        Largest error for which the law is computed.
-    """
+    """Return the series of a law with the terms that its certified error needs, otherwise the smallest error reached."""
     for aim, most, score in _AIMS:
         ends = [summand.ends(min(score, FARTHEST)) for summand in summands]
         low, high = (sum(end[side] for end in ends) + sign * score * std for side, sign in ((0, -1), (1, 1)))

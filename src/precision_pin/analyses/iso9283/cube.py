@@ -253,11 +253,6 @@ def standard_poses(chain: Chain, reference: Array, target: Array) -> tuple[PoseS
         Joint values of the pose that has the orientation, ``(n,)``.
     target
         The measured point in tool axes, m.
-
-    Raises
-    ------
-    InputError
-        No cube is within reach.
     """
     tool = ToolPoses(chain, chain.at(reference).pose[:3, :3], target)
     centre, radius = tool.ball

@@ -443,20 +443,7 @@ _LONGEST: Final = 40
 
 
 def read_cycles(path: str | os.PathLike[str], names: Mapping[str, str]) -> dict[str, Array]:
-    """Return the attained poses of each pose in the order of the cycles, ``(n, 4, 4)``, or positions ``(n, 3)``.
-
-    Parameters
-    ----------
-    path
-        The file.
-    names
-        Name of the result's pose, P1 …, by what the file may call it.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, lacks a column, has one that has no meaning, names another pose, or has a cycle twice.
-    """
+    """Return the attained poses of each pose in the order of the cycles, ``(n, 4, 4)``, or positions ``(n, 3)``."""
     found = csv_columns.read(path, texts=("pose",))
     if "pose" not in found.texts:
         raise UnknownNameError(f"column in {found.file}", "pose", found.names)

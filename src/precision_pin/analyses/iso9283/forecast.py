@@ -358,15 +358,7 @@ class FigureLimit:
 
 
 def listed_limits(given: object) -> tuple[FigureLimit, ...]:
-    """Return limits, one text or a list of texts, ``FIGURE LIMIT [@ PROBABILITY]``.
-
-    Raises
-    ------
-    InputError
-        One is no text of this form, the limit is not positive or of another quantity, or the probability lies outside 0 to 1.
-    UnknownNameError
-        There is no such figure.
-    """
+    """Return limits, one text or a list of texts, ``FIGURE LIMIT [@ PROBABILITY]``."""
     if isinstance(given, str):
         given = (given,)
     if not isinstance(given, list | tuple):
@@ -381,13 +373,7 @@ def judge_limits(
     absent: Mapping[str, str],
     confidence: float,
 ) -> tuple[SpecificationResult, ...]:
-    """Return the share of robots that keep each limit in a test, and its verdict.
-
-    Raises
-    ------
-    InputError
-        A figure does not exist in this forecast.
-    """
+    """Return the share of robots that keep each limit in a test, and its verdict."""
     return tuple(_judge(one, _largest(one.figure, poses, single, absent), confidence) for one in limits)
 
 

@@ -267,13 +267,7 @@ class Comparison(Record):
 
 
 def pose_names(names: Sequence[str]) -> dict[str, str]:
-    """Return P1, P2, … by what a pose may be called: its name in the sheet, which goes first, P1, P2, …, and its number.
-
-    Parameters
-    ----------
-    names
-        The names in the sheet, empty where a pose has none.
-    """
+    """Return P1, P2, … by what a pose may be called: its name in the sheet, which goes first, P1, P2, …, and its number."""
     standard = [f"P{number}" for number in range(1, len(names) + 1)]
     known = {name[1:]: name for name in standard} | {name: name for name in standard}
     return known | {own: name for own, name in zip(names, standard, strict=True) if own}

@@ -159,13 +159,7 @@ def count_steps(space: Space, poses: int, samples: int, method: Method, **others
 
 
 def check_samples(samples: int) -> int:
-    """Return the number of samples in a replicate, given their total.
-
-    Raises
-    ------
-    InputError
-        The total is not 32 times a power of two in the allowed range.
-    """
+    """Return the number of samples in a replicate, given their total."""
     allowed = [REPLICATES << k for k in range(SMALLEST, LARGEST + 1)]
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
         raise InputError(
@@ -422,13 +416,7 @@ class ClosedMoments:
 
 
 def closed_moments(at: PoseModel) -> ClosedMoments:
-    """Return mean and covariance of the exact error at a pose.
-
-    Raises
-    ------
-    InputError
-        The exact error does not exist one standard deviation from the means.
-    """
+    """Return mean and covariance of the exact error at a pose."""
     numbers = Uncorrelated.of(at.space)
     exact = ErrorAround(at)
     middle = exact.at(np.zeros((at.space.size, 1)))[:, 0]

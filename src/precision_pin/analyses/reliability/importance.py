@@ -322,13 +322,6 @@ def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, con
     The samples of each level move by u ← 0.8 u + 0.6 z; a move out of the level is rejected (Papaioannou, Betz, Zwirglmaier
     and Straub, 2015). Twelve independent replicates give the mean, its coefficient of variation and its interval. The
     interval is that of a mean of log-normal values, because products of several estimates are skewed.
-
-    Parameters
-    ----------
-    margin, size
-        Limit state, and number of its normal numbers.
-    seed, samples, confidence
-        Seed of the sampling; number of samples in each level of each replicate, a multiple of 10; confidence of the interval.
     """
     run = _Run(margin, np.random.Generator(np.random.Philox(seed)), samples)
     found, reached, levels = run.found(size)
