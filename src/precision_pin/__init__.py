@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from precision_pin.analyses.compare.compare import compare as compare
     from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
-    from precision_pin.analyses.iso9283.cycles import iso9283_distance as iso9283_distance
-    from precision_pin.analyses.iso9283.cycles import iso9283_of as iso9283_of
+    from precision_pin.analyses.iso9283.figures import iso9283_distance as iso9283_distance
+    from precision_pin.analyses.iso9283.figures import iso9283_of as iso9283_of
     from precision_pin.analyses.iso9283.forecast import iso9283 as iso9283
     from precision_pin.analyses.map.first_order import pose_covariance as pose_covariance
     from precision_pin.analyses.map.map_poses import map_poses as map_poses
@@ -124,8 +124,8 @@ _HOMES: Final = {
     "joint_grid": "robot.pose_grids",
     "map_poses": "analyses.map.map_poses",
     "iso9283": "analyses.iso9283.forecast",
-    "iso9283_distance": "analyses.iso9283.cycles",
-    "iso9283_of": "analyses.iso9283.cycles",
+    "iso9283_distance": "analyses.iso9283.figures",
+    "iso9283_of": "analyses.iso9283.figures",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
     "path_law": "analyses.path.path_law",

@@ -17,7 +17,7 @@ from precision_pin.analyses.allocation.allocation_result import MEAN
 from precision_pin.analyses.allocation.problem import beside, read_problem
 from precision_pin.analyses.allocation.scaling import NoScaleError, contributions
 from precision_pin.analyses.allocation.table import allocation_table
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.robot.chain import Chain

@@ -15,7 +15,7 @@ from analyses.test_allocation import slide_model
 from precision_pin.analyses.allocation.convex_program import Limit, Programme, Solution
 from precision_pin.analyses.allocation.costs import GRADES, SIZES, Grades, grade_width, read_cost
 from precision_pin.analyses.allocation.grades import solve_with_grades, without_solver_lines
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.base import units
 from precision_pin.base.errors import InputError

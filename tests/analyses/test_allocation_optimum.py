@@ -12,7 +12,7 @@ from scipy import optimize, special
 import precision_pin as pp
 from analyses.test_allocation import HALF, slide_model
 from precision_pin.analyses.allocation.table import allocation_table
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.map.normal_norms import norm_quantile_slopes
 
 Costs = list[tuple[dict[str, object], Callable[[float], float]]]

@@ -11,12 +11,10 @@ import pytest
 from scipy import integrate, special, stats
 
 import precision_pin as pp
-from precision_pin.analyses.exact_law.convolution import ConvolvedLaw
 from precision_pin.analyses.exact_law.exact_law import exact_law
 from precision_pin.analyses.exact_law.exact_law_result import LEVELS
 from precision_pin.analyses.exact_law.figure import figure
-from precision_pin.analyses.exact_law.fourier_inversion import Summand, certified_series
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import ConvolvedLaw, NormalNorm, Summand, certified_series
 from precision_pin.analyses.exact_law.table import table
 from precision_pin.analyses.provenance import listed_poses
 from precision_pin.base.errors import InputError

@@ -10,7 +10,8 @@ from scipy import integrate
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from precision_pin.analyses.iso9283.limits import mean_distance, repeatability_limit
+from precision_pin.analyses.iso9283.figures import mean_distance, repeatability_limit
+from precision_pin.base.errors import PrecisionPinWarning
 
 HOME = np.zeros(6)
 
@@ -152,7 +153,7 @@ def test_wrong_pairs_are_refused_in_a_line(commanded, attained, message):
 
 def test_near_the_singularity_of_the_angles_it_warns():
     near, far = [0, 0, 0, 0, 1.5, 0.3], [0, 0, 0, 0.1, 1.4, 0]
-    with pytest.warns(pp.errors.PrecisionPinWarning, match="W_ANGLES.*b = 85.94 deg"):
+    with pytest.warns(PrecisionPinWarning, match="W_ANGLES.*b = 85.94 deg"):
         pp.iso9283_of(near, np.tile(near, (2, 1)))
     pp.iso9283_of(far, np.tile(far, (2, 1)))  # a warning is an error in the tests
 

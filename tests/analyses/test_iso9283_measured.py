@@ -8,8 +8,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from precision_pin.analyses.iso9283.comparison import pose_names
-from precision_pin.analyses.iso9283.measured_file import read_cycles
+from precision_pin.analyses.iso9283.figures import read_cycles
+from precision_pin.analyses.iso9283.result import pose_names
 from precision_pin.analyses.iso9283.table import iso9283_table, verdict
 from precision_pin.sources import JointOffset
 from sampling.cases import MODEL

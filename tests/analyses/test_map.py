@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.map.table import map_table
 from precision_pin.base.errors import InputError

@@ -14,10 +14,9 @@ import precision_pin as pp
 from precision_pin.analyses.reliability.estimates import Estimate
 from precision_pin.analyses.reliability.figure import figure
 from precision_pin.analyses.reliability.form import form
-from precision_pin.analyses.reliability.importance import importance_sampling
+from precision_pin.analyses.reliability.importance import importance_sampling, subset_simulation
 from precision_pin.analyses.reliability.reliability import reliability
 from precision_pin.analyses.reliability.strata import from_normals
-from precision_pin.analyses.reliability.subset import subset_simulation
 from precision_pin.analyses.reliability.table import table
 from precision_pin.cli import main
 from precision_pin.draws import laws

@@ -13,7 +13,7 @@ import pytest
 from scipy import optimize, stats
 
 import precision_pin as pp
-from precision_pin.analyses.iso9283.comparison import LEAST
+from precision_pin.analyses.iso9283.result import LEAST
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
 from precision_pin.pages.view.headline import answers

@@ -396,7 +396,7 @@ def test_poses_one_by_one_or_together():
     model = ErrorModel.load(PAPER_SHEET)
     folded = {"joint1": 0.0, "joint2": 0.1, "joint3": 1.5, "joint4": 0.0}
     together = pp.worst_case(model, ["paper", folded, PAPER_Q], samples=500, seed=9)
-    assert [pose.heading.name for pose in together.poses] == ["paper", "", ""]
+    assert [pose.pose.name for pose in together.poses] == ["paper", "", ""]
     alone = pp.worst_case(model, folded, samples=500, seed=9)
     assert alone.poses[0].to_dict() == together.poses[1].to_dict()
     assert together.poses[0].position.first_order.lower == pytest.approx(

@@ -45,7 +45,9 @@ def sentences(tree: ast.Module) -> Iterator[str]:
         if isinstance(node, ast.JoinedStr):
             yield "".join(one.value if isinstance(one, ast.Constant) else filled_in(one) for one in node.values)
         elif (
-            isinstance(node, ast.Constant) and isinstance(node.value, str) and not re.fullmatch(r"[a-z_]+", node.value)
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and not re.fullmatch(r"[a-z_.=*]+", node.value)
         ):
             yield node.value
 

@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.analyses.exact_law.convolution import ConvolvedLaw
-from precision_pin.analyses.exact_law.fourier_inversion import SeriesLaw, Summand, certified_series
+from precision_pin.analyses.exact_law.number_law import ConvolvedLaw, SeriesLaw, Summand, certified_series
 from precision_pin.base.arrays import Array
 from precision_pin.base.units import LENGTH
 from precision_pin.draws import laws

@@ -30,11 +30,6 @@ def check_request(
         Arguments of the analysis.
     poses
         Its arguments ``poses``, ``q`` and ``pose``, which are synonyms.
-
-    Raises
-    ------
-    InputError
-        An argument is wrong.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)

@@ -152,15 +152,7 @@ def _share(
 
 
 def sum_by_cause(causes: Sequence[Cause], values: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Return values of draws added up by cause, in words, the largest first.
-
-    Parameters
-    ----------
-    causes
-        Of the model.
-    values
-        By the draw's name, or by several names behind commas where they belong together.
-    """
+    """Return values of draws added up by cause, in words, the largest first."""
     of = {name: cause.text for cause in causes for name in cause.names}
     sums: dict[str, float] = {}
     for names, value in values.items():

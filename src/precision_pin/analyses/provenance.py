@@ -67,6 +67,11 @@ class Provenance:
             shares = origin_shares(error_model.origins, next(error_model.at_columns(error_model.poses[first][:, None])))
         return cls(*arm, int(seed), error_model.assumed, len(error_model.sources), shares, first if shares else "")
 
+    @property
+    def arm(self) -> str:
+        """Robot and ends of the chain in words."""
+        return f"{self.robot}: {self.base} to {self.tip}"
+
     def to_dict(self, schema: str) -> dict[str, Any]:
         """Return the first keys of a result's JSON."""
         return {
@@ -127,19 +132,7 @@ Poses = Pose | Sequence[Pose]
 
 
 def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose]:
-    """Return a list of poses. A row of numbers is one pose, any other list contains several.
-
-    Parameters
-    ----------
-    poses, q, pose
-        Synonyms, of which one may be given.
-
-    Raises
-    ------
-    InputError
-        More than one argument is given; the list is empty; or the poses are in an array, where rows and columns cannot be
-        distinguished.
-    """
+    """Return a list of poses. A row of numbers is one pose, any other list contains several."""
     given = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
     if len(given) > 1:
         raise InputError("pose, poses and q mean the same; give one of them")

@@ -7,13 +7,24 @@ also give the skewness, and Hall's transformation of Student's ratio (Journal of
 widened by a tenth. Without this widening, intervals of ratios and of nets, whose replicates are not quite the independent
 normal values assumed, covered in 92 to 94 of 100 runs.
 
-Tails that no replicate contains are assessed from the laws, see :mod:`precision_pin.analyses.marginals`.
+Tails that no replicate contains are assessed from the laws, see :mod:`precision_pin.analyses.replicates`.
+
+Test whether samples represent the tails and the rare values of the laws, one number at a time.
+
+N samples contain no information on events with a probability below 1/N, and neither does an interval derived from them. A
+jump of probability 1e-5, or the outermost values of a wide lognormal law, may nevertheless contribute much to a variance.
+The laws themselves are known. Every uniform number of a sample is therefore varied from one end to the other, with all
+others at their medians, on nodes that are dense towards both ends. This gives the second and third moment of a statistic
+that is a mean over samples, as far as single numbers cause them, and from these the skewness of the mean of all
+replicates. The replicates of a net have one point in each n-th of each axis; for them only the two outermost n-ths count.
+A mean whose skewness exceeds `MOST_SKEWNESS` is too far from normal for an interval from its replicates, and is not
+resolved.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -22,6 +33,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.base.arrays import Array
+from precision_pin.draws.space import Space
 from precision_pin.statistics.intervals import studentised
 
 REPLICATES: Final = 32
@@ -109,3 +121,153 @@ def half_widths(pseudo: Array, confidence: float) -> Array:
     reach = np.maximum(np.maximum(np.abs(ends[0]), np.abs(ends[1])), student)
     result: Array = _WIDENING * reach * spread * math.sqrt(1 / (REPLICATES - 1))
     return result
+
+
+MOST_SKEWNESS: Final = 0.6
+"""Largest skewness of the mean of all replicates; a count of 2.8 expected events has as much."""
+
+_DEEPEST: Final = -50
+"""Exponent of the outermost cell's inner edges, 2⁻⁵⁰ from both ends."""
+
+_STEP: Final = 2
+"""Octaves in a cell."""
+
+_FEW: Final = 3.0
+"""Expected number of samples below which a region may be without any."""
+
+_MOST_BREAKS: Final = 200
+"""Laws with more breaks, such as large tables, are treated as smooth: the nodes would be too many."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+_TOO_SMALL: Final = 1e-24
+
+
+def law_breaks(space: Space) -> list[tuple[float, ...]]:
+    """Return, for each component, the uniform numbers at which the inverse of its law has jumps or kinks."""
+    result: list[tuple[float, ...]] = []
+    for draw in space.draws:
+        breaks = tuple(draw.law.breaks) if draw.law.size == 1 else ()
+        result += [breaks if len(breaks) <= _MOST_BREAKS else ()] * draw.law.size
+    return result
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Marginals:
+    """Nodes along each of d uniform numbers.
+
+    Attributes
+    ----------
+    uniforms
+        ``(d, M)`` nodes along the first number, then those along the second, …, with all other numbers at 1/2.
+    weights
+        ``(M,)`` probability of each node, with the sum 1 for each number.
+    columns
+        Columns of the nodes of each number.
+    points
+        Points in a replicate.
+    is_net
+        True if a replicate is a net, false if it is random.
+    """
+
+    uniforms: Array
+    weights: Array
+    columns: tuple[slice, ...]
+    points: int
+    is_net: bool
+
+    @classmethod
+    def of(cls, dimension: int, points: int, *, is_net: bool, breaks: Sequence[tuple[float, ...]] = ()) -> Marginals:
+        """Return the nodes.
+
+        Parameters
+        ----------
+        dimension
+            Number of uniform numbers, d.
+        points
+            Points in a replicate.
+        is_net
+            True if a replicate is a net.
+        breaks
+            Jumps and kinks of each number's law, as from :func:`law_breaks`.
+        """
+        rows, shares, columns = [], [], []
+        first = 0
+        for number in range(dimension):
+            u, weights = _line(points, tuple(breaks[number]) if breaks else ())
+            rows.append(u)
+            shares.append(weights)
+            columns.append(slice(first, first + u.size))
+            first += u.size
+        uniforms = np.full((dimension, first), 0.5)
+        for number, (row, where) in enumerate(zip(rows, columns, strict=True)):
+            uniforms[number, where] = row
+        return cls(uniforms, np.concatenate([np.zeros(0), *shares]), tuple(columns), points, is_net)
+
+    def subtract_means(self, values: Array) -> Array:
+        """Return values ``(q, M)`` minus their mean along each number."""
+        result = np.empty_like(values)
+        for where in self.columns:
+            part = values[:, where]
+            result[:, where] = part - (part @ self.weights[where])[:, None]
+        return result
+
+    def is_resolved(
+        self, contributions: Array, replicate_variance: Array, factors: Array | None = None
+    ) -> NDArray[np.bool_]:
+        """Return ``(q,)`` whether the mean of a statistic over all samples is sufficiently near to normal.
+
+        Parameters
+        ----------
+        contributions
+            ``(q, M)`` contribution of a sample at each node to the mean.
+        replicate_variance
+            ``(q,)`` sampled variance of a replicate's mean.
+        factors
+            ``(d, q)`` factors of the contributions along each number, by default 1.
+        """
+        second, third = np.zeros(len(contributions)), np.zeros(len(contributions))
+        for number, where in enumerate(self.columns):
+            factor = 1.0 if factors is None else factors[number]
+            for cell in self._cells(number):
+                weights = self.weights[where][cell]
+                share = weights.sum()
+                part = contributions[:, where][:, cell]
+                off = part - (part @ weights / share)[:, None]
+                # each replicate has n·share numbers in the cell, and each of them has the weight 1/n
+                count = self.points * share
+                second += factor**2 * (count * (off**2 @ weights / share) / self.points**2)
+                third += factor**3 * (count * (off**3 @ weights / share) / self.points**3)
+        variance = np.maximum(second, np.nan_to_num(replicate_variance))
+        limit = MOST_SKEWNESS * math.sqrt(REPLICATES) * variance**1.5
+        result: NDArray[np.bool_] = np.abs(third) <= limit
+        return result
+
+    def outermost(self, numbers: Sequence[int], samples: int) -> tuple[NDArray[np.intp], Array]:
+        """Return the outermost nodes along some numbers, beyond which few of the samples lie, and their weights."""
+        inside = np.ones(self.weights.size, dtype=bool)
+        for number in numbers:
+            u = self.uniforms[number, self.columns[number]]
+            inside[self.columns[number]] = np.minimum(u, 1 - u) >= _FEW / samples
+        nodes = np.flatnonzero(~inside)
+        return nodes, self.weights[nodes]
+
+    def _cells(self, number: int) -> list[slice | NDArray[np.bool_]]:
+        """Return the nodes of the parts of an axis that are sampled independently."""
+        if not self.is_net:
+            return [slice(None)]
+        u = self.uniforms[number, self.columns[number]]
+        return [u < 1 / self.points, u > 1 - 1 / self.points]
+
+
+def _line(points: int, breaks: tuple[float, ...]) -> tuple[Array, Array]:
+    """Return nodes and weights on (0, 1), in cells of two octaves towards both ends with edges at 1/n and all breaks."""
+    middle = -round(math.log2(points))
+    outer = np.exp2([*range(middle, _DEEPEST, -_STEP), float(_DEEPEST)])
+    inner = np.exp2([*range(middle, -1, _STEP), -1.0])
+    below = np.concatenate([[0.0], outer, inner])
+    inside = [b for b in breaks if 0 < b < 1]
+    edges = np.unique(np.concatenate([below, 1 - below, inside]))
+    half = np.diff(edges)[:, None] / 2
+    u = (edges[:-1, None] + half * (_NODES + 1)).ravel()
+    smallest = 0.5**53
+    return np.clip(u, smallest, 1 - smallest), (half * (_WEIGHTS + 0 * half)).ravel()

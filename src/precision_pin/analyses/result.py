@@ -75,6 +75,15 @@ class AnalysisResult(Record, JsonResult):
         """Assumptions of the numbers, one sentence each."""
         return ()
 
+    @property
+    def summary(self) -> str:
+        """What `repr` says of the result, beside the arm."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        of = self.provenance
+        return f"<{type(self).__name__} of {of.robot!r}, {of.base!r} to {of.tip!r}: {self.summary}>"
+
     def settings(self) -> dict[str, Any]:
         """Return the settings of the JSON and of data frames: its keys from the head to the findings."""
         return self.encoded(self.KEYS[: self.KEYS.index("findings") + 1])
@@ -191,10 +200,9 @@ class Result(AnalysisResult):
 
     def _repr_html_(self) -> str:
         """Return the notebook view: mm and mrad."""
-        of = self.provenance
         hidden = len(self.poses) - MOST_POSES
         return rendered(
-            f"{self._title()} of {of.robot}: {of.base} to {of.tip}",
+            f"{self._title()} of {self.provenance.arm}",
             [self._table(pose) for pose in self.poses[:MOST_POSES]],
             [*([f"… and {hidden:,} more poses"] if hidden > 0 else []), *self._notes(), *self.warnings],
         )

@@ -93,10 +93,9 @@ def command(
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
-    from precision_pin.analyses.iso9283.comparison import pose_names
-    from precision_pin.analyses.iso9283.figure_limits import listed_limits
-    from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
-    from precision_pin.analyses.iso9283.measured_file import read_cycles
+    from precision_pin.analyses.iso9283.figures import read_cycles
+    from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283, listed_limits
+    from precision_pin.analyses.iso9283.result import pose_names
     from precision_pin.analyses.iso9283.table import iso9283_table
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel

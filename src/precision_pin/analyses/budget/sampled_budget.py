@@ -11,8 +11,7 @@ from precision_pin.analyses.budget import sobol
 from precision_pin.analyses.budget import sobol as smooth_quantiles
 from precision_pin.analyses.budget.budget_result import VECTORS, Estimate, Group, Halved, Sums
 from precision_pin.analyses.budget.shares import COMPONENTS, ROUNDING, deviations_of, group_part, shares_of
-from precision_pin.analyses.marginals import Marginals, law_breaks
-from precision_pin.analyses.replicates import REPLICATES, Estimates
+from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, law_breaks
 from precision_pin.base.arrays import Array
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler

@@ -5,7 +5,7 @@ index itself. Total: Jansen, Computer Physics Communications 117 (1999). Both us
 in Saltelli et al., ibid. 181 (2010). For several outputs together, numerators and variances are added first (Gamboa,
 Janon, Klein and Lagnoux, 2014). Intervals: the points are independent scrambles (Owen, 1995) of one net, and the estimates
 are smooth functions of the replicates' means, see :mod:`precision_pin.analyses.replicates`. An index is not given where
-the points do not resolve its variance or numerator (:mod:`precision_pin.analyses.marginals`).
+the points do not resolve its variance or numerator (:mod:`precision_pin.analyses.replicates`).
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.analyses.marginals import Marginals
-from precision_pin.analyses.replicates import REPLICATES, Estimates, half_widths, jackknife
+from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, half_widths, jackknife
 from precision_pin.base.arrays import Array
 
 _BITS: Final = 30

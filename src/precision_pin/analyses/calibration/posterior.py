@@ -13,7 +13,7 @@ from scipy import special
 from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, repeat_covariance
 from precision_pin.analyses.calibration.identifiability import Identifiability
 from precision_pin.analyses.declaration import load
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_name

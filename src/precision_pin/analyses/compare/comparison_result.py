@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 from precision_pin.analyses.compare.paired import Difference
 from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.base.errors import Finding
+from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import milli
@@ -26,7 +27,7 @@ LEVELS: Final = (0.5, 0.95, 0.9973)
 
 @final
 @dataclass(frozen=True)
-class Paired:
+class Paired(Record):
     """Differences of a model to the first, the same robots in both, m and rad.
 
     Attributes
@@ -39,21 +40,11 @@ class Paired:
         That of the share of robots inside each specification.
     """
 
+    KEYS: ClassVar[Keys] = ("mean=means", "quantile=quantiles", "probability=shares")
+
     means: Mapping[str, Difference]
     quantiles: Mapping[str, Mapping[float, Difference]]
     shares: tuple[Difference, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry of the JSON."""
-        quantiles = {
-            name: {str(level): one.to_dict() for level, one in by_level.items()}
-            for name, by_level in self.quantiles.items()
-        }
-        return {
-            "mean": {name: one.to_dict() for name, one in self.means.items()},
-            "quantile": quantiles,
-            "probability": [one.to_dict() for one in self.shares],
-        }
 
 
 @final
@@ -78,21 +69,21 @@ class PoseComparison:
     differences: tuple[Paired, ...]
     variances: tuple[Mapping[str, float], ...]
 
-    def to_dict(self, names: tuple[str, ...]) -> dict[str, Any]:
-        """Return the entry of the JSON."""
+    def entry(self, names: tuple[str, ...]) -> dict[str, Any]:
+        """Return the entry of the JSON, of models with these names."""
         return {
-            "pose": self.label.to_dict(),
+            "pose": self.label,
             "models": {
-                name: {**_law(law), "variance": dict(variance)}
+                name: {**_law(law), "variance": variance}
                 for name, law, variance in zip(names, self.laws, self.variances, strict=True)
             },
-            "differences": {name: one.to_dict() for name, one in zip(names[1:], self.differences, strict=True)},
+            "differences": dict(zip(names[1:], self.differences, strict=True)),
         }
 
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class ComparisonResult(JsonResult):
+class ComparisonResult(Record, JsonResult):
     """Laws of several models, sampled with the same robots, and their differences to the first.
 
     Attributes
@@ -114,6 +105,10 @@ class ComparisonResult(JsonResult):
     """
 
     schema: ClassVar[str] = "precision-pin/comparison/1"
+    KEYS: ClassVar[Keys] = (
+        *("*head", "samples", "model", "confidence", "warnings", "findings", "names"),
+        *("met=met_by", "poses=entries", "sheets"),
+    )
 
     provenance: Provenance
     names: tuple[str, ...]
@@ -148,22 +143,27 @@ class ComparisonResult(JsonResult):
         drawn: Figure = import_module("precision_pin.analyses.compare.figure").figure(self)
         return drawn
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in the ``precision-pin/comparison/1`` schema, SI units; null where not resolved."""
+    @property
+    def head(self) -> dict[str, Any]:
+        """First keys of the JSON: schema, robot, seed, versions."""
+        return self.provenance.to_dict(self.schema)
+
+    @property
+    def met_by(self) -> dict[str, bool]:
+        """Whether each model meets every specification."""
+        return {name: self.met(name) for name in self.names}
+
+    @property
+    def entries(self) -> list[dict[str, Any]]:
+        """The models at each pose, as in the JSON."""
+        return [pose.entry(self.names) for pose in self.poses]
+
+    @property
+    def sheets(self) -> dict[str, Any]:
+        """Differences of the sheets, as in the JSON."""
         return {
-            **self.provenance.to_dict(self.schema),
-            "samples": self.samples,
-            "model": self.model,
-            "confidence": self.confidence,
-            "warnings": list(self.warnings),
-            "findings": [finding.to_dict() for finding in self.findings],
-            "names": list(self.names),
-            "met": {name: self.met(name) for name in self.names},
-            "poses": [pose.to_dict(self.names) for pose in self.poses],
-            "sheets": {
-                name: [{"path": one.path, "before": one.before, "after": one.after} for one in changes]
-                for name, changes in zip(self.names[1:], self.sheet_differences, strict=True)
-            },
+            name: [{"path": one.path, "before": one.before, "after": one.after} for one in changes]
+            for name, changes in zip(self.names[1:], self.sheet_differences, strict=True)
         }
 
     def __repr__(self) -> str:

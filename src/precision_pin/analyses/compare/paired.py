@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
 from precision_pin.base.arrays import Array
+from precision_pin.base.record import Record
 from precision_pin.draws import lazy_special
 from precision_pin.statistics import clopper_pearson, quantile_ranks
 from precision_pin.statistics.intervals import Moments
@@ -22,7 +23,7 @@ _CELLS: Final = 48
 
 @final
 @dataclass(frozen=True)
-class Difference:
+class Difference(Record):
     """A difference, the other minus the first.
 
     Attributes
@@ -40,10 +41,6 @@ class Difference:
     def is_told(self) -> bool:
         """Whether the interval leaves zero out."""
         return self.interval is not None and not self.interval[0] <= 0 <= self.interval[1]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry of the JSON."""
-        return {"value": self.value, "interval": None if self.interval is None else list(self.interval)}
 
 
 def mean_difference(first: Array, other: Array, confidence: float, skewness: float = math.nan) -> Difference:

@@ -1,7 +1,7 @@
 """Exact law of the first-order model, including the tails, without sampling.
 
 A component of the tangent model ``e0 + J (x - mean)`` is a sum of independent numbers, one for each draw; its law follows
-from their characteristic functions (:mod:`precision_pin.analyses.exact_law.fourier_inversion`).
+from their characteristic functions (:mod:`precision_pin.analyses.exact_law.number_law`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.arguments import check_request
-from precision_pin.analyses.exact_law.convolution import MOST_PIECES, ConvolvedLaw
 from precision_pin.analyses.exact_law.exact_law_result import LEVELS, Agreement, ExactLaw, ExactLawResult, PoseLaws
-from precision_pin.analyses.exact_law.fourier_inversion import MOST_TERMS, SeriesLaw, Summand, certified_series
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
-from precision_pin.analyses.exact_law.number_law import NormalLaw, NumberLaw, SingleLaw
-from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
+from precision_pin.analyses.exact_law.number_law import (
+    MOST_PIECES,
+    MOST_TERMS,
+    ConvolvedLaw,
+    NormalLaw,
+    NormalNorm,
+    NumberLaw,
+    SeriesLaw,
+    SingleLaw,
+    Summand,
+    certified_series,
+    quantile_bounds,
+)
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.result import list_warnings
 from precision_pin.base.arguments import check_whole

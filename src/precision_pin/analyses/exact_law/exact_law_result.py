@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.exact_law.normal_norm import NormalNorm
-from precision_pin.analyses.exact_law.number_law import NumberLaw
+from precision_pin.analyses.exact_law.number_law import NormalNorm, NumberLaw
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
-from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
-from precision_pin.base.record import Keys
+from precision_pin.base.record import Keys, Record, encode
 from precision_pin.render.notebook import Table
 from precision_pin.render.tables import MOST_POSES, data_frame, milli, number, symbol, unit
 from precision_pin.statistics.digits import round_end
@@ -34,7 +32,7 @@ _CURVE: Final = 241
 
 @final
 @dataclass(frozen=True, eq=False)
-class Agreement:
+class Agreement(Record):
     """Distance between samples of the tangent model and the exact law.
 
     Attributes
@@ -53,6 +51,8 @@ class Agreement:
         Histogram of the samples.
     """
 
+    KEYS: ClassVar[Keys] = ("samples", "distance", "band", "confidence", "agrees")
+
     samples: int
     distance: float
     band: float
@@ -60,9 +60,6 @@ class Agreement:
     slack: float
     edges: Array
     counts: NDArray[np.intp]
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def agrees(self) -> bool:
@@ -139,25 +136,15 @@ class ExactLaw:
             "support": [self.law.low, self.law.high],
             "cumulative_error": self.error,
             "quantiles": {f"{p:g}": value for p, value in zip(LEVELS, self.quantiles, strict=True)},
-            "quantile_error": {f"{p:g}": _finite(e) for p, e in zip(LEVELS, self.quantile_errors, strict=True)},
-            "agreement": {
-                "samples": self.agreement.samples,
-                "distance": self.agreement.distance,
-                "band": self.agreement.band,
-                "confidence": self.agreement.confidence,
-                "agrees": self.agreement.agrees,
-            },
-            "curve": {
-                "value": x.tolist(),
-                "density": [_finite(value) for value in density.tolist()],
-                "cumulative": cumulative.tolist(),
-            },
+            "quantile_error": {f"{p:g}": encode(error) for p, error in zip(LEVELS, self.quantile_errors, strict=True)},
+            "agreement": self.agreement.to_dict(),
+            "curve": encode({"value": x, "density": density, "cumulative": cumulative}),
         }
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class PoseLaws:
+class PoseLaws(Record):
     """Laws at one pose.
 
     Attributes
@@ -173,14 +160,6 @@ class PoseLaws:
     pose: PoseLabel
     laws: dict[str, ExactLaw]
     warnings: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry of ``poses`` in the JSON."""
-        return {
-            "pose": self.pose.to_dict(),
-            "laws": {name: law.to_dict() for name, law in self.laws.items()},
-            "warnings": list(self.warnings),
-        }
 
 
 @final
@@ -223,14 +202,15 @@ class ExactLawResult(Result):
         ]
         return data_frame(["pose", "quantity"], rows, self.attributes())
 
-    def __repr__(self) -> str:
-        of = self.provenance
+    @property
+    def summary(self) -> str:
+        """What `repr` says of it."""
         laws = [law for pose in self.poses for law in pose.laws.values()]
         known = sum(law.law is not None for law in laws)
         return (
-            f"<ExactLawResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, {known} of {len(laws)} "
-            f"laws known, {'in agreement' if self.agrees else 'NOT in agreement'} with {self.samples:,} samples, "
-            f"seed {of.seed}>"
+            f"poses {len(self.poses)}, {known} of {len(laws)} laws known, "
+            f"{'in agreement' if self.agrees else 'NOT in agreement'} with {self.samples:,} samples, "
+            f"seed {self.provenance.seed}"
         )
 
     def _title(self) -> str:
@@ -292,7 +272,3 @@ def quantile_digits(value: float, error: float, digits: int) -> int:
     if not value or not error:
         return digits
     return max(1, min(digits, math.floor(math.log10(abs(value))) - math.ceil(math.log10(2 * error)) + 1))
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -25,15 +25,7 @@ from precision_pin.render.tables import quantity_label, unit
 
 
 def figure(result: ExactLawResult, which: int = 0) -> Figure:
-    """Return the densities of dx … δz at one of the poses over histograms of the samples, 174 mm wide.
-
-    Parameters
-    ----------
-    result
-        What is drawn.
-    which
-        Which of its poses, 0-based.
-    """
+    """Return the densities of dx … δz at one of the poses over histograms of the samples, 174 mm wide."""
     entry, provenance = result.poses[which], result.provenance
     lines = [
         *caption("exact law of the first-order model", provenance, entry.pose),

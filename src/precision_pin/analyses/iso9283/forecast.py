@@ -6,38 +6,37 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import replace
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.analyses.iso9283.approach_figures import approach_figures
-from precision_pin.analyses.iso9283.drift import drift_from_cold
-from precision_pin.analyses.iso9283.figure_law import FigureLaw
-from precision_pin.analyses.iso9283.figure_limits import judge_limits, listed_limits
-from precision_pin.analyses.iso9283.pose_forecast import PoseForecast
-from precision_pin.analyses.iso9283.result import Iso9283Result
+from precision_pin.analyses.iso9283.cube import Cube, standard_poses
+from precision_pin.analyses.iso9283.result import OF_ANGLES, OF_POSE, SINGLE, FigureLaw, Iso9283Result, PoseForecast
 from precision_pin.analyses.iso9283.simulation import (
     ROBOTS,
     RobotFigures,
     Setup,
+    approach_figures,
+    drift_from_cold,
     shape_factor,
     simulate_tests,
     visit_root,
 )
-from precision_pin.analyses.iso9283.standard_poses import Cube, standard_poses
 from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.base import progress as progress_bar
 from precision_pin.base.arguments import (
     check_flag,
     check_instance,
     check_items,
+    check_text,
     check_whole,
+    shown,
 )
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.base.memory import check_memory
 from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.base.units import LENGTH, MASS
@@ -49,7 +48,8 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
-from precision_pin.statistics import check_confidence
+from precision_pin.statistics import NO_SPREAD, SpecificationResult, check_confidence, clopper_pearson
+from precision_pin.statistics.plan import specification
 
 CYCLES: Final = 30
 """Cycles of a test in the standard."""
@@ -332,3 +332,87 @@ def _exchangeability(error_model: ErrorModel, first: Array) -> tuple[Array | Non
     apart = together[:, :, :, None] - together[:, :, None, :]
     largest: Array = np.sqrt((apart * apart).sum(axis=0)).max(axis=(1, 2))
     return largest, {}
+
+
+FIGURES: Final = (*OF_POSE, *SINGLE)
+
+
+@final
+@dataclass(frozen=True)
+class FigureLimit:
+    """A limit of a figure's absolute value; for a figure of poses, at every pose.
+
+    Attributes
+    ----------
+    figure
+        Its name, such as ``RP``.
+    limit
+        m or rad.
+    required
+        Share of robots that must keep it.
+    """
+
+    figure: str
+    limit: float
+    required: float
+
+
+def listed_limits(given: object) -> tuple[FigureLimit, ...]:
+    """Return limits, one text or a list of texts, ``FIGURE LIMIT [@ PROBABILITY]``."""
+    if isinstance(given, str):
+        given = (given,)
+    if not isinstance(given, list | tuple):
+        raise InputError(f"specifications must be a list of texts such as 'RP 0.1 mm @ 95 %', got {shown(given)}")
+    return tuple(map(_read, given))
+
+
+def judge_limits(
+    limits: Sequence[FigureLimit],
+    poses: Mapping[str, PoseForecast],
+    single: Mapping[str, FigureLaw | None],
+    absent: Mapping[str, str],
+    confidence: float,
+) -> tuple[SpecificationResult, ...]:
+    """Return the share of robots that keep each limit in a test, and its verdict."""
+    return tuple(_judge(one, _largest(one.figure, poses, single, absent), confidence) for one in limits)
+
+
+def _read(text: object) -> FigureLimit:
+    words = check_text("each of the specifications", text, "RP 0.1 mm @ 95 %").split(maxsplit=1)
+    if len(words) < 2:
+        raise InputError(f"specification {shown(text)} is not understood; write it as 'RP 0.1 mm @ 95 %'")
+    figure, rest = words
+    if figure not in FIGURES:
+        raise UnknownNameError("figure of a specification", figure, FIGURES)
+    found = specification(rest)
+    of_angle = found.quantity == "attitude.norm"
+    if found.quantity not in ("position.norm", "attitude.norm") or of_angle != (figure in OF_ANGLES):
+        raise InputError(
+            f"specification {shown(text)}: {figure} is limited by {'an angle' if figure in OF_ANGLES else 'a length'}"
+        )
+    return FigureLimit(figure, found.limit, found.required)
+
+
+def _largest(
+    figure: str, poses: Mapping[str, PoseForecast], single: Mapping[str, FigureLaw | None], absent: Mapping[str, str]
+) -> Array:
+    """Return the largest absolute value of a figure over the poses, of each robot."""
+    if figure not in single:
+        largest: Array = np.abs([getattr(at, figure).values for at in poses.values()]).max(axis=0)
+        return largest
+    law = single[figure]
+    if law is None:
+        raise InputError(f"a specification limits {figure}, which this forecast does not have: {absent[figure]}")
+    return np.abs(law.values)
+
+
+def _judge(one: FigureLimit, values: Array, confidence: float) -> SpecificationResult:
+    kept = int((values <= one.limit).sum())
+    return SpecificationResult(
+        one.figure,
+        one.limit,
+        one.required,
+        kept / values.size,
+        clopper_pearson(kept, values.size, confidence),
+        varies=bool(values.max() - values.min() > NO_SPREAD),
+    )

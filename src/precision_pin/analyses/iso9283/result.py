@@ -1,43 +1,400 @@
-"""The forecast of a test by ISO 9283:1998: the law of every figure over built robots and over tests."""
+"""The forecast of a test by ISO 9283:1998: the law of every figure over built robots and over tests.
+
+Comparison of a measured robot with the forecast: where its figures lie among those of the simulated robots.
+
+If the sheet is right, the measured robot is one more of the N simulated ones, and no ranking of all N + 1 can tell it from them.
+Of a figure, let z be the distance from the median in units of that of the 95 % quantile from the median, of the 5 % quantile
+below it. With the largest z of each robot over all figures, the share of the N + 1 robots whose largest z is not below that of
+the measured one is a test of all figures at once (Westfall and Young 1993, max-T). It is exact whatever the figures' laws and
+however they depend on one another; medians and quantiles are those of all N + 1.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Final, final
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.analyses.iso9283.comparison import Comparison, compare_with
-from precision_pin.analyses.iso9283.figure_law import LEVELS, FigureLaw
-from precision_pin.analyses.iso9283.pose_forecast import OF_POSE, SINGLE, PoseForecast
-from precision_pin.analyses.iso9283.standard_poses import Cube
-from precision_pin.analyses.provenance import Provenance
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.analyses.iso9283.cube import Cube
+from precision_pin.analyses.iso9283.figures import MeasuredDistance, MeasuredPose, iso9283_distance, iso9283_of
+from precision_pin.analyses.iso9283.simulation import DISTANCE, fit_to
+from precision_pin.analyses.provenance import PoseLabel
+from precision_pin.analyses.result import AnalysisResult
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_mapping, check_number, check_numbers
+from precision_pin.base.array_checks import returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import warns_at_end
-from precision_pin.base.errors import Finding
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
-from precision_pin.render.result_io import JsonResult
-from precision_pin.render.tables import data_frame, dataset, interval_columns, milli, number
-from precision_pin.statistics import SpecificationResult
+from precision_pin.render.tables import data_frame, interval_columns, milli, number
+from precision_pin.statistics import SpecificationResult, quantile_ranks
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-    import xarray
-    from matplotlib.figure import Figure
+
+
+LEVELS: Final = (0.0027, 0.05, 0.5, 0.95, 0.9973)
+"""Probabilities of the quantiles in the JSON."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FigureLaw(Record):
+    """The law of a figure, m or rad, over built robots and tests.
+
+    Attributes
+    ----------
+    values
+        The figure of each robot (of each group of five for E), ``(N,)``.
+    confidence
+        Confidence of the intervals.
+    """
+
+    KEYS: ClassVar[Keys] = ("mean", "std", "quantiles", "quantile_interval=intervals")
+
+    values: Array
+    confidence: float
+
+    def __repr__(self) -> str:
+        return f"<FigureLaw: mean {self.mean:.6g}, std {self.std:.6g}, N = {self.values.size}>"
+
+    @property
+    def mean(self) -> float:
+        """Mean."""
+        return float(self.values.mean())
+
+    @property
+    def std(self) -> float:
+        """Standard deviation, divisor N - 1; NaN of one robot."""
+        return float(self.values.std(ddof=1)) if self.values.size > 1 else math.nan
+
+    def quantile(self, probability: float) -> float | None:
+        """Return a quantile; ``None`` where the robots are too few for its interval.
+
+        Raises
+        ------
+        InputError
+            The probability is not between 0 and 1.
+        """
+        level = _check_probability(probability)
+        if self.quantile_interval(level) is None:
+            return None
+        place = (self.values.size - 1) * level
+        below = int(place)
+        low, high = self.sorted[below], self.sorted[min(below + 1, self.values.size - 1)]
+        return float(low + (place - below) * (high - low))
+
+    def quantile_interval(self, probability: float) -> tuple[float, float] | None:
+        """Return the distribution-free interval of a quantile; ``None`` where the robots are too few for one.
+
+        Raises
+        ------
+        InputError
+            The probability is not between 0 and 1.
+        """
+        ranks = quantile_ranks(self.values.size, _check_probability(probability), self.confidence)
+        if ranks is None:
+            return None
+        return float(self.sorted[ranks[0] - 1]), float(self.sorted[ranks[1] - 1])
+
+    @cached_property
+    @returns_read_only
+    def sorted(self) -> Array:
+        """The values in rising order."""
+        return np.sort(self.values)
+
+    @property
+    def quantiles(self) -> dict[float, float | None]:
+        """Quantiles of the JSON."""
+        return {level: self.quantile(level) for level in LEVELS}
+
+    @property
+    def intervals(self) -> dict[float, tuple[float, float] | None]:
+        """Intervals of these quantiles."""
+        return {level: self.quantile_interval(level) for level in LEVELS}
+
+
+def _check_probability(probability: float) -> float:
+    return check_number("the probability of a quantile", probability, "above 0 and below 1", lambda p: 0 < p < 1)
+
+
+OF_POSITION: Final = ("AP", "RP", "AP_x", "AP_y", "AP_z")
+"""Figures of the position."""
+OF_ANGLES: Final = ("AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c")
+"""Figures of the orientation."""
+OF_POSE: Final = (*OF_POSITION, *OF_ANGLES, "RP_limit")
+"""All figures of a pose; the last is not measured."""
+SINGLE: Final = ("AD", "RD", "E", "vAP", "RP_bidirectional", "drift")
+"""Figures that a test has once."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseForecast(Record):
+    """The laws of the figures at a pose, m and rad.
+
+    Attributes
+    ----------
+    label
+        Name of the pose in the sheet, empty where it has none, and its joint values.
+    commanded
+        Commanded pose of the tip in the base, ``(4, 4)``.
+    point
+        Commanded position of the target, ``(3,)``: that of the tip where no target is given.
+    AP, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c
+        Accuracy: |x̄ - x_c|, its parts along the base axes, and the mean angles about them.
+    RP, RP_a, RP_b, RP_c
+        Repeatability: l̄ + 3 S_l, and three standard deviations of the angles.
+    RP_limit
+        RP of endless cycles, which varies over the robots only.
+    """
+
+    KEYS: ClassVar[Keys] = ("*label", "position=point", *OF_POSE)
+
+    label: PoseLabel
+    commanded: Array
+    point: Array
+    AP: FigureLaw
+    RP: FigureLaw
+    AP_x: FigureLaw
+    AP_y: FigureLaw
+    AP_z: FigureLaw
+    AP_a: FigureLaw
+    AP_b: FigureLaw
+    AP_c: FigureLaw
+    RP_a: FigureLaw
+    RP_b: FigureLaw
+    RP_c: FigureLaw
+    RP_limit: FigureLaw
+
+
+LEAST: Final = 0.05
+"""Probability below which measurement and forecast are said to differ."""
+_ROUNDING: Final = 1e-9
+"""m or rad; figures of robots that all have the same differ by less."""
+_ALIKE: Final = 1e-6
+"""Difference of how far out two figures are, from one up as a share, that is rounding."""
+_DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in DISTANCE)
+
+
+@final
+@dataclass(frozen=True)
+class ComparedFigure(Record):
+    """A measured figure in its forecast law.
+
+    Attributes
+    ----------
+    pose, name
+        Pose, empty for AD and RD, and name of the figure.
+    value
+        The measured figure, m or rad.
+    below
+        Share of simulated robots with a figure not above it.
+    probability
+        Probability that a robot of the sheet has, among all figures compared, one as far out as this.
+    """
+
+    KEYS: ClassVar[Keys] = ("pose=named_pose", "figure=name", "value", "share_below=below", "probability", "differs")
+
+    pose: str
+    name: str
+    value: float
+    below: float
+    probability: float
+
+    @property
+    def named_pose(self) -> str | None:
+        """The pose; ``None`` for AD and RD."""
+        return self.pose or None
+
+    @property
+    def differs(self) -> bool:
+        """Whether it lies outside of what the sheet forecasts."""
+        return self.probability <= LEAST
+
+
+@final
+@dataclass(frozen=True)
+class Comparison(Record):
+    """A measured robot beside the forecast.
+
+    Attributes
+    ----------
+    poses
+        Figures of each measured pose.
+    distance
+        Figures of the distance of P2 and P4; ``None`` where they were not both measured.
+    figures
+        Every figure that has a forecast.
+    cycles, robots
+        Cycles measured, and simulated robots.
+    probability
+        Probability that a robot of the sheet has a figure as far out as the one of this robot that lies farthest out.
+    """
+
+    KEYS: ClassVar[Keys] = ("cycles", "poses", "distance", "agrees", "probability", "least_probability", "figures")
+    least_probability: ClassVar[float] = LEAST
+
+    poses: Mapping[str, MeasuredPose]
+    distance: MeasuredDistance | None
+    figures: tuple[ComparedFigure, ...]
+    cycles: int
+    robots: int
+    probability: float = 1.0
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether no figure lies outside of what the sheet forecasts; ``None`` where the robots are too few to see it."""
+        if 1 / (self.robots + 1) > LEAST:
+            return None
+        return self.probability > LEAST
+
+    @property
+    def differing(self) -> tuple[ComparedFigure, ...]:
+        """The figures outside of what the sheet forecasts, the least probable first."""
+        return tuple(sorted((one for one in self.figures if one.differs), key=lambda one: one.probability))
+
+    def figure(self, pose: str, name: str) -> ComparedFigure | None:
+        """Return a figure; ``None`` if it was not measured."""
+        return next((one for one in self.figures if (one.pose, one.name) == (pose, name)), None)
+
+
+def pose_names(names: Sequence[str]) -> dict[str, str]:
+    """Return P1, P2, … by what a pose may be called: its name in the sheet, which goes first, P1, P2, …, and its number."""
+    standard = [f"P{number}" for number in range(1, len(names) + 1)]
+    known = {name[1:]: name for name in standard} | {name: name for name in standard}
+    return known | {own: name for own, name in zip(names, standard, strict=True) if own}
+
+
+def compare_with(
+    forecasts: Mapping[str, PoseForecast],
+    distances: Mapping[str, FigureLaw],
+    attained: object,
+    *,
+    cycles: int,
+    fit_base: bool,
+) -> Comparison:
+    """Return measured cycles beside a forecast; see :meth:`precision_pin.analyses.iso9283.result.Iso9283Result.compare`."""
+    measured = _read(attained, forecasts, cycles)
+    with_angles = all(poses.ndim == 3 for poses in measured.values())
+    if fit_base:
+        measured = _fitted(measured, forecasts)
+    commanded = {pose: _at_point(forecasts[pose]) for pose in measured}
+    cycled = {pose: _as_poses(values, commanded[pose]) for pose, values in measured.items()}
+    found = {pose: iso9283_of(commanded[pose], values) for pose, values in cycled.items()}
+    distance = None
+    if all(pose in cycled for pose in _DISTANCE_POSES):
+        distance = iso9283_distance(*([by[pose] for pose in _DISTANCE_POSES] for by in (commanded, cycled)))
+    listed = [
+        (pose, name, values[name], getattr(forecasts[pose], name))
+        for pose, values in found.items()
+        for name in ((*OF_POSITION, *OF_ANGLES) if with_angles else OF_POSITION)
+    ]
+    if distance is not None:
+        listed += [("", name, distance[name], law) for name, law in distances.items()]
+    return _compared(found, distance, listed, cycles)
+
+
+def _compared(
+    found: Mapping[str, MeasuredPose],
+    distance: MeasuredDistance | None,
+    listed: list[tuple[str, str, float, FigureLaw]],
+    cycles: int,
+) -> Comparison:
+    robots = listed[0][3].values.size
+    pooled = np.stack([_far_out(np.append(law.values, value)) for _, _, value, law in listed])
+    largest = np.sort(pooled.max(axis=0))
+    # figures that are alike but for rounding are equally far out
+    own = pooled[:, -1] * (1 - _ALIKE) - _ALIKE
+    corrected = 1 - np.searchsorted(largest, own, side="left") / (robots + 1)
+    figures = tuple(
+        ComparedFigure(pose, name, value, float((law.values <= value).mean()), float(probability))
+        for (pose, name, value, law), probability in zip(listed, corrected, strict=True)
+    )
+    return Comparison(found, distance, figures, cycles, robots, float(corrected.min()))
+
+
+def _far_out(values: Array) -> Array:
+    """Return how far each value is from the median, in units of the distance of the 5 or 95 % quantile on its side."""
+    low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
+    scale = np.where(values < median, median - low, high - median)
+    result: Array = np.abs(values - median) / np.maximum(scale, _ROUNDING)
+    return result
+
+
+def _read(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) -> dict[str, Array]:
+    """Return the measured poses ``(n, 4, 4)`` or positions ``(n, 3)`` by P1 …, in their order."""
+    names = pose_names([at.label.name for at in forecasts.values()])
+    found: dict[str, Array] = {}
+    for given, values in check_mapping("the measured cycles", attained).items():
+        if given not in names:
+            raise UnknownNameError("pose of the forecast", given, names)
+        what = f"the measured cycles at {given}"
+        numbers = check_numbers(what, values, needs="positions (n, 3) or poses (n, 4, 4), m")
+        if numbers.shape[1:] not in ((3,), (4, 4)):
+            raise InputError(
+                f"{what} must be positions (n, 3) or poses (n, 4, 4), got an array of shape {numbers.shape}"
+            )
+        if len(numbers) != cycles:
+            raise InputError(
+                f"{what} are {len(numbers)}, the forecast has {cycles} cycles; forecast as many as are measured"
+            )
+        found[names[given]] = numbers
+    if not found:
+        raise InputError("the measured cycles are of no pose; give those of one or more")
+    return {pose: found[pose] for pose in forecasts if pose in found}
+
+
+def _at_point(forecast: PoseForecast) -> Array:
+    """Return the commanded pose at the target."""
+    return se3.pose(forecast.commanded[:3, :3], forecast.point)
+
+
+def _as_poses(values: Array, commanded: Array) -> Array:
+    """Return poses ``(n, 4, 4)``; positions alone get the commanded orientation."""
+    if values.ndim == 3:
+        return values
+    poses = np.tile(commanded, (len(values), 1, 1))
+    poses[:, :3, 3] = values
+    return poses
+
+
+def _fitted(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]) -> dict[str, Array]:
+    """Return what was measured after the best fit of the barycentres to the commanded positions."""
+    if len(measured) < len(forecasts):
+        raise InputError(
+            f"the best fit of the base needs the cycles of all {len(forecasts)} poses, got {len(measured)}"
+        )
+    points = np.stack([forecasts[pose].point for pose in measured])
+    positions = {pose: values if values.ndim == 2 else values[:, :3, 3] for pose, values in measured.items()}
+    middles = np.stack([values.mean(axis=0) for values in positions.values()])
+    turn = fit_to(points, (middles - points)[:, :, None])[0][:, :, 0]
+    centre, wanted = middles.mean(axis=0), points.mean(axis=0)
+    found = {}
+    for pose, values in measured.items():
+        moved = np.einsum("ij,nj->ni", turn, positions[pose] - centre) + wanted
+        found[pose] = moved
+        if values.ndim == 3:
+            found[pose] = values.copy()
+            found[pose][:, :3, 3] = moved
+            found[pose][:, :3, :3] = np.einsum("ij,njk->nik", turn, values[:, :3, :3])
+    return found
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Iso9283Result(JsonResult):
+class Iso9283Result(AnalysisResult):
     """The law of every figure of ISO 9283:1998 over built robots and over tests; base axes, m and rad.
 
     Attributes
     ----------
-    provenance
-        Robot, seed and software versions.
     cycles, robots
         Cycles of a test, and built robots, each tested once.
     confidence
@@ -70,15 +427,27 @@ class Iso9283Result(JsonResult):
         The share of robots that keep each limit in a test.
     absent
         Why a figure is ``None``, by its name.
-    findings
-        Findings passed in, such as those of the sheet.
-    warnings
-        One line each: the findings, then the warnings of the forecast.
     """
 
     schema: ClassVar[str] = "precision-pin/iso9283/1"
 
-    provenance: Provenance
+    KEYS: ClassVar[Keys] = (
+        *(
+            "*head",
+            "model",
+            "cycles",
+            "robots",
+            "confidence",
+            "fit_base",
+            "load=mass",
+            "target",
+            "warnings",
+            "findings",
+        ),
+        *("poses", "worst", *SINGLE, "absent", "spec=specifications", "cube", "measured"),
+    )
+    model: ClassVar[str] = "exact"
+
     cycles: int
     robots: int
     confidence: float
@@ -97,11 +466,6 @@ class Iso9283Result(JsonResult):
     measured: Comparison | None = None
     specifications: tuple[SpecificationResult, ...] = ()
     absent: Mapping[str, str] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def met(self) -> bool:
@@ -140,19 +504,6 @@ class Iso9283Result(JsonResult):
             self, measured=compare_with(self.poses, laws, attained, cycles=self.cycles, fit_base=self.fit_base)
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result in the ``precision-pin/iso9283/1`` schema, SI units; null where the sheet cannot say."""
-        single = {name: getattr(self, name) for name in SINGLE}
-        return self._head() | {
-            "poses": {name: forecast.to_dict() for name, forecast in self.poses.items()},
-            "worst": {name: law.to_dict() for name, law in self.worst.items()},
-            **{name: None if law is None else law.to_dict() for name, law in single.items()},
-            "absent": dict(self.absent),
-            "spec": [one.to_dict() for one in self.specifications],
-            "cube": None if self.cube is None else self.cube.to_dict(),
-            "measured": None if self.measured is None else self.measured.to_dict(),
-        }
-
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and figure, the pose empty for AD, RD and E.
 
@@ -164,40 +515,7 @@ class Iso9283Result(JsonResult):
             pandas is not installed.
         """
         rows = [((pose, name), _columns(law)) for pose, name, law in self.laws()]
-        return data_frame(["pose", "figure"], rows, self._head())
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Return the result as a dataset with the dimensions ``pose`` and ``figure``, m and rad; NaN where there is none.
-
-        Raises
-        ------
-        InputError
-            xarray is not installed.
-        """
-        return dataset(self.to_pandas())
-
-    def plot(self) -> Figure:
-        """Draw the laws of AP and RP at the poses.
-
-        Returns
-        -------
-        Figure
-            The figure, which a notebook shows and ``savefig`` writes.
-        """
-        # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.analyses.iso9283.figure").figure(self)
-        return drawn
-
-    def _head(self) -> dict[str, Any]:
-        return {
-            **self.provenance.to_dict(self.schema),
-            "model": "exact",
-            **{name: getattr(self, name) for name in ("cycles", "robots", "confidence", "fit_base")},
-            "load": self.mass,
-            "target": self.target.tolist(),
-            "warnings": list(self.warnings),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
+        return data_frame(["pose", "figure"], rows, self.settings())
 
     def _repr_html_(self) -> str:
         """Return the notebook view: AP and RP at every pose, mm."""
@@ -206,17 +524,13 @@ class Iso9283Result(JsonResult):
             for pose, at in self.poses.items()
         ]
         columns = ["pose", "AP median [mm]", "AP 95 %", "RP median [mm]", "RP 95 %", "RP of endless cycles, mean"]
-        of = self.provenance
-        note = f"{self.robots:,} robots, each tested once with {self.cycles} cycles, seed {of.seed}"
-        title = f"ISO 9283 of {of.robot}: {of.base} to {of.tip}"
-        return rendered(title, [Table(columns, rows)], [note, *self.warnings])
+        note = f"{self.robots:,} robots, each tested once with {self.cycles} cycles, seed {self.provenance.seed}"
+        return rendered(f"ISO 9283 of {self.provenance.arm}", [Table(columns, rows)], [note, *self.warnings])
 
-    def __repr__(self) -> str:
-        of = self.provenance
-        return (
-            f"<Iso9283Result of {of.robot!r}, {of.base!r} to {of.tip!r}: {len(self.poses)} poses, {self.robots:,} robots, "
-            f"{self.cycles} cycles, seed {of.seed}>"
-        )
+    @property
+    def summary(self) -> str:
+        """What `repr` says of it."""
+        return f"{len(self.poses)} poses, {self.robots:,} robots, {self.cycles} cycles, seed {self.provenance.seed}"
 
 
 def _columns(law: FigureLaw) -> dict[str, float]:

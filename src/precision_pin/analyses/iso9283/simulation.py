@@ -7,24 +7,28 @@ seed and its number only, so that they have the same bits for any number of thre
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Final, final
 
 import numpy as np
 
+from precision_pin.analyses.iso9283.cube import paths_of_approach
 from precision_pin.analyses.iso9283.figures import (
     angles_of,
     barycentre,
     distance_figures,
     pose_figures,
+    repeatability_limit,
     turn_angles,
 )
-from precision_pin.analyses.iso9283.limits import repeatability_limit
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sampling.approaches import ApproachErrors, sample_approaches
 
 ROBOTS: Final = 512
 """Robots that are tested together: enough for the compiled loops, few enough for the cache."""
@@ -252,4 +256,79 @@ def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
         slopes[k] = (moved[0] - moved[1]) / (2 * _STEP)
     covariance = np.einsum("kin,kjn->nij", slopes, slopes)
     result: Array = setup.shape[pose] * repeatability_limit(covariance)
+    return result
+
+
+def approach_figures(
+    error_model: ErrorModel, q: Array, target: Array, robots: int, cycles: int, seed: int
+) -> ApproachErrors | None:
+    """Return the errors of visits over paths along the base axes; ``None`` where no error follows them.
+
+    Parameters
+    ----------
+    error_model, q
+        The model and joint values of the pose, ``(n,)``.
+    target
+        The measured point in tool axes, m, ``(3,)``.
+    robots, cycles, seed
+        As for :func:`precision_pin.iso9283`; the cycles are those of each path.
+    """
+    posture = error_model.at(q).posture
+    lever = posture.pose[:3, :3] @ target
+    jacobian = error_model.chain.at_columns(q[:, None]).joint_jacobian[:, :, 0].copy()
+    jacobian[:3] += np.cross(jacobian[3:], lever, axis=0)
+    ways = paths_of_approach(jacobian)
+    if not _follows(error_model, q, ways):
+        return None
+    return sample_approaches(
+        error_model, q, approaches=ways, robots=robots, cycles=cycles, seed=seed, target=target
+    )  # fmt: skip
+
+
+def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]]) -> bool:
+    """Return whether any source's terms are others under another approach."""
+    first, *others = [error_model.at(q, approach=way).terms for way in ways]
+    return any(
+        [term.factors for term in terms] != [term.factors for term in first]
+        or any(not np.array_equal(one.twist, other.twist) for one, other in zip(terms, first, strict=True))
+        for terms in others
+    )
+
+
+HOURS: Final = 8.0
+"""Duration of the test; the standard ends it there, or earlier where the drift has become slow."""
+_TESTS: Final = 17
+"""Times at which AP is measured, the first at the start: every half hour."""
+
+
+def drift_from_cold(
+    error_model: ErrorModel, q: Array, target: Array, robots: int, cycles: int, seed: int
+) -> Array | None:
+    """Return ``max |AP_0 - AP_t|`` of each robot over a test that starts cold, m, ``(N,)``.
+
+    ``None`` where no error of the sheet changes with time. The arguments are those of
+    :func:`precision_pin.analyses.iso9283.simulation.approach_figures`; each AP is of as many cycles.
+    """
+    bound = error_model.bound_sources
+    if all(one.source.after(0.0, one.view) is one.source for one in bound):
+        return None
+    found = []
+    for k, seconds in enumerate(np.linspace(0.0, 3600 * HOURS, _TESTS)):
+        sources = [one.source.after(float(seconds), one.view) for one in bound]
+        model = ErrorModel(error_model.chain, error_model.space, sources, statics=error_model.statics)
+        found.append(_accuracy(model, q, target, robots, range(k * cycles, (k + 1) * cycles), seed))
+    largest: Array = np.abs(np.array(found[1:]) - found[0]).max(axis=0)
+    return largest
+
+
+def _accuracy(model: ErrorModel, q: Array, target: Array, robots: int, visits: range, seed: int) -> Array:
+    """Return AP of each robot, ``(N,)``: how far the barycentre of its visits is from the commanded position."""
+    at = model.at(q)
+    layout = sampler.to_arrays(at)
+    lever = at.posture.pose[:3, :3] @ target
+    barycentre = np.zeros((3, robots))
+    for visit in visits:
+        error = sampler.errors(layout, "exact", seed, 0, robots, visit=visit)
+        barycentre += error[:3] + np.einsum("ijn,j->in", se3.exp_rotation(error[3:]), lever) - lever[:, None]
+    result: Array = np.sqrt(((barycentre / len(visits)) ** 2).sum(axis=0))
     return result

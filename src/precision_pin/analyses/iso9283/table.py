@@ -6,11 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.iso9283.comparison import LEAST, Comparison
-from precision_pin.analyses.iso9283.figure_law import FigureLaw
-from precision_pin.analyses.iso9283.pose_forecast import SINGLE
-from precision_pin.analyses.iso9283.result import Iso9283Result
-from precision_pin.analyses.iso9283.standard_poses import PLANES
+from precision_pin.analyses.iso9283.cube import PLANES
+from precision_pin.analyses.iso9283.result import LEAST, SINGLE, Comparison, FigureLaw, Iso9283Result
 from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES
 from precision_pin.base.text_escape import shown, visible
 from precision_pin.render.tables import ROUNDING, milli, plain, resting_on

@@ -1,6 +1,6 @@
 """Lengths of many normal vectors at once: probabilities and quantiles.
 
-:class:`precision_pin.analyses.exact_law.normal_norm.NormalNorm` computes the same law for one vector to twelve digits; a map
+:class:`precision_pin.analyses.exact_law.number_law.NormalNorm` computes the same law for one vector to twelve digits; a map
 needs it for thousands. With λ and m the variances and means along the principal axes, ``Q = |v|²`` has the cumulant generating
 function ``K(t) = Σ [m² t/(1 - 2λt) - ln(1 - 2λt)/2]``, and ``P(Q > x) = 1/(2πi) ∫ exp(K(t) - t x)/t dt`` on a path that crosses
 the real axis between 0 and 1/(2 max λ); crossing it below 0 gives ``-P(Q ≤ x)``. The path is the parabola of steepest descent

@@ -23,15 +23,7 @@ from precision_pin.statistics import COMPONENTS, QUANTITIES
 
 
 def figure(result: MomentsResult, which: int = 0) -> Figure:
-    """Return mean and standard deviation of the components, exact beside first order, 174 mm wide.
-
-    Parameters
-    ----------
-    result
-        What is drawn.
-    which
-        Which of its poses, 0-based.
-    """
+    """Return mean and standard deviation of the components, exact beside first order, 174 mm wide."""
     pose = result.poses[which]
     lines = [*caption("moments of the error", result.provenance, pose.pose), _computed(result)]
     with style():

@@ -225,12 +225,10 @@ class MomentsResult(Result):
         ]
         return data_frame(["pose", "quantity"], rows, self.attributes())
 
-    def __repr__(self) -> str:
-        of = self.provenance
-        return (
-            f"<MomentsResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, {self.method}, "
-            f"{self.samples:,} samples, seed {of.seed}>"
-        )
+    @property
+    def summary(self) -> str:
+        """What `repr` says of it."""
+        return f"poses {len(self.poses)}, {self.method}, {self.samples:,} samples, seed {self.provenance.seed}"
 
     def _title(self) -> str:
         return "Moments of the error"

@@ -23,15 +23,7 @@ _WORST_ROWS: Final = 6
 
 
 def poses_table(result: PosesResult, *, is_whole: bool = False) -> str:
-    """Return what a designer wants to read of several poses: the worst pose and the verdicts, then a row for each pose.
-
-    Parameters
-    ----------
-    result
-        The result.
-    is_whole
-        All poses, not what fits a terminal of 80 columns and 24 rows.
-    """
+    """Return what a designer wants to read of several poses: the worst pose and the verdicts, then a row for each pose."""
     listed = list(range(result.poses))
     if result.poses > _MOST_ROWS and not is_whole:
         listed = result.worst_first[:_WORST_ROWS]

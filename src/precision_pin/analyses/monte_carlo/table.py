@@ -32,13 +32,6 @@ def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str
     """Return the table of an analysis: error statistics in mm and mrad, the answer first and last.
 
     Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
-
-    Parameters
-    ----------
-    analysis
-        The result.
-    is_whole
-        Everything, not what fits a terminal of 80 columns and 24 rows.
     """
     return "\n".join([*(_whole(analysis) if is_whole else _brief(analysis)), *_answer(analysis)])
 

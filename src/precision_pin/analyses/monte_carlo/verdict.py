@@ -23,15 +23,7 @@ _WORDS: Final[dict[Verdict, str]] = {
 
 
 def verdict(results: Results, missed: Sequence[str] = ()) -> Html:
-    """Return the verdict and the size of the errors.
-
-    Parameters
-    ----------
-    results
-        Of the worst pose.
-    missed
-        Where else a specification is not met, such as ``on the map``.
-    """
+    """Return the verdict and the size of the errors."""
     given = results.analysis.summary.specifications
     parts: list[Child] = []
     if given:

@@ -264,13 +264,7 @@ class _Run:
     confidence: float
 
     def observe(self, layout: SamplerArrays, pose: int) -> _AtPose:
-        """Return what a pose yields.
-
-        Raises
-        ------
-        InputError
-            The errors are too large to compute with.
-        """
+        """Return what a pose yields."""
         try:
             errors = sampler.errors(layout, self.model, self.seed, 0, 2 * self.samples, pose=pose)
         except InputError as error:

@@ -277,11 +277,13 @@ class PathResult(AnalysisResult):
             rows.append(((label,), columns))
         return data_frame(["pose"], rows, self.settings())
 
-    def __repr__(self) -> str:
-        one, of = self.maximum_quantile(0, self.probability), self.provenance
+    @property
+    def summary(self) -> str:
+        """What `repr` says of it."""
+        within = milli(self.maximum_quantile(0, self.probability).value, 4)
         return (
-            f"<PathResult of {of.robot!r}, {of.base!r} to {of.tip!r}: {len(self.poses):,} poses, {self.samples:,} robots, "
-            f"largest |d| within {milli(one.value, 4)} mm for {100 * self.probability:.4g} %>"
+            f"{len(self.poses):,} poses, {self.samples:,} robots, largest |d| within {within} mm for "
+            f"{100 * self.probability:.4g} %"
         )
 
     def _repr_html_(self) -> str:
@@ -298,7 +300,7 @@ class PathResult(AnalysisResult):
         levels = [f"{100 * level:.6g} %" for level in self.levels]
         of = self.provenance
         return rendered(
-            f"{of.robot}: {of.base} to {of.tip}, a path of {len(self.poses):,} poses",
+            f"{of.arm}, a path of {len(self.poses):,} poses",
             [Table(["", *levels, "factor of the band", "fresh robots inside"], rows)],
             [f"{self.samples:,} robots, seed {of.seed}, {self.model} model, statics {of.statics}", *self.warnings],
         )

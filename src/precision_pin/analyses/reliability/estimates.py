@@ -116,17 +116,6 @@ def skewed_interval(mean: float, error: float, skewness: float, count: int, conf
 
     The studentised mean is transformed by a cubic that removes its skewness. The interval is that of a normal variable,
     transformed back. Without skewness it is that of the central limit theorem. It is widened by a tenth.
-
-    Parameters
-    ----------
-    mean, error
-        Mean of the terms, and its standard error.
-    skewness
-        Skewness of the terms.
-    count
-        Number of terms.
-    confidence
-        Confidence of the interval.
     """
     score = float(special.ndtri((1 + confidence) / 2))
     low, high = (mean - WIDENING * error * float(studentised(z, skewness / math.sqrt(count))) for z in (score, -score))
@@ -151,17 +140,6 @@ def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float,
 
     The interval is combined from those of the parts: the squared distances from estimate to end add (Zou and Donner,
     *Statistics in Medicine* 27, 2008). A part with only an upper bound adds to the upper end.
-
-    Parameters
-    ----------
-    method
-        Name of the method.
-    parts
-        Probability of each stratum, and the estimate within.
-    unknown
-        Probability of the strata that were not evaluated.
-    evaluations
-        Number of evaluations in addition to those of the parts.
     """
     if len(parts) == 1 and not unknown and not evaluations:
         return parts[0][1]
@@ -216,11 +194,6 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
 
     Each pair is compared at 99 %. Where plain sampling decides, a contradiction has no effect but is reported; there are up
     to three pairs, and the 99 % apply to all of them together (Bonferroni).
-
-    Parameters
-    ----------
-    estimates
-        Estimates, plain sampling first.
     """
     plain, others = estimates[0], [estimate for estimate in estimates[1:] if estimate.resolved]
     pairs = [(one, other) for k, one in enumerate((plain, *others)) for other in others[k:]]

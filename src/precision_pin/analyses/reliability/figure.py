@@ -33,17 +33,7 @@ _PANEL: Final = 34.0
 def figure(
     result: ReliabilityResult, which: int = 0, importance: Sequence[Sequence[tuple[str, float]]] | None = None
 ) -> Figure:
-    """Return each specification's probabilities of failure by method, and the importance factors, 174 mm wide.
-
-    Parameters
-    ----------
-    result
-        What is drawn.
-    which
-        Which of its poses, 0-based.
-    importance
-        What makes the likeliest failure of each specification, in words of the caller's; the names of the draws if left out.
-    """
+    """Return each specification's probabilities of failure by method, and the importance factors, 174 mm wide."""
     entry, provenance = result.poses[which], result.provenance
     lines = [
         *caption("reliability", provenance, entry.pose),
@@ -65,13 +55,7 @@ def figure(
 
 
 def draw(axes: Axes, result: ReliabilityResult, which: int, quantity: str) -> None:
-    """Draw the methods' probabilities of failure of the first specification of a vector on given axes.
-
-    Raises
-    ------
-    InputError
-        No specification limits it.
-    """
+    """Draw the methods' probabilities of failure of the first specification of a vector on given axes."""
     entries = result.poses[which].specifications
     found = [entry for entry in entries if entry.specification.quantity.startswith(quantity)]
     if not found:

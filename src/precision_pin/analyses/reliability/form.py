@@ -118,17 +118,6 @@ def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jum
     Each step is that of Hasofer, Lind, Rackwitz and Fiessler. Its length minimises the merit |u|²/2 + c |g| among those that
     lower it sufficiently (Zhang and Der Kiureghian, 1995). Gradients are central differences. Points found are then hidden by
     bulges of the surface, and the search is repeated until it finds no new point.
-
-    Parameters
-    ----------
-    margin
-        The limit state.
-    size
-        Number of normal numbers, d.
-    starts
-        Starting points.
-    jumps
-        Numbers with jumps in their values; a search stays between two jumps.
     """
     if not size:
         return Form((), len(starts))

@@ -13,10 +13,9 @@ from scipy import special
 from precision_pin.analyses.reliability.estimates import Estimate, Verdict, judged, remarks, summed
 from precision_pin.analyses.reliability.form import DesignPoint, Form, form
 from precision_pin.analyses.reliability.importance import METHOD as IMPORTANCE
-from precision_pin.analyses.reliability.importance import importance_sampling
+from precision_pin.analyses.reliability.importance import SUBSET_METHOD as SUBSET
+from precision_pin.analyses.reliability.importance import Subset, importance_sampling, subset_simulation
 from precision_pin.analyses.reliability.strata import FARTHEST, Strata, Stratum, stratified
-from precision_pin.analyses.reliability.subset import METHOD as SUBSET
-from precision_pin.analyses.reliability.subset import Subset, subset_simulation
 from precision_pin.base.arrays import Array
 from precision_pin.draws.space import Space
 

@@ -13,10 +13,9 @@ from precision_pin.analyses.reliability.estimates import Estimate, in_words
 from precision_pin.analyses.reliability.form import Form
 from precision_pin.analyses.reliability.strata import Strata
 from precision_pin.analyses.result import Result, name_pose
-from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import UnknownNameError
-from precision_pin.base.record import Keys
+from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table
 from precision_pin.render.tables import (
     absolute,
@@ -39,7 +38,7 @@ ASSUMPTIONS: Final = (
 
 @final
 @dataclass(frozen=True, eq=False)
-class LikelyFailure:
+class LikelyFailure(Record):
     """Design point in terms of the model's parameters.
 
     Attributes
@@ -54,29 +53,23 @@ class LikelyFailure:
         Share of each draw (correlated draws together) in β², in descending order; the sum is 1.
     """
 
+    KEYS: ClassVar[Keys] = ("beta", "probability", "parameters", "error=parts", "importance")
+
     beta: float
     probability: float
     parameters: Mapping[str, float]
     error: Array
     importance: Mapping[str, float]
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the point as in the JSON."""
-        return {
-            "beta": self.beta,
-            "probability": self.probability,
-            "parameters": dict(self.parameters),
-            "error": {"position": self.error[:3].tolist(), "attitude": self.error[3:].tolist()},
-            "importance": dict(self.importance),
-        }
+    @property
+    def parts(self) -> dict[str, Array]:
+        """Error of position and attitude."""
+        return {"position": self.error[:3], "attitude": self.error[3:]}
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class SpecificationReliability:
+class SpecificationReliability(Record):
     """Reliability for one specification at one pose.
 
     Attributes
@@ -106,6 +99,12 @@ class SpecificationReliability:
     grounds
         What keeps it from being judged, and what it takes as exact.
     """
+
+    KEYS: ClassVar[Keys] = (
+        *("quantity=specification.quantity", "limit=specification.limit", "required=specification.required"),
+        *("probability", "interval", "met", "verdict", "*grounds", "resolved", "reason=known_reason", "failure"),
+        *("methods=estimates", "form=form_entry", "strata=parts", "unexamined=strata.remainder", "disagreements"),
+    )
 
     specification: Specification
     estimates: tuple[Estimate, ...]
@@ -168,52 +167,45 @@ class SpecificationReliability:
         """True if the verdict is ``"met"``."""
         return self.verdict == "met"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry of ``spec`` in the JSON."""
+    @property
+    def known_reason(self) -> str | None:
+        """Reason why it is not resolved, if it is not."""
+        return self.reason or None
+
+    @property
+    def failure(self) -> dict[str, Any]:
+        """Probability of failure by the best estimate, as in the JSON."""
+        return {"probability": self.best.probability, "interval": self.best.interval, "method": self.best.method}
+
+    @property
+    def form_entry(self) -> dict[str, Any]:
+        """FORM as in the JSON."""
         return {
-            "quantity": self.specification.quantity,
-            "limit": self.specification.limit,
-            "required": self.specification.required,
-            "probability": self.probability,
-            "interval": list(self.interval),
-            "met": self.met,
-            "verdict": self.verdict,
-            **self.grounds.to_dict(),
-            "resolved": self.resolved,
-            "reason": self.reason or None,
-            "failure": {
-                "probability": self.best.probability,
-                "interval": list(self.best.interval),
-                "method": self.best.method,
-            },
-            "methods": [estimate.to_dict() for estimate in self.estimates],
-            "form": {
-                "probability": self.form.probability,
-                "range": None if self.form.range is None else list(self.form.range),
-                "design_points": len(self.form.points),
-                "starts": self.form.starts,
-                "points": [failure.to_dict() for failure in self.failures],
-            },
-            "strata": [
-                {"probability": part.probability, "rare": list(part.rare), "combinations": len(part.combinations)}
-                for part in self.strata.parts
-            ],
-            "unexamined": self.strata.remainder,
-            "disagreements": list(self.disagreements),
+            "probability": self.form.probability,
+            "range": self.form.range,
+            "design_points": len(self.form.points),
+            "starts": self.form.starts,
+            "points": self.failures,
         }
+
+    @property
+    def parts(self) -> list[dict[str, Any]]:
+        """Strata as in the JSON."""
+        return [
+            {"probability": part.probability, "rare": part.rare, "combinations": len(part.combinations)}
+            for part in self.strata.parts
+        ]
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class PoseReliability:
+class PoseReliability(Record):
     """Reliability for all specifications at one pose."""
+
+    KEYS: ClassVar[Keys] = ("pose", "spec=specifications")
 
     pose: PoseLabel
     specifications: tuple[SpecificationReliability, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the entry of ``poses`` in the JSON."""
-        return {"pose": self.pose.to_dict(), "spec": [entry.to_dict() for entry in self.specifications]}
 
 
 @final
@@ -274,12 +266,13 @@ class ReliabilityResult(Result):
         ]
         return data_frame(["pose", "specification", "method"], methods, self.attributes())
 
-    def __repr__(self) -> str:
-        of = self.provenance
+    @property
+    def summary(self) -> str:
+        """What `repr` says of it."""
         demands = [entry for pose in self.poses for entry in pose.specifications]
         return (
-            f"<ReliabilityResult of {of.robot!r}, {of.base!r} to {of.tip!r}: {sum(entry.met for entry in demands)} of "
-            f"{len(demands)} specifications met, {self.samples:,} samples, seed {of.seed}>"
+            f"{sum(entry.met for entry in demands)} of {len(demands)} specifications met, {self.samples:,} samples, "
+            f"seed {self.provenance.seed}"
         )
 
     def _title(self) -> str:

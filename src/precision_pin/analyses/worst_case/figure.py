@@ -50,15 +50,6 @@ def figure(
 
     Each bar begins where the one above it ends: the error at the means, the largest contributions, the rest. Lines mark
     the first-order bound, the largest exact error found, the largest seen and the 99.73 % quantile of the samples.
-
-    Parameters
-    ----------
-    result
-        What is drawn.
-    which
-        Which of its poses, 0-based.
-    entries
-        What adds up to the bound of each quantity, in words of the caller's; the names of the draws if left out.
     """
     pose, provenance = result.poses[which], result.provenance
     lines = [

@@ -11,9 +11,8 @@ import numpy as np
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
 from precision_pin.analyses.worst_case.largest_norm import Farthest
-from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
-from precision_pin.base.record import Keys
+from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table
 from precision_pin.render.tables import data_frame, milli, symbol, unit
 from precision_pin.statistics import QUANTITIES, Distribution
@@ -67,7 +66,7 @@ class ComponentBound:
 
 @final
 @dataclass(frozen=True, eq=False)
-class ExactMaximum:
+class ExactMaximum(Record):
     """Largest error of the exact model found by local search, a lower bound of the maximum.
 
     Attributes
@@ -85,13 +84,10 @@ class ExactMaximum:
     parameters: Mapping[str, float]
     starts: int
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
 
 @final
 @dataclass(frozen=True, eq=False)
-class NormBound:
+class NormBound(Record):
     """Worst case of |d| or |δ|.
 
     Attributes
@@ -116,6 +112,8 @@ class NormBound:
         Distribution of the samples; its ``max`` is the largest sampled value.
     """
 
+    KEYS: ClassVar[Keys] = ("first_order=bound", "exact_there", "exact_found", "seen=sampled")
+
     quantity: str
     first_order: Farthest
     nominal: float
@@ -126,48 +124,45 @@ class NormBound:
     found: ExactMaximum
     seen: Distribution
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @property
     def exceeded(self) -> bool:
         """True if the exact model exceeds the first-order bound by more than a thousandth."""
         return self.found.norm > self.first_order.upper * (1 + BENT) + _ROUNDING
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the numbers, SI."""
-        bound = self.first_order
-        interval = self.seen.quantile_interval(SEEN_LEVEL)
+    @property
+    def bound(self) -> dict[str, Any]:
+        """Worst case of the first-order model, as in the JSON."""
         return {
-            "first_order": {
-                "lower": bound.lower,
-                "upper": bound.upper,
-                "certified": bound.certified,
-                "cells": bound.cells,
-                "direction": bound.direction.tolist(),
-                "nominal": self.nominal,
-                "contributions": {entry.draw: entry.value for entry in self.contributions},
-                "parameters": dict(self.parameters),
-            },
-            "exact_there": {"norm": self.exact_norm, "error": self.exact_error.tolist()},
-            "exact_found": {
-                "norm": self.found.norm,
-                "error": self.found.error.tolist(),
-                "parameters": dict(self.found.parameters),
-                "starts": self.found.starts,
-                "exceeds_first_order": self.exceeded,
-            },
-            "seen": {
-                "max": self.seen.max,
-                "quantile": {str(SEEN_LEVEL): self.seen.quantile(SEEN_LEVEL)},
-                "quantile_interval": {str(SEEN_LEVEL): None if interval is None else list(interval)},
-            },
+            **{name: getattr(self.first_order, name) for name in ("lower", "upper", "certified", "cells", "direction")},
+            "nominal": self.nominal,
+            "contributions": {entry.draw: entry.value for entry in self.contributions},
+            "parameters": self.parameters,
+        }
+
+    @property
+    def exact_there(self) -> dict[str, Any]:
+        """Error of the exact model at these parameters, as in the JSON."""
+        return {"norm": self.exact_norm, "error": self.exact_error}
+
+    @property
+    def exact_found(self) -> dict[str, Any]:
+        """Largest error that the search found, as in the JSON."""
+        found = {name: getattr(self.found, name) for name in ("norm", "error", "parameters", "starts")}
+        return found | {"exceeds_first_order": self.exceeded}
+
+    @property
+    def sampled(self) -> dict[str, Any]:
+        """Samples, as in the JSON."""
+        return {
+            "max": self.seen.max,
+            "quantile": {SEEN_LEVEL: self.seen.quantile(SEEN_LEVEL)},
+            "quantile_interval": {SEEN_LEVEL: self.seen.quantile_interval(SEEN_LEVEL)},
         }
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class PoseWorstCase:
+class PoseWorstCase(Record):
     """Worst case at one pose.
 
     Attributes
@@ -182,32 +177,23 @@ class PoseWorstCase:
         Worst cases of |d| and |δ|.
     """
 
+    KEYS: ClassVar[Keys] = ("pose", "nominal", "components=bounds", "position", "attitude")
+
     pose: PoseLabel
     error_at_means: Array
     components: tuple[ComponentBound, ...]
     position: NormBound
     attitude: NormBound
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
+    @property
+    def nominal(self) -> dict[str, Array]:
+        """Error of position and attitude at the means."""
+        return {"position": self.error_at_means[:3], "attitude": self.error_at_means[3:]}
 
     @property
-    def heading(self) -> PoseLabel:
-        """Former name of ``pose``."""
-        return self.pose
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the numbers, SI."""
-        return {
-            "pose": self.pose.to_dict(),
-            "nominal": {"position": self.error_at_means[:3].tolist(), "attitude": self.error_at_means[3:].tolist()},
-            "components": {
-                entry.quantity: {"first_order": [entry.low, entry.high], "seen": list(entry.seen)}
-                for entry in self.components
-            },
-            "position": self.position.to_dict(),
-            "attitude": self.attitude.to_dict(),
-        }
+    def bounds(self) -> dict[str, Any]:
+        """Bounds of the components, as in the JSON."""
+        return {one.quantity: {"first_order": (one.low, one.high), "seen": one.seen} for one in self.components}
 
 
 @final
@@ -280,12 +266,13 @@ class WorstCaseResult(Result):
         ]
         return data_frame(["pose", "quantity"], rows, self.attributes())
 
-    def __repr__(self) -> str:
-        of = self.provenance
+    @property
+    def summary(self) -> str:
+        """What `repr` says of it."""
         largest = max(pose.position.first_order.upper for pose in self.poses)
         return (
-            f"<WorstCaseResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, draws {self.draws}, "
-            f"first-order |d| at most {1e3 * largest:.4g} mm, seed {of.seed}>"
+            f"poses {len(self.poses)}, draws {self.draws}, first-order |d| at most {1e3 * largest:.4g} mm, "
+            f"seed {self.provenance.seed}"
         )
 
     def _title(self) -> str:
