@@ -39,8 +39,6 @@ def test_table_json_and_plot(run, folder, way):
         (("--pose", "home"), "a path has two poses or more"),
         (("--all-poses", "--samples", "10"), "10 samples do not resolve the 95 % quantile"),
         (("--all-poses", "--probability", "2"), "--probability '2'"),
-        (("--all-poses", "--trajectory", "way.csv"), "--all-poses and --trajectory exclude each other"),
-        (("--trajectory", "nowhere.csv"), "nowhere.csv"),
     ],
 )
 def test_what_is_refused_in_one_line(run, way, options, message):
