@@ -7,11 +7,15 @@ import re
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 
+import precision_pin as pp
 from precision_pin.analyses.declaration import Declaration, Option
 from precision_pin.analyses.registry import declarations
+from precision_pin.cli.analyses import analysis_of
 from precision_pin.cli.commands import load_command
+from precision_pin.robot.pose_set import PoseSet
 
 SHEET = "small.yaml"
 SHEET_TEXT = """precision-pin: 1
@@ -147,9 +151,17 @@ def test_the_result_is_printed_and_written_whole(run, one, folder, new_files, mo
     note = table.err_lines[-1]
     assert note.startswith(f"wrote made: {written.name}, ")
     assert all(path.name in note for path in [*drawn, *(folder / "made").iterdir()])
-    quiet = run(*asked(one), "--quiet", "--json", "-")
-    assert (quiet.code, quiet.out) == (0, told.out)
-    assert not any(line.startswith("wrote") for line in quiet.err_lines)
+    quiet = run(*asked(one), "--quiet", "--out", "made")
+    assert (quiet.code, quiet.out) == (0, table.out)
+    assert quiet.err_lines == [line for line in table.err_lines if " warning " in line]
+
+
+def test_what_a_page_shows_beside_the_arm_has_the_defaults_of_its_command(folder) -> None:
+    sheet = pp.ErrorModel.load(SHEET).sheet
+    poses = PoseSet.at(sheet.chain, np.array([[0.0, 0.1], [0.0, 0.2]]))
+    law = analysis_of("path", sheet, poses, seed=3)
+    assert (law.probability, law.samples, law.provenance.seed) == (0.95, 10_000, 3)
+    assert analysis_of("map", sheet, poses, verify=0).sampled is None
 
 
 JUDGED = {

@@ -269,7 +269,10 @@ def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what
     """
     declaration = declarations()[name]
     assert declaration.prepare is not None
-    values = {one.argument: () if one.is_repeated else one.default for one in declaration.own_options}
+    values: dict[str, Any] = {}
+    for one in declaration.own_options:
+        default = () if one.is_repeated else one.default
+        values[one.argument] = default if one.read is None or default is None else one.read(default)
     values |= {"model": "exact", "specs": ()} | options
     asked = Asked({"": replace(sheet, findings=())}, values, (), lambda: poses, lambda: poses, lambda: None)
     job = declaration.prepare(asked)
