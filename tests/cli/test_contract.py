@@ -161,7 +161,6 @@ def test_what_a_page_shows_beside_the_arm_has_the_defaults_of_its_command(folder
     poses = PoseSet.at(sheet.chain, np.array([[0.0, 0.1], [0.0, 0.2]]))
     law = analysis_of("path", sheet, poses, seed=3)
     assert (law.probability, law.samples, law.provenance.seed) == (0.95, 10_000, 3)
-    assert analysis_of("map", sheet, poses, verify=0).sampled is None
 
 
 JUDGED = {

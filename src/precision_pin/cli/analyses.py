@@ -271,9 +271,9 @@ def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what
     assert declaration.prepare is not None
     values: dict[str, Any] = {}
     for one in declaration.own_options:
-        default = () if one.is_repeated else one.default
+        default: Any = () if one.is_repeated else one.default
         values[one.argument] = default if one.read is None or default is None else one.read(default)
-    values |= {"model": "exact", "specs": ()} | options
+    values |= {"seed": 0, "model": "exact", "specs": ()} | options
     asked = Asked({"": replace(sheet, findings=())}, values, (), lambda: poses, lambda: poses, lambda: None)
     job = declaration.prepare(asked)
     with progress_bar(job.steps or 0, what or job.what, job.unit) as progress:
