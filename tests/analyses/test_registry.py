@@ -24,7 +24,7 @@ from precision_pin.robot.examples import PAPER_SHEET
 
 FOLDER = {
     "__init__.py": """
-from precision_pin.analyses.declaration import Declaration, Option
+from precision_pin.analyses.declaration import AT_POSES, Declaration, Option
 
 DECLARATION = Declaration(
     name="offset",
@@ -35,7 +35,7 @@ DECLARATION = Declaration(
     heading="Offset at the means",
     summary="Error with every parameter at its mean.",
     description="Show the error with every parameter at its mean.",
-    options=(Option("--factor", "factor", "Multiplies it.", float, 1.0),),
+    options=(*AT_POSES, Option("--factor", "factor", "Multiplies it.", float, 1.0),),
 )
 """,
     "offset.py": """
@@ -172,11 +172,11 @@ def test_a_declaration_names_what_there_is(name: str) -> None:
     one = registry.declarations()[name]
     assert getattr(pp, one.function.rpartition(":")[2]) is load(one.function)
     kind = load(one.result)
-    assert issubclass(kind, Result)
-    assert kind.schema == f"precision-pin/{name}/1"
-    for module, function in (("table", "table"), ("figure", "figure"), ("section", "content")):
-        assert callable(load(f"{one.outputs}.{module}:{function}"))
-    for place in (one.steps, *(option.check for option in one.options)):
+    assert kind.schema.startswith("precision-pin/")
+    assert (one.prepare is None) == bool(one.heading) == issubclass(kind, Result)
+    for place in ["section:content", "figure:draw", "table:table", "figure:figure"] * bool(one.heading):
+        assert callable(load(f"{one.outputs}.{place}"))
+    for place in (one.steps, *(option.check for option in one.own_options)):
         assert not place or callable(load(place))
     assert list_commands()[name] == one.summary
 

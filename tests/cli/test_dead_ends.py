@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from precision_pin.analyses.registry import declarations
 from precision_pin.cli import export
 from precision_pin.cli.commands import list_commands
 from precision_pin.cli.targets import check_folder_name, check_page_name
@@ -56,8 +57,15 @@ def test_every_command_that_takes_a_robot_is_tried():
     assert set(WITH_ROBOT) == set(list_commands()) - {"explain", "schema", "doctor"}
 
 
-@pytest.mark.parametrize("command", WITH_ROBOT)
-@pytest.mark.parametrize("file", OTHER_FORMATS)
+@pytest.mark.parametrize(
+    ("command", "file"),
+    [
+        (command, file)
+        for k, command in enumerate(WITH_ROBOT)
+        for n, file in enumerate(OTHER_FORMATS)
+        if command == "analyze" or k % len(OTHER_FORMATS) == n
+    ],
+)
 def test_a_file_of_another_format_is_called_by_its_name(run, folder, command, file):
     text, name = OTHER_FORMATS[file]
     (folder / file).write_text(text)
@@ -311,16 +319,6 @@ QUICK = {
     "init": ("4dof.urdf", "--force"),
 }
 LONGER = {
-    "iso9283": ("--robots", "20", "--out", "tested"),
-    "map": ("--out", "mapped"),
-    "path": (*FEW, "--q", "0 0 0 0 deg", "--q", "9 9 9 9 deg", "--out", "along"),
-    "compare": (*FEW, "--set", "statics=equilibrium", "--out", "compared"),
-    "compensate": ("--out", "corrected"),
-    "worst-case": (*FEW, "--out", "worst"),
-    "budget": ("--samples", "1024", "--out", "shares"),
-    "exact-law": (*FEW, "--out", "laws"),
-    "reliability": (*FEW, "--spec", "90 mm", "--out", "rare"),
-    "moments": ("--samples", "1024", "--out", "few"),
     "calibrate": ("--plan", "4", "--random", "8", "--out", "plan"),
     "report": ("--samples", "1000", "--out", "report.html"),
 }
@@ -338,8 +336,8 @@ def test_quiet_of_the_longer_commands(run, command):
 
 
 def test_every_command_with_a_robot_is_tried_quietly():
-    # allocate needs a sheet that says what to choose: test_allocate.py tries it
-    assert {*QUICK, *LONGER, "allocate"} == set(WITH_ROBOT)
+    # test_contract.py tries those of the analyses
+    assert {*QUICK, *LONGER, *declarations()} == set(WITH_ROBOT)
 
 
 def test_quiet_keeps_errors(run):

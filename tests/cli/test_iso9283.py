@@ -50,14 +50,6 @@ def test_poses_by_name_and_all_of_the_sheet(run):
     assert "four poses" in named.json["absent"]["AD"]
 
 
-def test_files(run, new_files):
-    found = run("iso9283", SHEET, "--all-poses", *FEW, "--out", "plots", "--json", "plots.json")
-    assert found.code == 0
-    assert new_files() == {"plots.json", "plots", *(f"plots/iso9283.{s}" for s in ("json", "png", "svg"))}
-    with open("plots.json", encoding="utf-8") as one, open("plots/iso9283.json", encoding="utf-8") as other:
-        assert json.load(one) == json.load(other)
-
-
 def test_a_sheet_without_visits_says_that_it_cannot_tell(run):
     found = run("iso9283", "gantry.errors.yaml", "--pose", "home", *FEW)
     assert found.code == 0
@@ -113,7 +105,6 @@ def test_a_target_off_the_last_axis(run):
         (("--cycles", "1"), "the number of cycles must be a whole number from 2"),
         (("--robots", "0"), "the number of robots must be a whole number from 1"),
         (("--measured", "nothing.csv"), "nothing.csv"),
-        (("--pose", "elsewhere"), "elsewhere"),
         (("--fit-base",), "three poses or more"),
     ],
 )

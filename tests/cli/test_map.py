@@ -86,13 +86,11 @@ def test_the_verdict_is_that_of_the_exact_law_and_not_of_the_closed_form(run, fo
         assert made["sampled"]["interval"][1] < required
 
 
-@pytest.mark.slow
-def test_files(run, folder, new_files):
+def test_the_map_as_netcdf(run, folder, new_files):
     pytest.importorskip("xarray")
     (folder / "grid.yaml").write_text(GRID)
-    assert run("map", SHEET, "--grid", "grid.yaml", "--out", "made", "--netcdf", "map.nc").code == 0
-    names = {"map.json"} | {f"{name}.{suffix}" for name in ("position", "attitude") for suffix in ("png", "svg")}
-    assert new_files() == {"grid.yaml", "map.nc", "made"} | {f"made/{name}" for name in names}
+    assert run("map", SHEET, "--grid", "grid.yaml", "--verify", "0", "--netcdf", "map.nc").code == 0
+    assert new_files() == {"grid.yaml", "map.nc"}
 
 
 @pytest.mark.parametrize(
@@ -101,7 +99,6 @@ def test_files(run, folder, new_files):
         (("--relative-to", "nowhere"), "--relative-to: no pose named 'nowhere'"),
         (("--samples", "0"), "the number of samples must be a whole number from 1"),
         (("--verify", "-1"), "verify, a number of poses, must be a whole number from 0"),
-        (("--netcdf", "nowhere/map.nc"), "nowhere does not exist"),
     ],
 )
 def test_wrong_input_is_one_line(run, new_files, options, message):

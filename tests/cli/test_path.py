@@ -39,8 +39,6 @@ def test_table_json_and_plot(run, folder, way):
         (("--pose", "home"), "a path has two poses or more"),
         (("--all-poses", "--samples", "10"), "10 samples do not resolve the 95 % quantile"),
         (("--all-poses", "--probability", "2"), "--probability '2'"),
-        (("--all-poses", "--trajectory", "way.csv"), "--all-poses and --trajectory exclude each other"),
-        (("--trajectory", "nowhere.csv"), "nowhere.csv"),
     ],
 )
 def test_what_is_refused_in_one_line(run, way, options, message):
@@ -51,11 +49,11 @@ def test_what_is_refused_in_one_line(run, way, options, message):
 
 
 def test_a_path_that_takes_long_is_refused_with_the_time_unless_its_robots_are_asked_for(run, way, monkeypatch):
-    monkeypatch.setattr("precision_pin.cli.path._LONG", 2 * 3 * 10_000 - 1)
-    monkeypatch.setattr("precision_pin.cli.path._LOOKED", 0.0)
+    monkeypatch.setattr("precision_pin.analyses.path._LONG", 2 * 3 * 10_000 - 1)
+    monkeypatch.setattr("precision_pin.analyses.path._LOOKED", 0.0)
     refused = run("path", SHEET, "--trajectory", way)
     assert refused.code == 2
     assert "error E_USAGE: 3 poses with 10,000 robots each take about 0 minutes here; --samples 1000" in refused.err
     assert run("path", SHEET, "--trajectory", way, "--samples", "10000").code == 0
-    monkeypatch.setattr("precision_pin.cli.path._LONG", 2 * 3 * 10_000)
+    monkeypatch.setattr("precision_pin.analyses.path._LONG", 2 * 3 * 10_000)
     assert run("path", SHEET, "--trajectory", way).code == 0

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from precision_pin.base.errors import InputError
-from precision_pin.cli.options import PoseOptions
+from precision_pin.cli.options import Options
 from precision_pin.cli.poses import read_pose_set
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
 
 SHEET = "gantry.errors.yaml"
 LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
-NONE: PoseOptions = {
+NONE: Options = {
     "pose_names": (), "all_poses": False, "qs": (), "trajectory": None, "grid": None, "approach": None, "steps": ()
 }  # fmt: skip
 

@@ -38,7 +38,7 @@ def texts(figure: Figure) -> str:
 
 
 def test_every_analysis_is_tried(results):
-    assert set(results) == set(declarations())
+    assert set(results) == {name for name, one in declarations().items() if one.heading}
 
 
 @pytest.mark.parametrize("name", ["budget", "worst-case", "exact-law", "reliability", "moments"])

@@ -227,7 +227,9 @@ def count_steps(specifications: Sequence[Specification], poses: int = 1) -> int:
 def _asked(specifications: Sequence[Specification]) -> list[str]:
     """Return the names of the analyses that a report shows: without specifications none that judges them."""
     return [
-        name for name, one in declarations().items() if specifications or "specifications" not in one.report_settings
+        name
+        for name, one in declarations().items()
+        if one.heading and (specifications or "specifications" not in one.report_settings)
     ]
 
 

@@ -5,8 +5,9 @@ neither the compiler nor the plotting library. Named tuples are created in a ten
 still where annotations are types instead of text. This file therefore has no ``from __future__ import annotations``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 
@@ -16,8 +17,22 @@ def load(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
+UNDERSTAND, DECIDE, MEASURE = "Understand how accurate it is", "Decide what to change", "Measure"
+"""Headings in the list of commands."""
+POSES, ROBOT, SAMPLING, OUTPUT = "Poses", "Robot and sheet", "Sampling", "Output and messages"
+"""Headings of options in the help of a command, alike in all commands."""
+INPUTS = "Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME."
+"""Last paragraph of a description."""
+AT_POSES = ("poses", "chain", "target", "seed", "json", "out", "messages")
+"""Shared options of an analysis at one or several poses."""
+
+
+class WrongUsageError(ValueError):
+    """Arguments or options that do not go together; the command line adds where its help is."""
+
+
 class Option(NamedTuple):
-    """Option of an analysis's command, in addition to the common ones.
+    """Option of an analysis's command, in addition to the shared ones.
 
     Attributes
     ----------
@@ -39,10 +54,16 @@ class Option(NamedTuple):
         True if the option may be given several times (the argument is then a tuple), and if it is required.
     is_of_table
         True if it is an argument of the table instead of the analysis.
-    is_of_sampling
-        True if it says how many samples are taken; the help lists it with the seed.
     check
         ``module:function`` that rejects a wrong value before any input is read.
+    group
+        Heading in the help; by default none, of an option of the table :data:`OUTPUT`.
+    read
+        Function that turns the text into the value, or rejects it, before any input is read.
+    is_pose
+        True if it names a pose: one of the sheet's, or joint values.
+    is_default_shown
+        False if the help does not show the default value.
     """
 
     flag: str
@@ -56,7 +77,96 @@ class Option(NamedTuple):
     is_needed: bool = False
     is_of_table: bool = False
     check: str = ""
-    is_of_sampling: bool = False
+    group: str = ""
+    read: Callable[[str], Any] | None = None
+    is_pose: bool = False
+    is_default_shown: bool = True
+
+
+class Asked(NamedTuple):
+    """Inputs of a command, for the function ``prepare`` of a declaration.
+
+    Attributes
+    ----------
+    sheets
+        The sheets by name, as read; one of no name for most commands.
+    options
+        Values of all options by their arguments.
+    chosen
+        Arguments of the options that the user gave.
+    read_poses, read_pose_set
+        Functions of the largest number of poses that read those of the command line, as a list with names or as a
+        :class:`precision_pin.robot.pose_set.PoseSet`; without poses in the options the first of the first sheet.
+    read_measurement
+        Function that returns the measurement of the options and the first sheet.
+    """
+
+    sheets: Mapping[str, Any]
+    options: Mapping[str, Any]
+    chosen: Collection[str]
+    read_poses: Callable[..., Any]
+    read_pose_set: Callable[..., Any]
+    read_measurement: Callable[[], Any]
+
+    @property
+    def sheet(self) -> Any:
+        """The first sheet."""
+        return next(iter(self.sheets.values()))
+
+
+class Files(NamedTuple):
+    """Files of a folder beside the result: figures by name, texts by file name, and how a note lists the figures."""
+
+    figures: Mapping[str, Any] = {}
+    texts: Mapping[str, str] = {}
+    listed: str = ""
+
+
+class Job(NamedTuple):
+    """What a command runs and writes, made by the function ``prepare`` of a declaration.
+
+    Attributes
+    ----------
+    run
+        Function with the arguments ``progress``, if there are steps, and of a command with the shared options ``workers``
+        those that say what samples; returns the result.
+    models
+        Models whose samplers are compiled first.
+    steps, what, unit
+        Number of progress steps, None for no progress; what they do and count.
+    is_unwound
+        True if a signal raises KeyboardInterrupt in the analysis instead of ending the process.
+    note
+        Line that is printed before.
+    stem
+        Name of the files; by default that of the command.
+    table
+        Function that returns the result as text; by default the declared one.
+    files
+        Function of the result that returns what else a folder gets; by default the figure.
+    write, is_written_first
+        Function of the result that writes the files of other options and returns notes, and whether it runs before the
+        result is printed instead of after.
+    findings
+        Findings passed to the analysis, of a result without warning lines: those that it adds are printed.
+    is_met
+        Function of the result that returns whether the exit code is 0.
+    """
+
+    run: Callable[..., Any]
+    models: Collection[Any] = ()
+    steps: int | None = None
+    what: str = "sampling"
+    unit: str = "samples"
+    is_unwound: bool = False
+    note: str = ""
+    stem: str = ""
+    table: Callable[[Any], str] | None = None
+    files: Callable[[Any], Files] | None = None
+    write: Callable[[Any], Collection[str]] | None = None
+    is_written_first: bool = False
+    findings: tuple[Any, ...] | None = None
+    is_met: Callable[[Any], bool | None] = attrgetter("met")
 
 
 class Declaration(NamedTuple):
@@ -74,11 +184,12 @@ class Declaration(NamedTuple):
         ``figure.figure(result, k)`` the figure of pose k, ``section.content(result, results)`` the parts of the report's
         section, and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
     title, heading
-        Entry in the report's table of contents, and heading of its section.
+        Entry in the report's table of contents, and heading of its section; an analysis without a heading has no section
+        about a pose.
     summary, description
-        One line in the list of commands, one line in the help of the command.
+        One line in the list of commands, text of the command's help.
     options
-        Options of the command.
+        Options of the command, in the order of its help; a word is a group of options that several commands share.
     report_settings
         Arguments that a report passes on as it does to the sampling: ``samples``, ``specifications``. An analysis with
         specifications is left out of a report without any.
@@ -89,6 +200,24 @@ class Declaration(NamedTuple):
         Unit of these steps.
     has_warnings_in_table
         True if the table includes the warnings, so that the command does not print them again.
+    group
+        Heading in the list of commands.
+    prepare
+        Function that returns what the command runs for its inputs; by default ``function`` at the poses of the command line.
+    check
+        Function that rejects options that do not go together, before any input is read; it may change them.
+    sheets
+        Function of the options that returns those with which each sheet is read, by name; by default one sheet.
+    arguments, data_suffixes
+        Name of the command's arguments and how the help shows them; ends of the names that are neither robot nor sheet.
+    reads, writes
+        Arguments of the options that name further files to read, and of those that name files to write.
+    files
+        Patterns of the names of files in a folder.
+    is_sampled
+        True if the command samples: on a machine where nothing is compiled yet, that begins while the inputs are read.
+    table_name
+        Name of the function in ``table``.
     """
 
     name: str
@@ -99,11 +228,27 @@ class Declaration(NamedTuple):
     heading: str
     summary: str
     description: str
-    options: tuple[Option, ...]
+    options: tuple[Option | str, ...]
     report_settings: tuple[str, ...] = ()
     steps: str = ""
     unit: str = "samples"
     has_warnings_in_table: bool = False
+    group: str = UNDERSTAND
+    prepare: Callable[[Asked], Job] | None = None
+    check: Callable[[dict[str, Any]], None] | None = None
+    sheets: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None
+    arguments: tuple[str, str] = ("inputs", "[ROBOT.urdf] [SHEET.yaml]")
+    data_suffixes: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ("json_path",)
+    files: tuple[str, ...] = ()
+    is_sampled: bool = True
+    table_name: str = "table"
+
+    @property
+    def own_options(self) -> list[Option]:
+        """Options that are not shared."""
+        return [option for option in self.options if isinstance(option, Option)]
 
     def run(self, model: Any, pose: Any, **arguments: Any) -> Any:
         """Run the analysis and return its result."""
@@ -111,7 +256,7 @@ class Declaration(NamedTuple):
 
     def count_steps(self, space: Any, poses: int, arguments: Mapping[str, Any]) -> int:
         """Return the number of progress steps for a number of poses and some of the arguments."""
-        defaults = {option.argument: option.default for option in self.options if not option.is_of_table}
+        defaults = {option.argument: option.default for option in self.own_options if not option.is_of_table}
         known = {**defaults, **{key: value for key, value in arguments.items() if key in defaults}}
         if self.steps:
             return max(int(load(self.steps)(space, poses, **known)), 0)
@@ -119,12 +264,12 @@ class Declaration(NamedTuple):
 
     def table(self, result: Any, **arguments: Any) -> str:
         """Return a result as text."""
-        text: str = load(f"{self.outputs}.table:table")(result, **arguments)
+        text: str = load(f"{self.outputs}.table:{self.table_name}")(result, **arguments)
         return text
 
-    def figure(self, result: Any, pose: int) -> Any:
-        """Return the figure of a result at a pose, given by its number."""
-        return load(f"{self.outputs}.figure:figure")(result, pose)
+    def figure(self, result: Any, *pose: int) -> Any:
+        """Return the figure of a result, of one at poses that at a pose, given by its number."""
+        return load(f"{self.outputs}.figure:figure")(result, *pose)
 
     def draw(self, axes: Any, result: Any, pose: int, quantity: str) -> None:
         """Draw one panel of a result's figure, ``"position"`` or ``"attitude"``, on given axes."""

@@ -16,6 +16,13 @@ FOLDERS: list[str] = [
     "precision_pin.analyses.exact_law",
     "precision_pin.analyses.reliability",
     "precision_pin.analyses.moments",
+    "precision_pin.analyses.map",
+    "precision_pin.analyses.path",
+    "precision_pin.analyses.compare",
+    "precision_pin.analyses.compensation",
+    "precision_pin.analyses.allocation",
+    "precision_pin.analyses.iso9283",
+    "precision_pin.analyses.calibration",
 ]
 """Folders in the order of the commands and of the report's sections."""
 

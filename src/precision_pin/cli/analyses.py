@@ -2,199 +2,281 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar, final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
+from click.core import ParameterSource
 
-from precision_pin.analyses.declaration import Declaration, Option, load
+from precision_pin.analyses.declaration import OUTPUT, Asked, Declaration, Files, Job, Option, WrongUsageError, load
+from precision_pin.analyses.registry import declarations
 from precision_pin.base.files import whole_folder, write_text
+from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.headings import output_option, sampling_option
+from precision_pin.cli.headings import HeadedOption, output_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
+from precision_pin.cli.measurement import measurement_of, measurement_options
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, echo_warnings, quiet_option
 from precision_pin.cli.options import (
-    ChainOptions,
-    PoseOptions,
+    Command,
     SamplingCommand,
     beyond_limits_option,
     chain_options,
-    inputs_argument,
+    model_option,
     pose_options,
     seed_option,
+    spec_option,
     target_option,
 )
-from precision_pin.cli.poses import check_poses, pose_files, read_poses
+from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_poses, reference_pose
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
+from precision_pin.cli.workers import check_workers, worker_options, working
 
 if TYPE_CHECKING:
     from precision_pin.analyses.result import Result
-    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
 
-_INPUTS: Final = "Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME."
-
-Decorated = TypeVar("Decorated", bound=Callable[..., Any])
-
-
-class _Shared(ChainOptions, PoseOptions):
-    """The options that every analysis command takes."""
-
-    seed: int
-    json_path: str | None
-    out: str | None
-
-
-@final
-@dataclass(frozen=True)
-class _Question:
-    """The inputs of an analysis command.
-
-    Attributes
-    ----------
-    sheet
-        As read; its findings are printed already.
-    model
-        The sheet's error model.
-    poses
-        The requested poses, each as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it.
-    """
-
-    sheet: Sheet
-    model: ErrorModel
-    poses: list[Any]
-
-
-def _shared_options(command: Decorated) -> Decorated:
-    """Add the options of :class:`_Shared`."""
-    for option in (
-        quiet_option,
-        all_warnings_option,
-        output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
-        output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
-        seed_option,
-        target_option,
-        chain_options,
-        pose_options,
-        inputs_argument,
-    ):
-        command = option(command)
-    return command
-
-
-def _ask(shared: _Shared, name: str) -> _Question:
-    """Return sheet, model and poses of the options; refuse unwritable outputs before any work.
-
-    Parameters
-    ----------
-    shared
-        The options.
-    name
-        Of the analysis, and so of its files.
-
-    Raises
-    ------
-    InputError
-        Any input is wrong.
-    """
-    from precision_pin.draws.space import check_seed
-    from precision_pin.model.error_model import ErrorModel
-
-    check_seed(shared["seed"])
-    check_poses(shared)
-    outputs = Outputs({"--json": shared["json_path"]}, shared["out"], (f"{name}.*", f"{name}-*"))
-    outputs.check()
-    outputs.refuse_inputs(pose_files(shared))
-    sheet = read_sheet(shared, outputs)
-    asked = read_poses(sheet, shared)
-    return _Question(asked.noted_in(sheet), ErrorModel.from_sheet(sheet), [pose.where for pose in asked])
+_PLOTS: Final = "Write plots (PNG and SVG) and the result there."
+_SHARED: Final[dict[str, Callable[[Any], Any]]] = {
+    "poses": pose_options,
+    "target": target_option,
+    "chain": chain_options,
+    "seed": seed_option,
+    "model": model_option,
+    "spec": spec_option,
+    "beyond": beyond_limits_option,
+    "workers": worker_options,
+    "measurement": measurement_options,
+    "json": output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
+    "out": output_option("--out", metavar="DIR", help=_PLOTS),
+    "plot": output_option("--out", metavar="DIR", help=_PLOTS.replace("plots", "a plot")),
+    "messages": lambda command: all_warnings_option(quiet_option(command)),
+}
+"""Options that declarations give by a word."""
+_LISTED: Final = "precision_pin.statistics.specification:listed_specifications"
 
 
 def make_command(declaration: Declaration) -> click.Command:
     """Return the command of an analysis."""
 
-    def command(**given: Any) -> int:
-        return _run(declaration, given)
+    def command(**options: Any) -> int:
+        return _run(declaration, options)
 
     for option in reversed(declaration.options):
-        command = _option(option)(command)
-    if any(option.argument == "specifications" for option in declaration.options):
-        command = beyond_limits_option(command)
-    return click.command(declaration.name, cls=SamplingCommand, help=f"{declaration.description}\n\n{_INPUTS}")(
-        _shared_options(command)
-    )
+        command = (_SHARED[option] if isinstance(option, str) else _option(option))(command)
+    name, metavar = declaration.arguments
+    command = click.argument(name, nargs=-1, metavar=metavar)(command)
+    kind = SamplingCommand if declaration.is_sampled else Command
+    made = click.command(declaration.name, cls=kind, help=declaration.description)(command)
+    made.data_suffixes = declaration.data_suffixes
+    return made
 
 
 def _option(option: Option) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    make = output_option if option.is_of_table else sampling_option if option.is_of_sampling else click.option
-    return make(
+    group = option.group or (OUTPUT if option.is_of_table else "")
+    headed: dict[str, Any] = {"cls": HeadedOption, "heading": group} if group else {}
+    return click.option(
         option.flag,
         option.argument,
         type=click.Choice(option.choices) if option.choices else option.kind,
-        default=option.default,
+        default=False if option.kind is bool and option.default is None else option.default,
         is_flag=option.kind is bool,
-        show_default=option.default is not None,
+        show_default=option.default is not None and option.is_default_shown,
         multiple=option.is_repeated,
         required=option.is_needed,
         metavar=option.metavar,
         help=option.help,
+        **headed,
     )
 
 
-def _run(declaration: Declaration, given: dict[str, Any]) -> int:
+def _run(declaration: Declaration, options: dict[str, Any]) -> int:
     """Run an analysis as its command; returns the exit code."""
-    own = {option: given.pop(option.argument) for option in declaration.options}
-    shared: _Shared = given  # type: ignore[assignment]
-    for option, value in own.items():
+    outputs, sheets = _check(declaration, options)
+    read = {name: read_sheet({**options, **own}, outputs) for name, own in sheets.items()}
+    first = next(iter(read.values()))
+    source = click.get_current_context().get_parameter_source
+    asked = Asked(
+        read,
+        options,
+        [name for name in options if source(name) is not ParameterSource.DEFAULT],
+        partial(read_poses, first, options),
+        partial(read_pose_set, first, options),
+        partial(measurement_of, first, options),
+    )
+    for option in declaration.own_options:
+        if option.is_pose:
+            options[option.argument] = reference_pose(first, options[option.argument])
+    job = (declaration.prepare or partial(_at_poses, declaration))(asked)
+    for model in job.models:
+        compile_sampler(model.space, options.get("model", "exact"))
+    if job.note:
+        echo_note(job.note)
+    with ExitStack() as stack:
+        given: dict[str, Any] = {}
+        if "workers" in declaration.options:
+            given |= stack.enter_context(working(options))
+        if job.steps is not None:
+            given["progress"] = stack.enter_context(progress_bar(job.steps, job.what, job.unit))
+        if job.is_unwound:
+            stack.enter_context(unwinding())
+        result = job.run(**given)
+        if job.is_unwound:
+            raise_if_interrupted()
+    if job.findings is not None:
+        echo_warnings(result.findings[len(job.findings) :])
+    elif not declaration.has_warnings_in_table:
+        echo_warning_lines(result.warnings[len(dict.fromkeys(map(str, result.findings))) :])
+    _answer(declaration, job, result, options)
+    return 0 if job.is_met(result) else EXIT_SPEC
+
+
+def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, Mapping[str, Any]]:
+    """Refuse wrong options and unwritable outputs before any work.
+
+    Returns
+    -------
+    tuple[Outputs, Mapping[str, Any]]
+        The outputs, and for each sheet by name the options with which it is read.
+    """
+    from precision_pin.draws.space import check_seed
+
+    if "seed" in options:
+        check_seed(options["seed"])
+    if "specs" in options:
+        options["specs"] = load(_LISTED)(options["specs"])
+    for option in declaration.own_options:
         if option.check:
-            load(option.check)(value)
-    question = _ask(shared, declaration.name)
-    compile_sampler(question.model.space)
-    arguments = {option.argument: value for option, value in own.items() if not option.is_of_table}
-    steps = declaration.count_steps(question.model.space, len(question.poses), arguments)
-    with progress_bar(steps, "sampling", declaration.unit) as progress:
-        result: Result = declaration.run(
-            question.model,
-            question.poses,
-            seed=shared["seed"],
-            findings=question.sheet.findings,
-            progress=progress,
+            load(option.check)(options[option.argument])
+        if option.read is not None and options[option.argument] is not None:
+            options[option.argument] = option.read(options[option.argument])
+    if "poses" in declaration.options:
+        check_poses(options)
+    if "workers" in declaration.options:
+        check_workers(options)
+    try:
+        if declaration.check is not None:
+            declaration.check(options)
+        sheets = {"": {}} if declaration.sheets is None else declaration.sheets(options)
+    except WrongUsageError as error:
+        raise click.UsageError(str(error)) from None
+    names = declaration.files or (f"{declaration.name}.*", f"{declaration.name}-*")
+    flags = {option.name: option.opts[0] for option in click.get_current_context().command.params}
+    outputs = Outputs({flags[name]: options[name] for name in declaration.writes}, options["out"], names)
+    outputs.check()
+    further = [text for name in declaration.reads for text in _texts(options[name])]
+    outputs.refuse_inputs([*further, *(pose_files(options) if "poses" in declaration.options else ())])
+    return outputs, sheets
+
+
+def _texts(value: str | Iterable[str] | None) -> Iterable[str]:
+    return () if value is None else (value,) if isinstance(value, str) else value
+
+
+def _at_poses(declaration: Declaration, asked: Asked) -> Job:
+    """Return the run of an analysis at the poses of the command line, with a figure for each."""
+    from precision_pin.model.error_model import ErrorModel
+
+    poses = asked.read_poses()
+    sheet = poses.noted_in(asked.sheet)
+    model = ErrorModel.from_sheet(sheet)
+    own = declaration.own_options
+    arguments = {option.argument: asked.options[option.argument] for option in own if not option.is_of_table}
+
+    def files(result: Result) -> Files:
+        count = len(result.poses)
+        names = [f"{declaration.name}-{k + 1}" if count > 1 else declaration.name for k in range(count)]
+        return Files({name: declaration.figure(result, k) for k, name in enumerate(names)})
+
+    return Job(
+        partial(
+            declaration.run,
+            model,
+            [pose.where for pose in poses],
+            seed=asked.options["seed"],
+            findings=sheet.findings,
             **arguments,
-        )
-    echo_warning_lines(() if declaration.has_warnings_in_table else result.new_warnings)
-    of_table = {option.argument: value for option, value in own.items() if option.is_of_table}
-    _answer(declaration, shared, result, of_table)
-    return 0 if result.met else EXIT_SPEC
+        ),
+        (model,),
+        declaration.count_steps(model.space, len(poses), arguments),
+        unit=declaration.unit,
+        files=files,
+    )
 
 
-def _answer(declaration: Declaration, shared: _Shared, result: Result, of_table: dict[str, Any]) -> None:
-    """Print a result and write the requested files: ``NAME.json`` and a figure for each pose.
+def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[str, Any]) -> None:
+    """Print a result and write the requested files: ``NAME.json`` and the figures in a folder, and those of other options.
 
     Raises
     ------
     OutputError
         Something cannot be written.
     """
-    name, json_path, out = declaration.name, shared["json_path"], shared["out"]
+    json_path, out, stem = options["json_path"], options["out"], job.stem or declaration.name
+    write = job.write or (lambda _: ())
+    if job.is_written_first:
+        for note in write(result):
+            echo_note(note)
     if json_path == "-":
         echo_data(result.to_json())
+    elif job.table is not None:
+        echo_table(job.table(result))
     else:
+        of_table = {one.argument: options[one.argument] for one in declaration.own_options if one.is_of_table}
         echo_table(declaration.table(result, **of_table))
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), result.to_json() + "\n")
-    if out is None:
-        return
-    from precision_pin.sampling import figures
+    notes = () if job.is_written_first else write(result)
+    if out is not None:
+        from precision_pin.sampling import figures
 
-    several = len(result.poses) > 1
-    files = [f"{name}-{k + 1}" if several else name for k in range(len(result.poses))]
-    with whole_folder(Path(out)) as stage:
-        write_text(stage / f"{name}.json", result.to_json() + "\n")
-        for k, file in enumerate(files):
-            figures.save(declaration.figure(result, k), stage / file)
-    echo_note(f"wrote {out}: {name}.json, {', '.join(files)} as PNG and SVG")
+        files = Files({stem: declaration.figure(result)}) if job.files is None else job.files(result)
+        with whole_folder(Path(out)) as stage:
+            write_text(stage / f"{stem}.json", result.to_json() + "\n")
+            for name, figure in files.figures.items():
+                figures.save(figure, stage / name)
+            for name, text in files.texts.items():
+                write_text(stage / name, text)
+        drawn = [f"{files.listed or ', '.join(files.figures)} as PNG and SVG"] if files.figures else []
+        echo_note(f"wrote {out}: {', '.join([f'{stem}.json', *drawn, *files.texts])}")
+    for note in notes:
+        echo_note(note)
+
+
+def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what: str = "", **options: Any) -> Any:
+    """Return the result of an analysis for a page that shows it, at poses as its function takes them; print its warnings.
+
+    Parameters
+    ----------
+    name
+        The command.
+    sheet
+        As read; its findings stand on the page already.
+    poses
+        The poses.
+    what
+        Name of the progress; by default that of the command.
+    options
+        Values of the command's options that are not their defaults, by argument.
+    """
+    declaration = declarations()[name]
+    assert declaration.prepare is not None
+    values: dict[str, Any] = {}
+    for one in declaration.own_options:
+        default: Any = () if one.is_repeated else one.default
+        values[one.argument] = default if one.read is None or default is None else one.read(default)
+    values |= {"seed": 0, "model": "exact", "specs": ()} | options
+    asked = Asked({"": replace(sheet, findings=())}, values, (), lambda: poses, lambda: poses, lambda: None)
+    job = declaration.prepare(asked)
+    with progress_bar(job.steps or 0, what or job.what, job.unit) as progress:
+        result = job.run(progress=progress)
+    echo_warning_lines(result.warnings)
+    return result

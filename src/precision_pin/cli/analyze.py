@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -16,8 +16,6 @@ from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
-    ChainOptions,
-    PoseOptions,
     SamplingCommand,
     chain_options,
     inputs_argument,
@@ -32,7 +30,7 @@ from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
-from precision_pin.cli.workers import WorkerOptions, check_workers, worker_options, working
+from precision_pin.cli.workers import check_workers, worker_options, working
 
 if TYPE_CHECKING:
     from precision_pin.sampling.result import MonteCarloResult
@@ -42,10 +40,6 @@ FILES = ("analysis.json", "position.*", "attitude.*", "components.*")
 
 MOST_UNTIL = 10**9
 """The most samples until a result is precise enough, where no number is given."""
-
-
-class _Options(ChainOptions, PoseOptions, WorkerOptions):
-    """The arm, the poses, and what samples."""
 
 
 @click.command("analyze", cls=SamplingCommand)
@@ -92,7 +86,7 @@ def command(
     is_whole: bool,
     json_path: str | None,
     out: str | None,
-    **arm: Unpack[_Options],
+    **arm: Any,
 ) -> int:
     """Sample the pose error of an arm at a pose, or of the same robots at several.
 

@@ -14,11 +14,12 @@ from precision_pin.base.files import whole_folder, write_text
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.notes import echo_note, echo_warnings
+from precision_pin.cli.options import Options
 from precision_pin.cli.poses import AskedPose
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.terminal import echo_table
-from precision_pin.cli.workers import WorkerOptions, working
+from precision_pin.cli.workers import working
 from precision_pin.render.tables import pose_labels
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class PosesJob:
     model: Literal["exact", "linear"]
     specifications: tuple[Specification, ...]
     everywhere: bool
-    on: WorkerOptions
+    on: Options
     is_whole: bool
     json_path: str | None
     out: str | None

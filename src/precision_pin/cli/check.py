@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,7 +14,7 @@ from precision_pin.cli import EXIT_INPUT
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.options import ChainOptions, Command, chain_options
+from precision_pin.cli.options import Command, Options, chain_options
 from precision_pin.cli.streams import echo_data, wrapped
 from precision_pin.robot.examples import named_briefly
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @chain_options
 @quiet_option
 @output_option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def command(as_json: bool, **arm: Unpack[ChainOptions]) -> int:
+def command(as_json: bool, **arm: Any) -> int:
     """Check a URDF, or a sheet and the URDF it names, and list every finding with file and line.
 
     A sheet is tried at each of its poses, as `analyze` would take it; what `allocate` is to choose is read too.
@@ -50,7 +50,7 @@ def command(as_json: bool, **arm: Unpack[ChainOptions]) -> int:
     return EXIT_INPUT if errors else 0
 
 
-def _findings(arm: ChainOptions) -> tuple[Finding, ...]:
+def _findings(arm: Options) -> tuple[Finding, ...]:
     from precision_pin.robot import urdf
     from precision_pin.sheet.sheet_lint import note_on_normal
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from precision_pin.analyses.declaration import DECIDE, MEASURE, UNDERSTAND
 from precision_pin.analyses.registry import declarations
 
 if TYPE_CHECKING:
     import click
 
-UNDERSTAND, DECIDE, MEASURE = "Understand how accurate it is", "Decide what to change", "Measure"
 SHOW, HELP = "Show", "Sheets and help"
 
 COMMANDS: dict[str, tuple[str, str, str]] = {
@@ -18,11 +18,6 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
         "precision_pin.cli.analyze",
         UNDERSTAND,
         "Sample the pose error of an arm at a pose: statistics, specifications, plots.",
-    ),
-    "iso9283": (
-        "precision_pin.cli.iso9283",
-        MEASURE,
-        "Forecast accuracy and repeatability as ISO 9283 measures them; compare with measured cycles.",
     ),
     "check": ("precision_pin.cli.check", HELP, "Check a URDF, or a sheet and its URDF; list every finding."),
     "init": ("precision_pin.cli.init", HELP, "Write a commented sheet for a URDF, with starting tolerances."),
@@ -38,40 +33,10 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
         "Write everything about a pose into one page: verdict, distributions, causes, bounds, 3-D view.",
     ),
     "export": ("precision_pin.cli.export", SHOW, "Write robots as they may be built, each sampled, as URDF files."),
-    "calibrate": (
-        "precision_pin.cli.calibrate",
-        MEASURE,
-        "Forecast what measuring an arm will buy, choose poses to measure, or fit the model to readings.",
-    ),
     "simulate": (
         "precision_pin.cli.simulate",
         MEASURE,
         "Write readings of a sampled robot, as calibrate and iso9283 --measured read them.",
-    ),
-    "map": (
-        "precision_pin.cli.map",
-        UNDERSTAND,
-        "Map the pose error over many poses: quantiles, share in specification, main cause; the worst verified.",
-    ),
-    "path": (
-        "precision_pin.cli.path",
-        UNDERSTAND,
-        "Sample the law of the largest error along a path, with bands that hold whole error curves.",
-    ),
-    "compare": (
-        "precision_pin.cli.compare",
-        DECIDE,
-        "Compare sheets with the same robots: laws, verdicts, causes, and what differs in the sheets.",
-    ),
-    "compensate": (
-        "precision_pin.cli.compensate",
-        DECIDE,
-        "Correct the constant part of the pose error by other joint values.",
-    ),
-    "allocate": (
-        "precision_pin.cli.allocate",
-        DECIDE,
-        "Choose the cheapest tolerances that keep specifications at every pose.",
     ),
     "explain": ("precision_pin.cli.explain", HELP, "Say what a code of an error or a warning means, and what to do."),
     "schema": ("precision_pin.cli.schema", HELP, "Print the JSON schema of the sheet."),
@@ -88,10 +53,10 @@ def list_commands() -> dict[str, str]:
 def list_groups() -> dict[str, dict[str, str]]:
     """Return the lines of :func:`list_commands` by the heading under which the program lists them."""
     groups: dict[str, dict[str, str]] = {heading: {} for heading in (UNDERSTAND, DECIDE, MEASURE, SHOW, HELP)}
-    for name, (_, heading, line) in COMMANDS.items():
-        groups.setdefault(heading, {})[name] = line
-    (main, line), *others = groups[UNDERSTAND].items()
-    groups[UNDERSTAND] = {main: line, **{name: one.summary for name, one in declarations().items()}, **dict(others)}
+    main, *others = [(heading, {name: line}) for name, (_, heading, line) in COMMANDS.items()]
+    of_analyses = [(one.group, {name: one.summary}) for name, one in declarations().items()]
+    for heading, line in (main, *of_analyses, *others):
+        groups.setdefault(heading, {}).update(line)
     return groups
 
 

@@ -8,7 +8,7 @@ import math
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Unpack
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -17,8 +17,8 @@ from precision_pin.base.files import whole_folder, write_text
 from precision_pin.base.text_escape import visible
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
-from precision_pin.cli.notes import echo_frozen, echo_note
-from precision_pin.cli.options import Command, OnePoseOptions, one_pose_options, seed_option
+from precision_pin.cli.notes import echo_note
+from precision_pin.cli.options import Command, one_pose_options, seed_option
 from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.targets import Outputs
@@ -47,7 +47,7 @@ HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"
 @click.option("--first", type=int, default=0, show_default=True, metavar="K", help="Number of the first unit.")
 @seed_option
 @output_option("--out", required=True, metavar="DIR", help="The folder to write to.")
-def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOptions]) -> None:
+def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
     """Write robots as they may be built, each sampled, as URDF files.
 
     NAME.unit0000.urdf and so on: the robot's own text with other placements in its joints; and units.csv with the error of
@@ -55,7 +55,7 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
     and all errors (loads, draws for a pose or a visit) at the export pose.
     """
     from precision_pin.draws.space import check_seed
-    from precision_pin.export.as_built import AsBuilt
+    from precision_pin.export.as_built import AsBuilt, describe_frozen
     from precision_pin.model.error_model import ErrorModel
 
     check_seed(seed)
@@ -92,7 +92,8 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
     more = f" to {names[-1]}" if units > 1 else ""
     echo_note(f"wrote {out}: units.csv, {names[0]}{more}")
     name = model.pose_name(pose.where)
-    echo_frozen(writer.frozen, f"the pose {visible(name)!r}" if name else "the export pose")
+    for note in describe_frozen(writer.frozen, f"the pose {visible(name)!r}" if name else "the export pose"):
+        echo_note(note)
 
 
 def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) -> None:

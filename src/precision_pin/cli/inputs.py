@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, final
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.input_files import noted_inputs
 from precision_pin.cli.notes import echo_note, echo_warning_lines, echo_warnings
-from precision_pin.cli.options import ChainOptions, describe_excess
+from precision_pin.cli.options import Options, describe_excess
 from precision_pin.robot.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def _sheet_of(name: str, robot: Path) -> Path:
     )
 
 
-def read_sheet(options: ChainOptions, outputs: Outputs | None = None) -> Sheet:
+def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
     """Read the sheet and robot of a command line and print the warnings.
 
     Raises
@@ -123,7 +123,7 @@ def read_sheet(options: ChainOptions, outputs: Outputs | None = None) -> Sheet:
     return replace(sheet, beyond_limits=options.get("beyond_limits", False))
 
 
-def read_inputs(found: Inputs, options: ChainOptions) -> Sheet:
+def read_inputs(found: Inputs, options: Options) -> Sheet:
     """Read the sheet of a command line, with its robot if one is given, and the changes of ``--set``.
 
     Raises

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from typing import Unpack
+from typing import Any
 
 import click
 
@@ -12,7 +12,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.notes import echo_warnings, quiet_option
-from precision_pin.cli.options import ChainOptions, Command, chain_options
+from precision_pin.cli.options import Command, chain_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.terminal import echo_table
 
@@ -22,7 +22,7 @@ from precision_pin.cli.terminal import echo_table
 @chain_options
 @quiet_option
 @output_option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")
-def command(as_json: bool, **arm: Unpack[ChainOptions]) -> None:
+def command(as_json: bool, **arm: Any) -> None:
     """Print the MCPC parameters of a chain, laid out as the paper's Table 1 (degrees and mm).
 
     Without arguments: the paper's arm.

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli.headings import HeadedOption
+from precision_pin.cli.notes import echo_warnings
+from precision_pin.cli.options import Options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from precision_pin.analyses.calibration.calibrate import CalibrationResult
     from precision_pin.base import units
     from precision_pin.sheet import Sheet
     from precision_pin.sheet.measurement import Measurement
@@ -20,18 +23,6 @@ if TYPE_CHECKING:
 Decorated = TypeVar("Decorated", bound="Callable[..., Any]")
 _OF_KIND: Final = ("attitude_std", "anchor", "plane", "sockets")
 """Settings that belong to one kind of measurement."""
-
-
-class MeasurementOptions(TypedDict):
-    """Options of the instrument."""
-
-    kind: str | None
-    std: str | None
-    attitude_std: str | None
-    point: str | None
-    point_free: bool | None
-    base_free: bool | None
-    anchor: str | None
 
 
 _option: Final = partial(click.option, cls=HeadedOption, heading="Instrument")
@@ -65,7 +56,7 @@ def measurement_options(command: Decorated) -> Decorated:
     return command
 
 
-def measurement_of(sheet: Sheet, options: MeasurementOptions) -> Measurement:
+def measurement_of(sheet: Sheet, options: Options) -> Measurement:
     """Return the measurement that the options and, where they say nothing, the sheet's ``measurement:`` describe.
 
     Raises
@@ -84,10 +75,10 @@ def measurement_of(sheet: Sheet, options: MeasurementOptions) -> Measurement:
         given = {name: value for name, value in given.items() if name not in _OF_KIND}
     given |= {"kind": options["kind"]} if options["kind"] is not None else {}
     for name, quantity in (("std", units.LENGTH), ("attitude_std", units.ANGLE)):
-        text = options[name]  # type: ignore[literal-required]
+        text = options[name]
         given |= {name: _number(name.replace("_", "-"), text, quantity)} if text is not None else {}
     for option, name in (("point", "target"), ("anchor", "anchor")):
-        text = options[option]  # type: ignore[literal-required]
+        text = options[option]
         given |= {name: _point(option, text)} if text is not None else {}
     if options["base_free"] is not None:
         given["base"] = "free" if options["base_free"] else "known"
@@ -96,18 +87,23 @@ def measurement_of(sheet: Sheet, options: MeasurementOptions) -> Measurement:
     return Measurement(**given)
 
 
-def stated_measurement(sheet: Sheet) -> Measurement:
-    """Return the measurement that the sheet describes.
+def calibration_of(sheet: Sheet, data: str) -> CalibrationResult:
+    """Return the fit of the sheet to readings of its own instrument, for a page that shows it; print its warnings.
 
     Raises
     ------
     InputError
-        It describes none.
+        The sheet says nothing of an instrument, or the data are wrong.
     """
+    from precision_pin.analyses.calibration.calibrate import calibrate
+    from precision_pin.model.error_model import ErrorModel
+
     if sheet.measurement is None:
         message = "the sheet has no measurement:, which says how the readings of --calibrate were measured"
         raise InputError([Finding("error", "E_MISSING_KEY", message, sheet.file)])
-    return sheet.measurement
+    result = calibrate(ErrorModel.from_sheet(sheet), data, sheet.measurement, findings=sheet.findings)
+    echo_warnings(result.findings[len(sheet.findings) :])
+    return result
 
 
 def _point(name: str, text: str) -> tuple[float, ...]:

@@ -98,24 +98,3 @@ def echo_note(line: str) -> None:
     """Print a note on stderr: progress, or a file that is used or was written."""
     if not is_quiet():
         say(line)
-
-
-def echo_frozen(frozen: Sequence[str], where: str) -> None:
-    """Note which sources a written URDF has as they are at one pose; nothing where there are none.
-
-    Parameters
-    ----------
-    frozen
-        Labels of these sources.
-    where
-        The pose.
-    """
-    if not frozen:
-        return
-    counts = Counter(label.partition("[")[0] for label in frozen)
-    listed = ", ".join(kind if count == 1 else f"{count} {kind}" for kind, count in counts.items())
-    one = len(frozen) == 1
-    echo_note(
-        f"true at {where} only: the errors of {listed}, which {'changes' if one else 'change'} with load, pose or visit; "
-        "readings with them at every pose: simulate"
-    )

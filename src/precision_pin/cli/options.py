@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from typing import Any, Final, NotRequired, TypedDict, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, TypeVar
 
 import click
 
@@ -13,6 +13,8 @@ from precision_pin.cli.headings import pose_option, robot_option, sampling_optio
 from precision_pin.cli.notes import all_warnings_option, quiet_option
 from precision_pin.cli.resources import require_resources
 
+Options = Mapping[str, Any]
+"""Values of a command's options by argument."""
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
@@ -112,39 +114,6 @@ def robot_options(command: Decorated) -> Decorated:
     return command
 
 
-class ChainOptions(TypedDict):
-    """The chain and changes of the sheet: :data:`inputs_argument` and :func:`chain_options`."""
-
-    inputs: tuple[str, ...]
-    changes: tuple[str, ...]
-    tip: str | None
-    base: str | None
-    package_dirs: tuple[str, ...]
-    target: NotRequired[str | None]
-    beyond_limits: NotRequired[bool]
-
-
-class PoseOptions(TypedDict):
-    """The poses: :func:`pose_options`."""
-
-    approach: str | None
-
-    pose_names: tuple[str, ...]
-    all_poses: bool
-    qs: tuple[str, ...]
-    trajectory: str | None
-    grid: str | None
-    steps: tuple[str, ...]
-
-
-class OnePoseOptions(ChainOptions):
-    """One arm at one pose: :func:`one_pose_options`."""
-
-    pose: str | None
-    q: str | None
-    approach: str | None
-
-
 _Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
 _APPROACH_HELP: Final = 'How joints moved last: "joint1 +, joint2 -"'
 inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
@@ -164,38 +133,43 @@ target_option: Final = robot_option(
     metavar='"X Y Z mm"',
     help="The point that results are about, in the tip's axes; else the sheet's, or the tip.",
 )
-map_option: Final = click.option(
-    "--map",
-    "map_file",
-    metavar="FILE.yaml",
-    help="Map a grid, a file as for --grid: within how much 95 % of robots stay at its places.",
-)
-
-path_option: Final = click.option(
-    "--path",
-    "path_file",
-    metavar="FILE",
-    help="Show a path, a file as for --trajectory or --grid: what 95 % of robots keep at its points and all along it.",
-)
-
-compensation_option: Final = click.option(
-    "--compensate",
-    "compensate_file",
-    metavar="FILE",
-    help="Correct the poses of a file as for --trajectory or --grid in position; show the arm before and after.",
-)
 
 
-calibration_option: Final = click.option(
-    "--calibrate",
-    "calibrate_file",
-    metavar="DATA.csv",
-    help="Fit the sheet to readings, a file as for calibrate with the sheet's measurement:; show readings against predictions.",
-)
+def layer_options(command: Decorated) -> Decorated:
+    """Add the options of what a page shows beside the arm."""
+    for option in (
+        click.option(
+            "--calibrate",
+            "calibrate_file",
+            metavar="DATA.csv",
+            help="Fit the sheet to readings, a file as for calibrate with the sheet's measurement:; "
+            "show readings against predictions.",
+        ),
+        click.option(
+            "--compensate",
+            "compensate_file",
+            metavar="FILE",
+            help="Correct the poses of a file as for --trajectory or --grid in position; show the arm before and after.",
+        ),
+        click.option(
+            "--path",
+            "path_file",
+            metavar="FILE",
+            help="Show a path, a file as for --trajectory or --grid: what 95 % of robots keep at its points and all along it.",
+        ),
+        click.option(
+            "--map",
+            "map_file",
+            metavar="FILE.yaml",
+            help="Map a grid, a file as for --grid: within how much 95 % of robots stay at its places.",
+        ),
+    ):
+        command = option(command)
+    return command
 
 
 def pose_options(command: Decorated) -> Decorated:
-    """Add the options of :class:`PoseOptions`, which :func:`precision_pin.cli.poses.read_poses` turns into poses."""
+    """Add the options that :func:`precision_pin.cli.poses.read_poses` turns into poses."""
     for option in (
         pose_option(
             "--approach",
@@ -234,7 +208,7 @@ def pose_options(command: Decorated) -> Decorated:
 
 
 def one_pose_options(command: Decorated) -> Decorated:
-    """Add the options of :class:`OnePoseOptions`."""
+    """Add the options of one arm at one pose."""
     pose = pose_option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
     q = pose_option("--q", metavar="VALUES", help=_Q_HELP)
     approach = pose_option("--approach", metavar="DIRECTIONS", help=f"{_APPROACH_HELP}.")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, final
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.cli.inputs import chosen_pose
 from precision_pin.cli.notes import echo_note, echo_warnings
-from precision_pin.cli.options import PoseOptions
+from precision_pin.cli.options import Options
 from precision_pin.cli.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class AskedPoses(list[AskedPose]):
         return replace(sheet, findings=(*sheet.findings, *self.left_out))
 
 
-def check_poses(options: PoseOptions) -> None:
+def check_poses(options: Options) -> None:
     """Refuse two ways to name poses at once, and steps without a trajectory.
 
     Raises
@@ -87,12 +87,12 @@ def check_poses(options: PoseOptions) -> None:
         raise InputError([Finding("error", "E_USAGE", "--step needs a --trajectory, between whose rows it puts poses")])
 
 
-def pose_files(options: PoseOptions) -> list[str]:
+def pose_files(options: Options) -> list[str]:
     """Return the files that hold the poses, which no output may overwrite."""
     return [file for file in (options["trajectory"], options["grid"]) if file is not None]
 
 
-def read_poses(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> AskedPoses:
+def read_poses(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> AskedPoses:
     """Return the poses that the options ask for, the sheet's first where they ask for none.
 
     Poses of a grid whose joint values are not known are left out, with a warning.
@@ -165,7 +165,7 @@ def pose_values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
     return where  # type: ignore[return-value]
 
 
-def _read_poses(sheet: Sheet, options: PoseOptions, most: int) -> AskedPoses:
+def _read_poses(sheet: Sheet, options: Options, most: int) -> AskedPoses:
     """Return the poses without the approach of the command line."""
     if options["grid"] is not None:
         return _known_poses(read_grid(sheet, options["grid"], most), options["grid"])
@@ -180,7 +180,7 @@ def _read_poses(sheet: Sheet, options: PoseOptions, most: int) -> AskedPoses:
     return AskedPoses(AskedPose(chosen_pose(sheet, name, None), name or next(iter(sheet.poses))) for name in wanted)
 
 
-def read_pose_set(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> PoseSet:
+def read_pose_set(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> PoseSet:
     """Return the poses that the options ask for with status and approach of each, the sheet's first where they ask for none.
 
     Raises
@@ -193,7 +193,7 @@ def read_pose_set(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> 
     return poses if approach is None else replace(poses, approaches=_approaches(sheet, poses.q, approach))
 
 
-def _read_pose_set(sheet: Sheet, options: PoseOptions, most: int) -> PoseSet:
+def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
     """Return the poses, those of the sheet with their own approaches."""
     import numpy as np
 
@@ -214,7 +214,7 @@ def _read_pose_set(sheet: Sheet, options: PoseOptions, most: int) -> PoseSet:
     return replace(poses, approaches=np.array([one or none for one in own], dtype=np.int8).T)
 
 
-def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROWS) -> Trajectory:
+def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -> Trajectory:
     """Return the trajectory of a file, with the poses between its rows that ``--step`` asks for.
 
     Raises
@@ -319,3 +319,17 @@ def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
 
 def _counted(statuses: Sequence[str]) -> str:
     return ", ".join(f"{count:,} {status}" for status, count in Counter(statuses).items())
+
+
+def read_path(sheet: Sheet, file: str) -> PoseSet:
+    """Return the poses of a file as for ``--trajectory`` or ``--grid``.
+
+    Raises
+    ------
+    InputError
+        A wrong file.
+    """
+    from precision_pin.robot.trajectory import read_trajectory
+
+    is_grid = file.endswith((".yaml", ".yml"))
+    return read_grid(sheet, file) if is_grid else read_trajectory(file, sheet.chain, MOST_ROWS).poses

@@ -3,56 +3,43 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Final, Literal, Unpack, final
+from typing import TYPE_CHECKING, Any, Final, Literal, final
 
 import click
 
 from precision_pin.base.errors import InputError
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.calibrate import calibration_of
-from precision_pin.cli.compensate import compensation_of
+from precision_pin.cli.analyses import analysis_of
 from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.map import map_of
+from precision_pin.cli.measurement import calibration_of
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
-    ChainOptions,
-    PoseOptions,
+    Options,
     SamplingCommand,
-    calibration_option,
     chain_options,
-    compensation_option,
     inputs_argument,
-    map_option,
+    layer_options,
     model_option,
-    path_option,
     pose_options,
     seed_option,
     spec_option,
     target_option,
 )
-from precision_pin.cli.path import path_of, read_path
-from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_grid, read_poses
+from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_grid, read_path, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
 
 if TYPE_CHECKING:
-    from precision_pin.analyses.iso9283.result import Iso9283Result
     from precision_pin.sampling import Progress
     from precision_pin.sheet import Sheet
 
-ROBOTS: Final = 2000
-"""Robots of the test by ISO 9283."""
 _FRONT: Final = 7
 """Points of the front of cost against accuracy."""
 MOST_POSES: Final = 12
 """The most poses of one page, each with all its analyses."""
-
-
-class _Arm(ChainOptions, PoseOptions):
-    """The arm and the poses."""
 
 
 @click.command("report", cls=SamplingCommand)
@@ -66,10 +53,7 @@ class _Arm(ChainOptions, PoseOptions):
 @seed_option
 @model_option
 @spec_option
-@map_option
-@path_option
-@compensation_option
-@calibration_option
+@layer_options
 @click.option(
     "--iso9283",
     "test_at",
@@ -96,7 +80,7 @@ def command(
     is_allocated: bool,
     full: bool,
     out: str,
-    **arm: Unpack[_Arm],
+    **arm: Any,
 ) -> int:
     """Write one self-contained page: verdict, distributions, budget, worst case, exact law, 3-D view.
 
@@ -131,7 +115,6 @@ def command(
     from precision_pin.analyses.collect import collect_poses, count_steps
     from precision_pin.analyses.compensation.section import compensation_chapter
     from precision_pin.analyses.iso9283.section import iso9283_chapter
-    from precision_pin.analyses.map.map_poses import VERIFIED
     from precision_pin.analyses.map.section import map_chapter
     from precision_pin.analyses.path.section import path_chapter
     from precision_pin.model.error_model import ErrorModel
@@ -179,23 +162,25 @@ def command(
     )
     if places is not None:
         with step("map", 0):
-            error_map = map_of(sheet, places, seed, specifications, VERIFIED)
+            error_map = analysis_of("map", sheet, places, seed=seed, specs=specifications)
             chapters.append(map_chapter(error_map))
             missed += [] if error_map.met else ["on the map"]
     if way is not None:
         with step("path", 0):
-            along = path_of(sheet, way, seed, specifications)
+            along = analysis_of("path", sheet, way, "sampling the path", seed=seed, specs=specifications)
             chapters.append(path_chapter(along))
             missed += [] if along.met else ["along the path"]
     if amended is not None:
         with step("compensation", 0):
-            error_model = ErrorModel.from_sheet(sheet)
-            chapters.append(compensation_chapter(compensation_of(error_model, amended), error_model))
+            corrected = analysis_of("compensate", sheet, amended)
+            chapters.append(compensation_chapter(corrected, ErrorModel.from_sheet(sheet)))
     if calibrate_file is not None:
         chapters.append(calibration_chapter(fitted))
     if test_at is not None:
         with step("ISO 9283", 0):
-            chapters.append(iso9283_chapter(_test(sheet, poses, test_at, seed)))
+            at = None if test_at == "cube" else [next(iter(sheet.poses)) if pose is None else pose for pose in poses]
+            tested = analysis_of("iso9283", sheet, at, seed=seed, cube=at is None)
+            chapters.append(iso9283_chapter(tested))
     if is_allocated:
         with step("allocation", 0):
             allocated = allocate(ErrorModel.from_sheet(sheet), seed=seed, pareto=_FRONT)
@@ -218,24 +203,8 @@ def _check_allocation(sheet: Sheet) -> None:
     read_problem(ErrorModel.from_sheet(sheet), None)
 
 
-def _test(sheet: Sheet, poses: Sequence[object], test_at: str, seed: int) -> Iso9283Result:
-    """Return the forecast of a test at the poses, or in the cube."""
-    from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
-    from precision_pin.model.error_model import ErrorModel
-
-    at = [next(iter(sheet.poses)) if pose is None else pose for pose in poses]
-    count = 5 if test_at == "cube" else len(at)
-    with progress_bar(ROBOTS * count * CYCLES, "testing", "visits") as progress:
-        result = iso9283(
-            ErrorModel.from_sheet(sheet), None if test_at == "cube" else at, robots=ROBOTS, seed=seed,
-            progress=progress,
-        )  # fmt: skip
-    echo_warning_lines(result.warnings)
-    return result
-
-
-def _choose_poses(sheet: Sheet, arm: PoseOptions) -> AskedPoses:
-    once: PoseOptions = {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}
+def _choose_poses(sheet: Sheet, arm: Options) -> AskedPoses:
+    once: Options = {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}
     poses = read_poses(sheet, once, MOST_POSES)
     if len(poses) > MOST_POSES:
         raise InputError(f"{len(poses)} poses; a report shows at most {MOST_POSES}; analyze takes any number")

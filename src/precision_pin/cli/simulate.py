@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Final, Unpack
+from typing import Any, Final
 
 import click
 
@@ -12,12 +12,10 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.files import write_text
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options
+from precision_pin.cli.measurement import measurement_of, measurement_options
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
-    ChainOptions,
     Command,
-    PoseOptions,
     chain_options,
     inputs_argument,
     pose_options,
@@ -30,10 +28,6 @@ _MOST: Final = 100_000
 """Readings in a file."""
 _LONGEST: Final = 1000
 """Characters of the comment that says what was simulated."""
-
-
-class _Options(ChainOptions, PoseOptions, MeasurementOptions):
-    """The arm, its poses and the instrument."""
 
 
 @click.command("simulate", cls=Command)
@@ -51,7 +45,7 @@ class _Options(ChainOptions, PoseOptions, MeasurementOptions):
 @output_option("--out", required=True, metavar="FILE.csv", help="The file to write.")
 @all_warnings_option
 @quiet_option
-def command(unit: int, cycles: int | None, seed: int, out: str, **options: Unpack[_Options]) -> None:
+def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) -> None:
     """Write readings of one sampled robot, with the noise of the instrument: a rehearsal without a robot.
 
     The robot is one of those that analyze samples and export writes with the same --seed: it has all its errors at each

@@ -6,37 +6,31 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.calibrate import calibration_of
-from precision_pin.cli.compensate import compensation_of
+from precision_pin.cli.analyses import analysis_of
 from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import echo_findings, read_sheet
-from precision_pin.cli.map import map_of
+from precision_pin.cli.measurement import calibration_of
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
-    ChainOptions,
-    PoseOptions,
+    Options,
     SamplingCommand,
-    calibration_option,
     chain_options,
-    compensation_option,
     inputs_argument,
-    map_option,
+    layer_options,
     model_option,
-    path_option,
     pose_options,
     seed_option,
     spec_option,
     target_option,
 )
-from precision_pin.cli.path import path_of, read_path
-from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_poses
+from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_path, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
 
@@ -53,10 +47,6 @@ CHUNK = 2**14
 """Samples between two steps of the progress."""
 
 
-class _Arm(ChainOptions, PoseOptions):
-    """The arm and the poses."""
-
-
 @click.command("view", cls=SamplingCommand)
 @inputs_argument
 @pose_options
@@ -68,10 +58,7 @@ class _Arm(ChainOptions, PoseOptions):
 @seed_option
 @model_option
 @spec_option
-@map_option
-@path_option
-@compensation_option
-@calibration_option
+@layer_options
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @output_option(
     "--out",
@@ -95,7 +82,7 @@ def command(
     out: str | None,
     port: int | None,
     no_browser: bool,
-    **arm: Unpack[_Arm],
+    **arm: Any,
 ) -> int:
     """Show the arm and its sampled errors in 3-D, in a page that needs no network.
 
@@ -174,25 +161,25 @@ def _layers(
     from precision_pin.analyses.calibration.layer import CalibrationLayer
     from precision_pin.analyses.compensation.layer import CompensationLayer
     from precision_pin.analyses.map.layer import PlacesData
-    from precision_pin.analyses.map.map_poses import VERIFIED
     from precision_pin.analyses.path.layer import PathLayer
     from precision_pin.model.error_model import ErrorModel
 
     layers: list[Layer] = []
     if map_file is not None:
-        layers.append(PlacesData.of(map_of(sheet, read_grid(sheet, map_file), seed, verify=VERIFIED)))
+        layers.append(PlacesData.of(analysis_of("map", sheet, read_grid(sheet, map_file), seed=seed)))
     if path_file is not None:
-        layers.append(PathLayer.of(path_of(sheet, read_path(sheet, path_file), seed)))
+        layers.append(
+            PathLayer.of(analysis_of("path", sheet, read_path(sheet, path_file), "sampling the path", seed=seed))
+        )
     if compensate_file is not None:
-        model = ErrorModel.from_sheet(sheet)
-        made = compensation_of(model, read_path(sheet, compensate_file))
-        layers.append(CompensationLayer.of(made, model))
+        made = analysis_of("compensate", sheet, read_path(sheet, compensate_file))
+        layers.append(CompensationLayer.of(made, ErrorModel.from_sheet(sheet)))
     if calibrate_file is not None:
         layers.append(CalibrationLayer.of(calibration_of(sheet, calibrate_file)))
     return layers
 
 
-def _poses(sheet: Sheet, arm: PoseOptions) -> list[AskedPose]:
+def _poses(sheet: Sheet, arm: Options) -> list[AskedPose]:
     from precision_pin.pages.view import MOST_POSES
 
     poses = read_poses(sheet, arm, MOST_POSES)

@@ -4,41 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
+from typing import Any, TypeVar
 
 import click
 
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.headings import sampling_option
 from precision_pin.cli.notes import echo_note
+from precision_pin.cli.options import Options
 from precision_pin.cli.streams import say
 
-if TYPE_CHECKING:
-    from precision_pin.sampling.workers import Submitter
-
 Command = TypeVar("Command", bound=Callable[..., Any])
-
-
-class WorkerOptions(TypedDict):
-    """Values of the options of `worker_options`."""
-
-    threads: int | None
-    processes: int | None
-    dask: str | None
-    journal: str | None
-    resume: bool
-
-
-class Workers(TypedDict):
-    """Arguments of the functions that sample, as in :func:`precision_pin.monte_carlo`."""
-
-    threads: int | None
-    processes: int | None
-    executor: Submitter | None
-    tasks_under_way: int | None
-    journal: str | None
-    resume: bool
-    tell: Callable[[str], None]
 
 
 def worker_options(command: Command) -> Command:
@@ -58,7 +34,7 @@ def worker_options(command: Command) -> Command:
     return command
 
 
-def check_workers(options: WorkerOptions) -> None:
+def check_workers(options: Options) -> None:
     """Check that the options go together.
 
     Raises
@@ -75,8 +51,8 @@ def check_workers(options: WorkerOptions) -> None:
 
 
 @contextmanager
-def working(options: WorkerOptions) -> Iterator[Workers]:
-    """Start what samples, and end it; an interrupt says what the journal holds."""
+def working(options: Options) -> Iterator[dict[str, Any]]:
+    """Start what samples, and end it; yields the arguments of functions that sample; an interrupt says what the journal holds."""
     from precision_pin.sampling import dask_cluster
 
     with ExitStack() as stack:
@@ -84,10 +60,8 @@ def working(options: WorkerOptions) -> Iterator[Workers]:
         executor, under_way = cluster or (None, None)
         try:
             with unwinding():
-                yield Workers(
-                    threads=options["threads"], processes=options["processes"], executor=executor,
-                    tasks_under_way=under_way, journal=options["journal"], resume=options["resume"], tell=echo_note,
-                )  # fmt: skip
+                own = {name: options[name] for name in ("threads", "processes", "journal", "resume")}
+                yield {**own, "executor": executor, "tasks_under_way": under_way, "tell": echo_note}
                 raise_if_interrupted()
         except KeyboardInterrupt as interrupt:
             for note in getattr(interrupt, "__notes__", ()):

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import hashlib
 import textwrap
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -334,3 +335,15 @@ def _free(name: str, taken: set[str]) -> str:
     while {name, f"{name}_joint"} & taken:
         name += "_"
     return name
+
+
+def describe_frozen(frozen: Sequence[str], where: str) -> list[str]:
+    """Return a note about the sources, by label, that a written URDF has as they are at one pose; none where there are none."""
+    if not frozen:
+        return []
+    counts = Counter(label.partition("[")[0] for label in frozen)
+    listed = ", ".join(kind if count == 1 else f"{count} {kind}" for kind, count in counts.items())
+    return [
+        f"true at {where} only: the errors of {listed}, which {'changes' if len(frozen) == 1 else 'change'} with load, pose "
+        "or visit; readings with them at every pose: simulate"
+    ]

@@ -1,1 +1,79 @@
 """Allocation of tolerances: the cheapest ones that keep limits of the pose error."""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaration, Files, Job, Option
+
+
+def prepare(asked: Asked) -> Job:
+    """Return the allocation that the sheet of a command line asks for; a sheet is written if tolerances keep the limits."""
+    from precision_pin.analyses.allocation.allocate import allocate, allocation_steps
+    from precision_pin.analyses.allocation.figure import figure
+    from precision_pin.analyses.allocation.problem import read_problem
+    from precision_pin.analyses.allocation.sheet import allocated_sheet
+    from precision_pin.model.error_model import ErrorModel
+
+    options = asked.options
+    model = ErrorModel.from_sheet(asked.sheet)
+    arguments = {name: options[name] for name in ("seed", "seconds", "pareto", "for_samples")}
+
+    def write(result: Any) -> tuple[str, ...]:
+        is_missed = options["out"] is not None and not result.feasible
+        return ("no sheet is written: no tolerances within their bounds keep the limits",) * is_missed
+
+    def files(result: Any) -> Files:
+        written = (
+            {"allocated.errors.yaml": allocated_sheet(model, result, Path(options["out"]))} if result.feasible else {}
+        )
+        return Files({"allocation": figure(result)}, written)
+
+    return Job(
+        partial(allocate, model, findings=asked.sheet.findings, **arguments),
+        steps=allocation_steps(read_problem(model, None), max(options["pareto"], 0)),
+        what="allocating", unit="steps", stem="allocation", files=files, write=write,
+        findings=asked.sheet.findings,
+    )  # fmt: skip
+
+
+DECLARATION = Declaration(
+    name="allocate",
+    function=f"{__name__}.allocate:allocate",
+    result=f"{__name__}.allocation_result:AllocationResult",
+    outputs="precision_pin.analyses.allocation",
+    title="Allocation",
+    heading="",
+    summary="Choose the cheapest tolerances that keep specifications at every pose.",
+    description="""Choose the cheapest tolerances that keep specifications at every pose.
+
+    The sheet's allocate: says which tolerances, what they cost and what must be kept. The exit code is 1 where a limit is not
+    met.
+    """,
+    options=(
+        *("chain", "seed", "beyond"),
+        Option(
+            "--seconds", "seconds", "Time for the choice of grades; then the best found counts, with its gap.", float,
+            60.0, "S",
+        ),
+        Option(
+            "--pareto", "pareto",
+            "Find N points of the front of cost against accuracy: all limits wider or narrower by a factor.", int, 0, "N",
+            is_default_shown=False,
+        ),
+        Option(
+            "--for-samples", "for_samples", "Keep a margin that N samples of analyze will show; 0 for none.", int, 100_000, "N"
+        ),
+        "json",
+        Option(
+            "--out", "out", "Write the sheet with the chosen tolerances, a plot and the result there.", metavar="DIR",
+            group=OUTPUT,
+        ),
+        "messages",
+    ),
+    group=DECIDE,
+    prepare=prepare,
+    files=("allocation.*", "allocated.errors.yaml"),
+    is_sampled=False,
+    table_name="allocation_table",
+)  # fmt: skip

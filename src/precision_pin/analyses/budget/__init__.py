@@ -1,6 +1,6 @@
 """Error budget: the share of each tolerance in the pose error."""
 
-from precision_pin.analyses.declaration import Declaration, Option
+from precision_pin.analyses.declaration import AT_POSES, INPUTS, SAMPLING, Declaration, Option
 
 DECLARATION = Declaration(
     name="budget",
@@ -10,11 +10,14 @@ DECLARATION = Declaration(
     title="Budget",
     heading="Error budget",
     summary="Share of each draw, source and joint in the spread of the error; what a halved tolerance would give.",
-    description="Show which draw, source and joint causes how much of the spread, and what a halved tolerance would change.",
+    description=f"""Show which draw, source and joint causes how much of the spread, and what a halved tolerance would change.
+
+    {INPUTS}""",
     options=(
+        *AT_POSES,
         Option(
             "--samples", "samples", "Points a set: 32 × a power of two.", int, 16_384, "N",
-            check=f"{__name__}.budget:check_points", is_of_sampling=True,
+            check=f"{__name__}.budget:check_points", group=SAMPLING,
         ),
         Option("--k", "k", "Unbounded laws reach k standard deviations in the share of the worst case.", float, 3.0),
         Option(

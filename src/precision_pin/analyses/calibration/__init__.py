@@ -1,1 +1,312 @@
 """Calibration: what measuring an arm will tell, which poses to measure, and the fit of the error model to data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from precision_pin.analyses.declaration import MEASURE, POSES, Asked, Declaration, Files, Job, Option, load
+from precision_pin.base.errors import Finding, InputError
+
+if TYPE_CHECKING:
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.robot.pose_set import PoseSet
+    from precision_pin.sheet import Sheet
+    from precision_pin.sheet.measurement import Measurement
+
+_RANDOM: Final = 50
+"""Poses of a forecast where none are given."""
+_CANDIDATES: Final = 200
+"""Candidates of a plan where none are given."""
+_DRAWN: Final = 20
+"""Random poses that are drawn for each that the instrument must see."""
+_MOST: Final = 10_000
+"""The most poses."""
+_AHEAD, _FIT, _SEVERAL = "Before anything is measured", "Fit to readings", "Several robots"
+
+
+def check(options: dict[str, Any]) -> None:
+    """Take the data from the inputs, as ``robots``; refuse options that do not go together."""
+    several = options["population"]
+    suffixes = (".csv", ".json") if several else (".csv",)
+    data = [text for text in options["inputs"] if Path(text).suffix.lower() in suffixes]
+    options["robots"], options["inputs"] = data, tuple(text for text in options["inputs"] if text not in data)
+    if len(data) > 1 and not several:
+        raise InputError(f"one file of data is expected, got {' '.join(data)}; several robots need --population")
+    message = _misuse(options, data)
+    if message is not None:
+        raise InputError([Finding("error", "E_USAGE", message)])
+
+
+def _misuse(options: dict[str, Any], data: list[str]) -> str | None:
+    """Return what is wrong with the options together."""
+    count, is_given = options["count"], _gives_poses(options)
+    ahead = ["--forecast"] * options["forecast"] + ["--plan"] * (count is not None)
+    has_poses = is_given or options["random"] is not None
+    is_factory, has_sheet = options["factory"] is not None, options["sheet_path"] is not None
+    of_fit = options["no_prior"] or options["urdf"] is not None
+    asked = [*ahead, *["data"] * bool(data), *["poses"] * has_poses]
+    both = [*ahead, *["--factory"] * is_factory]
+    if options["population"]:
+        if both or has_poses or of_fit or options["at_names"]:
+            return f"--population takes no {both[0] if both else 'poses, --at, --no-prior or --urdf'}"
+        return None
+    if options["means_free"]:
+        return "--means-free belongs to --population"
+    if is_factory:
+        if asked or has_sheet:
+            return f"--factory takes no {asked[0] if asked else '--sheet'}; it reads what the factory measured"
+        return None
+    rules = {
+        "nothing to do: give readings (DATA.csv), --forecast, --plan M or --factory FILE": not data and not ahead,
+        "--forecast and --plan exclude each other; a plan has the forecast of its choice": len(ahead) == 2,
+        f"{ahead[0] if ahead else ''} takes no data": data and ahead,
+        "--criterion belongs to --plan": options["criterion"] is not None and count is None,
+        "--csv belongs to --plan": options["csv_path"] is not None and count is None,
+        "the measured poses are those of the data; --at names poses to judge": data and has_poses,
+        "--random and given poses exclude each other": is_given and options["random"] is not None,
+        "--no-prior, --urdf and --sheet belong to a calibration with data": not data and (of_fit or has_sheet),
+        "--sheet writes the sheet as it is in its file; write what --set changes there first": has_sheet
+        and options["changes"],
+    }
+    return next((message for message, is_broken in rules.items() if is_broken), None)
+
+
+def _gives_poses(options: dict[str, Any]) -> bool:
+    return any(options[name] for name in ("pose_names", "all_poses", "qs")) or any(
+        options[name] is not None for name in ("trajectory", "grid")
+    )
+
+
+def prepare(asked: Asked) -> Job:
+    """Return what the options ask for: factory, population, plan, forecast or fit."""
+    from precision_pin.model.error_model import ErrorModel
+
+    options, model = asked.options, ErrorModel.from_sheet(asked.sheet)
+    if options["factory"] is not None:
+        return _factory(asked, model)
+    measurement = asked.read_measurement()
+    if options["population"]:
+        return _population(asked, model, measurement)
+    for name in options["at_names"]:
+        model.configuration(name)
+    at = list(options["at_names"]) or None
+    if options["count"] is not None:
+        return _plan(asked, model, measurement, at)
+    return _forecast(asked, model, measurement, at) if options["forecast"] else _fit(asked, model, measurement, at)
+
+
+def _job(run: Callable[..., Any], use: str, table: str, **settings: Any) -> Job:
+    """Return the run of one use, whose table and figure are named by module and function."""
+    stem = f"calibration{use and f'-{use}'}"
+    figure = f"{__name__}.figures:{use or 'calibration'}_figure"
+    return Job(run, **{
+        "stem": stem,
+        "table": lambda result: load(f"{__name__}.{table}")(result),
+        "files": lambda result: Files({stem: load(figure)(result)}),
+        "is_met": lambda _: True,
+        "is_written_first": True,
+        **settings,
+    })  # fmt: skip
+
+
+def _factory(asked: Asked, model: ErrorModel) -> Job:
+    from precision_pin.analyses.calibration.factory import ur_calibration
+
+    def write(result: Any) -> tuple[str, ...]:
+        if asked.options["urdf"] is None:
+            return ()
+        result.to_urdf(asked.options["urdf"])
+        return (f"wrote {asked.options['urdf']}",)
+
+    run = partial(ur_calibration, asked.options["factory"], model)
+    return _job(run, "factory", "factory_table:factory_table", files=lambda _: Files(), write=write, findings=())
+
+
+def _population(asked: Asked, model: ErrorModel, measurement: Measurement) -> Job:
+    from precision_pin.analyses.calibration.population import population, population_sheet
+    from precision_pin.base.files import write_text
+
+    robots, path = asked.options["robots"], asked.options["sheet_path"]
+
+    def write(result: Any) -> tuple[str, ...]:
+        if path is None:
+            return ()
+        write_text(Path(path), population_sheet(result, Path(path).parent))
+        return (f"wrote {path}",)
+
+    means: Literal["sheet", "estimated"] = "estimated" if asked.options["means_free"] else "sheet"
+    run = partial(population, model, robots, measurement, means=means, findings=asked.sheet.findings)
+    steps = len(robots) + len(model.space.draws)
+    return _job(
+        run, "population", "population_table:population_table", write=write, steps=steps,
+        what="fitting robots", unit="steps", findings=asked.sheet.findings,
+    )  # fmt: skip
+
+
+def _plan(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
+    from precision_pin.analyses.calibration.data import poses_csv
+    from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration
+    from precision_pin.base.files import write_text
+
+    options, path = asked.options, asked.options["csv_path"]
+    poses, sheet = _measured_poses(asked, model, measurement, _CANDIDATES)
+
+    def write(result: Any) -> tuple[str, ...]:
+        if path is None:
+            return ()
+        write_text(Path(path), poses_csv(model.chain, result.q))
+        return (f"wrote {path}",)
+
+    run = partial(
+        plan_calibration, model, poses, options["count"], measurement, at=at, criterion=options["criterion"] or "task",
+        seed=options["seed"], findings=sheet.findings,
+    )  # fmt: skip
+    return _job(
+        run, "plan", "table:plan_table", write=write, is_written_first=False, steps=PLAN_STEPS, what="choosing poses",
+        unit="steps", findings=sheet.findings,
+    )  # fmt: skip
+
+
+def _forecast(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
+    from precision_pin.analyses.calibration.forecast import forecast_calibration
+
+    poses, sheet = _measured_poses(asked, model, measurement, _RANDOM)
+    run = partial(forecast_calibration, model, poses, measurement, at=at, findings=sheet.findings)
+    return _job(run, "forecast", "table:forecast_table", findings=sheet.findings)
+
+
+def _fit(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
+    from precision_pin.analyses.calibration.calibrate import calibrate, calibrated_sheet, result_name
+    from precision_pin.base.files import write_files
+    from precision_pin.export.as_built import describe_frozen
+
+    options, path = asked.options, asked.options["sheet_path"]
+
+    def write(result: Any) -> list[str]:
+        notes = []
+        if path is not None:
+            name = str(Path(path).with_name(result_name(path)))
+            text = calibrated_sheet(asked.sheet.file, path)
+            write_files({name: (result.to_json() + "\n").encode(), path: text.encode()})
+            notes.append(f"wrote {path} and {name}")
+        if options["urdf"] is not None:
+            frozen = result.to_urdf(options["urdf"])
+            notes += [f"wrote {options['urdf']}", *describe_frozen(frozen, "the first pose")]
+        return notes
+
+    run = partial(
+        calibrate, model, options["robots"][0], measurement, prior=not options["no_prior"], at=at,
+        findings=asked.sheet.findings,
+    )  # fmt: skip
+    return _job(
+        run, "", "table:calibration_table", write=write, findings=asked.sheet.findings,
+        is_met=lambda result: not options["no_prior"] or result.identifiability.is_complete,
+    )  # fmt: skip
+
+
+def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, count: int) -> tuple[PoseSet, Sheet]:
+    """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
+    import numpy as np
+
+    from precision_pin.analyses.calibration.contact import contact_poses, seen_poses
+    from precision_pin.base.arguments import check_whole
+    from precision_pin.robot.pose_set import PoseSet
+    from precision_pin.robot.random_poses import random_poses
+
+    options, sheet = asked.options, asked.sheet
+    if _gives_poses(dict(options)):
+        given = asked.read_poses(_MOST)
+        values, _ = model.configurations([one.where for one in given])
+        return PoseSet.at(sheet.chain, np.ascontiguousarray(values), tuple(one.name for one in given)), given.noted_in(
+            sheet
+        )
+    number = count if options["random"] is None else options["random"]
+    check_whole("the number of random poses", number, 1, _MOST)
+    if measurement.kind in ("plane", "socket"):
+        return contact_poses(sheet.chain, measurement, number, seed=options["seed"]), sheet
+    if measurement.seen_from is None:
+        return random_poses(sheet.chain, number, seed=options["seed"]), sheet
+    seen = seen_poses(sheet.chain, measurement, random_poses(sheet.chain, _DRAWN * number, seed=options["seed"]))
+    if seen is None or len(seen) < number:
+        found = 0 if seen is None else len(seen)
+        raise InputError(
+            f"the instrument sees the target at {found} of {_DRAWN * number:,} random poses, fewer than {number:,}"
+        )
+    return seen.take(np.arange(number)), sheet
+
+
+DECLARATION = Declaration(
+    name="calibrate",
+    function=f"{__name__}.calibrate:calibrate",
+    result=f"{__name__}.calibration_result:CalibrationResult",
+    outputs="precision_pin.analyses.calibration",
+    title="Calibration",
+    heading="",
+    summary="Forecast what measuring an arm will buy, choose poses to measure, or fit the model to readings.",
+    description="""Calibrate an arm, in one of three ways.
+
+    \b
+    Before:  calibrate SHEET --forecast             what measuring will buy
+             calibrate SHEET --plan 20              which poses to measure
+    Fit:     calibrate SHEET DATA.csv               the robot that was measured
+    Others:  calibrate SHEET --factory FILE         what the factory measured
+             calibrate SHEET --population A.csv …   tolerances of many robots
+
+    Before: poses, or candidates, are those given, or random ones. Fit: the exact model is fitted to the readings, with the
+    sheet's tolerances as the prior; DATA.csv has a column for each joint and each measured number, with units:
+    "joint1 [deg], x [mm], y [mm], z [mm]". With --no-prior the exit code is 1 where the readings do not determine every
+    number.
+    """,
+    options=(
+        Option("--forecast", "forecast", "What measuring will buy, before anything is measured.", bool, group=_AHEAD),
+        Option("--plan", "count", "Choose the M best of many poses to measure.", int, metavar="M", group=_AHEAD),
+        Option(
+            "--criterion", "criterion",
+            "Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
+            choices=("task", "D"), group=_AHEAD,
+        ),
+        Option(
+            "--csv", "csv_path", "Of --plan: write the chosen poses, as --trajectory reads them.", metavar="FILE",
+            group=_AHEAD,
+        ),
+        Option(
+            "--random", "random",
+            f"N random poses within joint limits (of plane and socket: in contact); {_RANDOM}, {_CANDIDATES} for a plan.", int,
+            metavar="N", group=_AHEAD,
+        ),
+        Option("--no-prior", "no_prior", "Maximum likelihood: the sheet's tolerances are no prior.", bool, group=_FIT),
+        Option("--urdf", "urdf", "Write the calibrated robot as a URDF.", metavar="FILE", group=_FIT),
+        Option(
+            "--sheet", "sheet_path",
+            "Write the sheet of the calibrated arm, for every other command, and the result beside it.", metavar="FILE.yaml",
+            group=_FIT,
+        ),
+        Option(
+            "--population", "population",
+            "Tolerances from several robots: give readings (CSV) or calibrations (JSON) of each.", bool, group=_SEVERAL,
+        ),
+        Option("--means-free", "means_free", "With --population: the means are estimated too.", bool, group=_SEVERAL),
+        Option(
+            "--factory", "factory", "Read UR's factory calibration: calibration.conf, or the YAML for ROS.", metavar="FILE",
+            group="Factory calibration",
+        ),
+        *("measurement", "poses"),
+        Option(
+            "--at", "at_names", "A pose of the sheet to judge; all if left out; repeats.", metavar="NAME", is_repeated=True,
+            group=POSES,
+        ),
+        *("target", "chain", "seed", "json", "out", "messages"),
+    ),
+    group=MEASURE,
+    prepare=prepare,
+    check=check,
+    arguments=("inputs", "[ROBOT.urdf] [SHEET.yaml] [DATA.csv]..."),
+    data_suffixes=(".csv", ".json"),
+    reads=("robots", "factory"),
+    writes=("json_path", "csv_path", "urdf", "sheet_path"),
+    files=("calibration*",),
+    is_sampled=False,
+)  # fmt: skip

@@ -1,1 +1,99 @@
 """Compensation of the constant part of the pose error by corrected joint values."""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaration, Files, Job, Option
+from precision_pin.base.errors import Finding, InputError
+
+
+def prepare(asked: Asked) -> Job:
+    """Return the compensation at the poses of a command line; corrected joint values are written if every pose has them."""
+    from precision_pin.analyses.compensation.compensate import compensate
+    from precision_pin.analyses.compensation.figure import figure
+    from precision_pin.analyses.compensation.table import corrected_csv
+    from precision_pin.base.files import write_text
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.robot.trajectory import read_trajectory
+
+    options, poses = asked.options, asked.read_pose_set()
+    way = options.get("trajectory")
+    # the file's own columns, where there is one
+    columns = () if way is None else read_trajectory(way, asked.sheet.chain).columns
+
+    def write(result: Any) -> tuple[str, ...]:
+        if not result.is_complete:
+            is_missed = options["csv_path"] is not None or options["out"] is not None
+            return ("the corrected joint values are not written: not every pose has them",) * is_missed
+        if options["csv_path"] is not None:
+            write_text(Path(options["csv_path"]), corrected_csv(result, columns))
+        return ()
+
+    def files(result: Any) -> Files:
+        texts = {"corrected.csv": corrected_csv(result, columns)} if result.is_complete else {}
+        return Files({"compensation": figure(result)}, texts)
+
+    return Job(
+        partial(
+            compensate, ErrorModel.from_sheet(asked.sheet), poses, mode=options["mode"], weights=options["weights"],
+            findings=asked.sheet.findings,
+        ),
+        steps=len(poses), what="correcting", unit="poses", stem="compensation", files=files, write=write,
+        is_met=lambda result: result.is_complete,
+    )  # fmt: skip
+
+
+def _weights(text: str) -> list[float]:
+    try:
+        numbers = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 6:
+        message = f'--weights: six numbers are expected, such as "1 1 1 0.1 0.1 0.1", got {text!r}'
+        raise InputError([Finding("error", "E_USAGE", message)])
+    return numbers
+
+
+DECLARATION = Declaration(
+    name="compensate",
+    function=f"{__name__}.compensate:compensate",
+    result=f"{__name__}.compensation_result:CompensationResult",
+    outputs="precision_pin.analyses.compensation",
+    title="Compensation",
+    heading="",
+    summary="Correct the constant part of the pose error by other joint values.",
+    description="""Correct the constant part of the pose error by other joint values.
+
+    The constant part is the error with every component at its mean: deflection, offsets, what a calibration has found. The
+    joint values are found by Newton's method on the arm with its errors. The exit code is 1 where a pose has no correction.
+    """,
+    options=(
+        Option(
+            "--mode", "mode", "Correct the position, or position and attitude.", default="position",
+            choices=("position", "pose"),
+        ),
+        Option(
+            "--weights", "weights",
+            "With --mode pose: weights of the components, 1/m and 1/rad; the weighted squares are made smallest.",
+            metavar='"X Y Z RX RY RZ"', read=_weights,
+        ),
+        *("poses", "target", "chain"),
+        Option(
+            "--csv", "csv_path", "Write the corrected joint values there, with the input's columns.", metavar="FILE",
+            group=OUTPUT,
+        ),
+        "json",
+        Option(
+            "--out", "out", "Write a plot (PNG and SVG), the corrected joint values and the result there.", metavar="DIR",
+            group=OUTPUT,
+        ),
+        "messages",
+    ),
+    group=DECIDE,
+    prepare=prepare,
+    writes=("csv_path", "json_path"),
+    files=("compensation.*", "corrected.csv"),
+    is_sampled=False,
+    table_name="compensation_table",
+)  # fmt: skip

@@ -1,1 +1,130 @@
 """Figures of ISO 9283:1998: of measured cycles, and their law over built robots and over tests."""
+
+from functools import partial
+from typing import Any
+
+from precision_pin.analyses.declaration import INPUTS, MEASURE, OUTPUT, ROBOT, Asked, Declaration, Job, Option
+from precision_pin.base.errors import Finding, InputError, UnitError
+
+_IN_CUBE = 5
+
+
+def check(options: dict[str, Any]) -> None:
+    """Refuse poses beside the cube."""
+    flags = {
+        "--pose": "pose_names",
+        "--q": "qs",
+        "--all-poses": "all_poses",
+        "--trajectory": "trajectory",
+        "--grid": "grid",
+    }
+    given = [flag for flag, name in flags.items() if options[name]]
+    if options["cube"] and given:
+        raise InputError([Finding("error", "E_USAGE", f"--cube and {given[0]} exclude each other")])
+
+
+def prepare(asked: Asked) -> Job:
+    """Return the forecast of a test, beside measured cycles if there are any."""
+    from precision_pin.analyses.iso9283.figures import read_cycles
+    from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
+    from precision_pin.analyses.iso9283.result import pose_names
+    from precision_pin.model.error_model import ErrorModel
+
+    options, cycles, attained = asked.options, asked.options["cycles"], None
+    model = ErrorModel.from_sheet(asked.sheet)
+    poses = None if options["cube"] else asked.read_pose_set()
+    if options["measured"] is not None:
+        names = tuple(f"P{rank}" for rank in range(1, _IN_CUBE + 1)) if poses is None else poses.names
+        attained = read_cycles(options["measured"], pose_names(names))
+    if cycles is None:
+        cycles = CYCLES if attained is None else len(next(iter(attained.values())))
+    names_of = ("robots", "seed", "fit_base", "specifications")
+    forecast = partial(
+        iso9283, model, poses, cycles=cycles, target=options["measured_point"], load=options["load"] or 0.0,
+        findings=asked.sheet.findings, **{name: options[name] for name in names_of},
+    )  # fmt: skip
+
+    def run(progress: Any) -> Any:
+        result = forecast(progress=progress)
+        return result if attained is None else result.compare(attained)
+
+    return Job(
+        run,
+        (model,),
+        options["robots"] * (_IN_CUBE if poses is None else len(poses)) * cycles,
+        what="testing",
+        unit="visits",
+        is_unwound=True,
+        note="seeking the largest cube within reach: up to a minute" if options["cube"] else "",
+    )
+
+
+def _lengths(text: str) -> list[float]:
+    from precision_pin.base import units
+
+    try:
+        return units.parse_vector(text, units.LENGTH, count=3)
+    except UnitError as error:
+        raise _wrong("--target", error, "0 0 100 mm") from None
+
+
+def _mass(text: str) -> float:
+    from precision_pin.base import units
+
+    try:
+        return units.parse(text, units.MASS)
+    except UnitError as error:
+        raise _wrong("--load", error, "5 kg") from None
+
+
+def _wrong(option: str, error: UnitError, example: str) -> InputError:
+    message = f"{option}: {error.findings[0].message}; write it as {example!r}"
+    return InputError([Finding("error", "E_USAGE", message)])
+
+
+DECLARATION = Declaration(
+    name="iso9283",
+    function=f"{__name__}.forecast:iso9283",
+    result=f"{__name__}.result:Iso9283Result",
+    outputs="precision_pin.analyses.iso9283",
+    title="ISO 9283",
+    heading="",
+    summary="Forecast accuracy and repeatability as ISO 9283 measures them; compare with measured cycles.",
+    description=f"""Forecast accuracy and repeatability as ISO 9283 measures them, over built robots and over tests.
+
+    The poses P1, P2, … are those given, in their order, or with --cube the standard's five. AD and RD are between
+    P2 and P4. With measured cycles of a robot, its figures stand beside the forecast, with a test whether they agree.
+
+    {INPUTS}
+    """,
+    options=(
+        *("poses", "chain", "messages"),
+        Option("--cube", "cube", "The standard's five poses in the largest cube within reach, tool as at the first pose.", bool),
+        Option("--robots", "robots", "Built robots, each tested once.", int, 2000, "N"),
+        Option("--cycles", "cycles", "Cycles of a test: those measured, else 30.", int, metavar="N"),
+        "seed",
+        Option(
+            "--target", "measured_point", "The measured point in tool axes; the tip if left out.", metavar='"X Y Z mm"',
+            group=ROBOT, read=_lengths,
+        ),
+        Option("--load", "load", "Mass at the target, beside the loads of the sheet.", metavar='"M kg"', read=_mass),
+        Option("--fit-base", "fit_base", "Align the base by the best fit over the poses.", bool),
+        Option(
+            "--measured", "measured", "Measured cycles of a robot: pose, cycle, x [mm], y [mm], z [mm], angles.",
+            metavar="FILE.csv",
+        ),
+        "beyond",
+        Option(
+            "--spec", "specifications", "A limit of a figure to judge; repeats.", metavar='"RP 0.1 mm @ 95 %"',
+            is_repeated=True, check=f"{__name__}.figure_limits:listed_limits",
+        ),
+        "json",
+        Option("--out", "out", "Write the plot (PNG and SVG) and the result there.", metavar="DIR", group=OUTPUT),
+    ),
+    group=MEASURE,
+    prepare=prepare,
+    check=check,
+    reads=("measured",),
+    files=("iso9283.*",),
+    table_name="iso9283_table",
+)  # fmt: skip

@@ -1,1 +1,77 @@
 """The first-order model over many poses: maps, covariance between poses, relative accuracy."""
+
+from functools import partial
+from typing import Any
+
+from precision_pin.analyses.declaration import OUTPUT, SAMPLING, Asked, Declaration, Files, Job, Option
+
+
+def prepare(asked: Asked) -> Job:
+    """Return the map of the poses of a command line."""
+    poses, options = asked.read_pose_set(), asked.options
+    # late: these take as long to import as all before, and the reading of a large file is to be seen soon
+    from precision_pin.analyses.map.figure import figure
+    from precision_pin.analyses.map.map_poses import count_steps, map_poses
+    from precision_pin.model.error_model import ErrorModel
+
+    names = ("samples", "seed", "relative_to", "verify")
+    run = partial(
+        map_poses, ErrorModel.from_sheet(asked.sheet), poses, **{name: options[name] for name in names},
+        specifications=options["specs"], findings=asked.sheet.findings, files={"sheet": asked.sheet.file},
+    )  # fmt: skip
+
+    def write(result: Any) -> tuple[str, ...]:
+        if options["netcdf"] is not None:
+            result.to_netcdf(options["netcdf"])
+        return ()
+
+    return Job(
+        run,
+        steps=count_steps(len(poses), options["samples"], options["verify"], judged=bool(options["specs"])),
+        what="mapping",
+        unit="steps",
+        files=lambda result: Files(
+            {quantity: figure(result, quantity) for quantity in ("position", "attitude")},
+            listed="position and attitude",
+        ),
+        write=write,
+    )
+
+
+DECLARATION = Declaration(
+    name="map",
+    function=f"{__name__}.map_poses:map_poses",
+    result=f"{__name__}.map_result:MapResult",
+    outputs="precision_pin.analyses.map",
+    title="Map",
+    heading="",
+    summary="Map the pose error over many poses: quantiles, share in specification, main cause; the worst verified.",
+    description="""Map the pose error over many poses: quantiles, share in specification, main cause, the worst poses verified.
+
+    The numbers are in closed form, with limits that hold whatever the laws. A specification is judged by robots sampled with
+    the exact model at every pose that can be reached, as many as it takes; it is met only if it is met at all of them.
+    """,
+    options=(
+        *("poses", "target", "chain"),
+        Option(
+            "--samples", "samples", "Sample N robots at every pose; if left out, as many as verdicts take.", int,
+            metavar="N", group=SAMPLING,
+        ),
+        Option(
+            "--verify", "verify",
+            "Without --samples: sample the N worst poses once more; 0 samples nothing and judges no --spec.", int, 5, "N",
+        ),
+        Option(
+            "--relative-to", "relative_to",
+            "Add the error relative to that at a pose where the robot is taught: a name, or joint values as for --q.",
+            metavar="POSE", is_pose=True,
+        ),
+        *("seed", "spec", "workers"),
+        Option("--netcdf", "netcdf", "Write the map as netCDF, for xarray.", metavar="FILE.nc", group=OUTPUT),
+        *("json", "out", "messages"),
+    ),
+    prepare=prepare,
+    writes=("journal", "json_path", "netcdf"),
+    files=("map.json", "position.*", "attitude.*"),
+    table_name="map_table",
+)  # fmt: skip

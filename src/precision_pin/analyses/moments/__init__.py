@@ -1,6 +1,6 @@
 """Mean and covariance of the error of the displaced chain."""
 
-from precision_pin.analyses.declaration import Declaration, Option
+from precision_pin.analyses.declaration import AT_POSES, INPUTS, SAMPLING, Declaration, Option
 
 DECLARATION = Declaration(
     name="moments",
@@ -10,15 +10,16 @@ DECLARATION = Declaration(
     title="Moments",
     heading="Moments, exact model against first order",
     summary="Mean and covariance of the exact error, and its bias against the first order, from few samples.",
-    description="Estimate mean and covariance of the exact error, with far fewer samples than plain sampling takes.",
+    description=f"Estimate mean and covariance of the exact error, with far fewer samples than plain sampling takes.\n\n{INPUTS}",
     options=(
+        *AT_POSES,
         Option(
             "--method", "method", "How; the last takes no samples.", default="control",
             choices=("control", "sobol", "sobol-control", "plain", "closed"),
         ),
         Option(
             "--samples", "samples", "32 × a power of two.", int, 65_536, "N",
-            check=f"{__name__}.moments:check_samples", is_of_sampling=True,
+            check=f"{__name__}.moments:check_samples", group=SAMPLING,
         ),
     ),
     steps=f"{__name__}.moments:count_steps",

@@ -1,1 +1,110 @@
 """Law of the largest error along a path, and bands about its whole error curve."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+from precision_pin.analyses.declaration import SAMPLING, Asked, Declaration, Job, Option
+from precision_pin.base.errors import Finding, InputError, UnitError
+
+SAMPLES: Final = 10_000
+_LONG: Final = 2 * 10**9
+"""Steps of progress, robots at poses, from which the number of robots is to be chosen by the user: about ten minutes."""
+_LOOKED: Final = 3.0
+"""Seconds of sampling after which the time of the whole is known."""
+
+
+def prepare(asked: Asked) -> Job:
+    """Return the law along the path of a command line."""
+    poses, options = asked.read_pose_set(), asked.options
+    # late: these take as long to import as all before, and the reading of a large file is to be seen soon
+    from precision_pin.analyses.path.path_law import count_steps, path_law
+    from precision_pin.model.error_model import ErrorModel
+
+    model = ErrorModel.from_sheet(asked.sheet)
+    if len(poses) < 2:
+        message = "a path has two poses or more: --trajectory, --grid, --all-poses, or --pose or --q repeated; analyze is for one"
+        raise InputError([Finding("error", "E_POSE", message)])
+    names = ("samples", "seed", "probability", "model", "threads")
+    law = partial(
+        path_law, model, poses, **{name: options[name] for name in names}, specifications=options["specs"],
+        findings=asked.sheet.findings,
+    )  # fmt: skip
+    steps = count_steps(len(poses), max(options["samples"], 0))
+
+    def run(progress: Callable[[int], None]) -> Any:
+        is_refused = "samples" not in asked.chosen and steps > _LONG
+        return law(progress=_refusing(progress, len(poses)) if is_refused else progress)
+
+    return Job(run, (model,), steps, is_unwound=True)
+
+
+def _refusing(progress: Callable[[int], None], poses: int) -> Callable[[int], None]:
+    """Return what takes the steps and, once it is known how long all of them take, refuses a run that nobody asked for."""
+    began, done = 0.0, 0
+
+    def advance(count: int) -> None:
+        nonlocal began, done
+        progress(count)
+        if not began:  # before the first poses come many are laid out together
+            began = time.monotonic()
+            return
+        done += count
+        passed = time.monotonic() - began
+        if passed < _LOOKED:
+            return
+        minutes = passed / 60 * 2 * poses * SAMPLES / done
+        message = (
+            f"{poses:,} poses with {SAMPLES:,} robots each take about {minutes:,.0f} minutes here; --samples {SAMPLES // 10} "
+            f"takes about {minutes / 10:,.0f}, fewer rows take less, and --samples {SAMPLES} does it all the same"
+        )
+        raise InputError([Finding("error", "E_USAGE", message)])
+
+    return advance
+
+
+def _probability(text: str) -> float:
+    from precision_pin.base import units
+
+    try:
+        # 95 % is 0.95 and not the next number, so that it is one of the levels of the table
+        return round(units.parse_probability(text), 12)
+    except UnitError as error:
+        message = f"--probability {text!r}: {error.findings[0].message}"
+        raise InputError([Finding("error", "E_USAGE", message)]) from None
+
+
+DECLARATION = Declaration(
+    name="path",
+    function=f"{__name__}.path_law:path_law",
+    result=f"{__name__}.path_result:PathResult",
+    outputs="precision_pin.analyses.path",
+    title="Path",
+    heading="",
+    summary="Sample the law of the largest error along a path, with bands that hold whole error curves.",
+    description="""Sample the law of the largest error along a path, the same robots at every pose.
+
+    A specification is met if enough robots keep it at every pose. Besides, bands for the error over the path: the quantile at
+    each pose, and a band that holds the whole error curve of that share of the robots or more.
+    """,
+    options=(
+        *("poses", "target", "chain"),
+        Option(
+            "--samples", "samples", "Number of robots; as many again set the band of the whole path.", int, SAMPLES, "N",
+            group=SAMPLING,
+        ),
+        *("seed", "model", "spec"),
+        Option(
+            "--probability", "probability", "Share of the robots that the bands are made for.", default="95 %",
+            metavar='"99.73 %"', read=_probability,
+        ),
+        Option(
+            "--threads", "threads", "How many threads sample; all cores if left out.", int, metavar="N", group=SAMPLING
+        ),
+        *("json", "plot", "messages"),
+    ),
+    prepare=prepare,
+    files=("path.*",),
+    table_name="path_table",
+)  # fmt: skip
