@@ -61,7 +61,7 @@ _SHARED: Final[dict[str, Callable[[Any], Any]]] = {
     "messages": lambda command: all_warnings_option(quiet_option(command)),
 }
 """Options that declarations give by a word."""
-_LISTED: Final = "precision_pin.statistics.specification:listed_specifications"
+_LISTED: Final = "precision_pin.statistics.plan:listed_specifications"
 
 
 def make_command(declaration: Declaration) -> click.Command:

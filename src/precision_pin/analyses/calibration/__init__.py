@@ -241,7 +241,7 @@ def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, c
 DECLARATION = Declaration(
     name="calibrate",
     function=f"{__name__}.calibrate:calibrate",
-    result=f"{__name__}.calibration_result:CalibrationResult",
+    result=f"{__name__}.calibrate:CalibrationResult",
     outputs="precision_pin.analyses.calibration",
     title="Calibration",
     heading="",

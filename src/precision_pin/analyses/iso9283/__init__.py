@@ -116,7 +116,7 @@ DECLARATION = Declaration(
         "beyond",
         Option(
             "--spec", "specifications", "A limit of a figure to judge; repeats.", metavar='"RP 0.1 mm @ 95 %"',
-            is_repeated=True, check=f"{__name__}.figure_limits:listed_limits",
+            is_repeated=True, check=f"{__name__}.forecast:listed_limits",
         ),
         "json",
         Option("--out", "out", "Write the plot (PNG and SVG) and the result there.", metavar="DIR", group=OUTPUT),
