@@ -61,8 +61,8 @@ def test_a_map_is_the_first_order_model_of_each_pose():
         assert made.rms[0, k] == pytest.approx(rms, rel=1e-9)
     assert made.shares.sum(axis=0) == pytest.approx(np.ones(5))
     written = made.to_dict()
-    assert written["joints"] == ["joint1", "joint2", "joint3", "joint4"]
-    assert [pose["q"] for pose in written["poses"]] == [dict(zip(written["joints"], each, strict=True)) for each in q.T]
+    found = [dict(zip(written["joints"], pose["q"], strict=True)) for pose in written["poses"]]
+    assert found == [{f"joint{joint + 1}": q[joint, k] for joint in range(4)} for k in range(5)]
 
 
 def test_the_closed_form_agrees_with_exact_robots():
