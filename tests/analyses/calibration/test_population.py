@@ -160,7 +160,7 @@ def test_widths_of_a_sheet_are_multiplied_in_every_spelling(tmp_path: Path) -> N
         f"precision-pin: 1\nrobot: {PAPER_SHEET.with_name('4dof.urdf')}\ntip: tool\nposes: {{work: 10 20 30 40 deg}}\nsources:\n"
         "  - joint_offset: {joint: joint2, offset: {normal: {std: 0.02 deg}}}\n"
         "  - joint_offset: {joint: joint3, offset: {normal: 0.06 deg}}\n"
-        "  - length: {joint: joint4, along: link, parameters: [±0.3 mm]}\n"
+        "  - length: {joint: joint4, along: link, parameters: ±0.3 mm}\n"
         "  - joint_offset: {joint: joint4, offset: {normal: {std: 0.05 deg}}}\n"
     )
     model = pp.ErrorModel.load(file)
