@@ -164,7 +164,9 @@ def test_pairs(written, ended, pair):
         # what was measured is no tolerance any more
         assert not refused or "cannot be chosen" in found.err
         if "--journal" in run:
+            # a journal is read by the command that wrote it
             assert "holds the first" in written.run(*words, "--resume").err
+            Path(WRITTEN["--journal"][run["--journal"]]).unlink()
         ended.add(number)
 
 
