@@ -123,7 +123,7 @@ def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:
     """
     keys = [key_of(target) for target in at.table.targets]
     places = {key: row for row, key in enumerate(dict.fromkeys(keys))}
-    moved = np.zeros(len(places), dtype=np.int64)
+    moved = [0] * len(places)
     slopes = np.zeros((len(places), 6, at.space.size))
     acts = np.zeros((len(places), at.space.size), dtype=bool)
     for key, target, part in zip(keys, at.table.targets, at.jacobian_parts, strict=True):
@@ -152,13 +152,13 @@ def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:
     return {key: parts[row] for key, row in places.items()}
 
 
-def _forms(covariance: Array, players: Mapping[tuple[int, ...], list[int]], moved: Array) -> Array | None:
+def _forms(covariance: Array, players: Mapping[tuple[int, ...], list[int]], moved: Sequence[int]) -> Array | None:
     """Return the effect of each player as a quadratic form of slopes; None where there are too many."""
     if len(players) <= shapley.MOST_PLAYERS:
         return shapley.effect_forms(covariance, list(players.values()))
     unions: dict[tuple[int, ...], list[int]] = {}
     for player, where in enumerate(players):
-        unions.setdefault(tuple(dict.fromkeys(moved[list(where)].tolist())), []).append(player)
+        unions.setdefault(tuple(dict.fromkeys(moved[place] for place in where)), []).append(player)
     if max(len(unions), *map(len, unions.values())) > shapley.MOST_PLAYERS:
         return None
     return shapley.joined_effect_forms(covariance, list(players.values()), list(unions.values()))
