@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
+from analyses.test_shapley import by_orders, conditional
+from precision_pin.analyses.budget import shapley
 from precision_pin.analyses.budget.budget_result import VECTORS
-from precision_pin.analyses.budget.shares import by_draw, correlated_groups
+from precision_pin.analyses.budget.shares import by_draw, by_place, correlated_groups
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
@@ -274,6 +276,44 @@ def test_draws_correlated_by_a_copula():
         assert abs(index.value - pair.share["position.x"]) <= index.half_width + 1e-3
     halved = s1**2 / 4 + s2**2 + rho * s1 * s2 + s3**2
     assert found.draw("first").halved.std["position.x"] == pytest.approx(math.sqrt(halved), rel=1e-9)
+
+
+@pytest.mark.parametrize("most", [12, 3])
+def test_correlated_places_agree_with_all_orders(monkeypatch, most):
+    """Four correlated numbers along x, of which ``s`` acts at two places; too many players keep joint and link together."""
+    monkeypatch.setattr(shapley, "MOST_PLAYERS", most)
+    std = np.array([1.0, 2.0, 1.5, 3.0]) * 1e-3
+    matrix = np.array([[1, 0.7, -0.5, 0.3], [0.7, 1, -0.2, 0.1], [-0.5, -0.2, 1, 0.4], [0.3, 0.1, 0.4, 1]])
+    space = Space(
+        tuple(Draw(name, Normal(one)) for name, one in zip("abcs", std, strict=True)),
+        (Correlation(tuple("abcs"), tuple(map(tuple, matrix))),),
+    )
+    sources = [
+        Frame(link="base", x="a"),
+        JointOffset(joint="rail", offset="b"),
+        Frame(link="carriage", x="c"),
+        Frame(link="base", x="s"),
+        Frame(link="carriage", x=-0.4 * space.parameter("s")),
+    ]
+    slopes = np.array([[1.0, 1.0, 1.0, 0.6]])
+    covariance = matrix * np.outer(std, std)
+    whole = (slopes @ covariance @ slopes.T).item()
+    effects = by_orders(
+        4,
+        lambda known: conditional(slopes, covariance, list(known)),
+        lambda order: most == 12 or abs(order.index(1) - order.index(2)) == 1,
+    )
+    a, b, c, s = effects[:, 0] / whole
+    alone = std[3] ** 2 / whole
+    gain = (s - 0.6**2 * alone) / 2
+    model = gantry(*sources, space=space)
+    found = {name: part[0] / whole for name, part in by_place(model.at([0.0, 0.0]), model.chain).items()}
+    expected = {
+        "link from base to rail": a + 0.6 * alone + gain,
+        "rail": b,
+        "link from rail to lift": c - 0.4 * 0.6 * alone + gain,
+    }
+    assert found == pytest.approx(expected, abs=1e-12)
 
 
 def test_more_correlated_draws_than_can_be_shared():

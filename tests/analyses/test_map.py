@@ -60,6 +60,9 @@ def test_a_map_is_the_first_order_model_of_each_pose():
         rms = np.sqrt((error[:3] ** 2).sum() + np.trace(covariance[:3, :3]))
         assert made.rms[0, k] == pytest.approx(rms, rel=1e-9)
     assert made.shares.sum(axis=0) == pytest.approx(np.ones(5))
+    written = made.to_dict()
+    found = [dict(zip(written["joints"], pose["q"], strict=True)) for pose in written["poses"]]
+    assert found == [{f"joint{joint + 1}": q[joint, k] for joint in range(4)} for k in range(5)]
 
 
 def test_the_closed_form_agrees_with_exact_robots():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -32,15 +31,16 @@ def conditional(slopes: np.ndarray, covariance: np.ndarray, known: list[int]) ->
     return np.diag(slopes @ covariance @ slopes.T) - np.diag(slopes[:, rest] @ left @ slopes[:, rest].T)
 
 
-def by_orders(players: int, worth) -> np.ndarray:
-    """Return what the definition says: the mean over all orders of what a player adds to those before."""
+def by_orders(players: int, worth, keeps=lambda order: True) -> np.ndarray:
+    """Return what the definition says: the mean over all (kept) orders of what a player adds to those before."""
+    orders = [order for order in itertools.permutations(range(players)) if keeps(order)]
     total = 0.0
-    for order in itertools.permutations(range(players)):
+    for order in orders:
         gains = np.zeros((players, *np.shape(worth([]))))
         for k, player in enumerate(order):
             gains[player] = worth(sorted(order[: k + 1])) - worth(sorted(order[:k]))
         total = total + gains
-    return total / math.factorial(players)
+    return total / len(orders)
 
 
 def test_four_correlated_inputs_agree_with_the_definition():
@@ -66,6 +66,15 @@ def test_forms_are_the_effects_of_any_slopes():
     forms = shapley.effect_forms(COVARIANCE, groups)
     np.testing.assert_allclose(np.einsum("ij,gjk,ik->gi", SLOPES, forms, SLOPES), expected, rtol=0, atol=1e-12)
     np.testing.assert_allclose(forms.sum(axis=0), COVARIANCE, rtol=0, atol=1e-12)
+
+
+def test_members_of_a_union_are_neighbours_in_all_orders():
+    def keeps(order: tuple[int, ...]) -> bool:
+        return abs(order.index(0) - order.index(2)) == 1
+
+    expected = by_orders(4, lambda known: conditional(SLOPES, COVARIANCE, list(known)), keeps)
+    forms = shapley.joined_effect_forms(COVARIANCE, [[k] for k in range(4)], [[1], [0, 2], [3]])
+    np.testing.assert_allclose(np.einsum("ij,gjk,ik->gi", SLOPES, forms, SLOPES), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("rho", [-0.9, 0.0, 0.35, 1.0])

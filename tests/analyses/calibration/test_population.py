@@ -12,8 +12,16 @@ from scipy import optimize, stats
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, random_poses
 from precision_pin.analyses.calibration.design import stations_of
-from precision_pin.analyses.calibration.population import Evidence, variance_components
+from precision_pin.analyses.calibration.population import (
+    Evidence,
+    MeasuredTolerance,
+    Population,
+    population_sheet,
+    variance_components,
+)
 from precision_pin.analyses.calibration.simulation import simulate_readings
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import JointOffset, Length
 
 TRACKER = pp.Measurement(std=50e-6, target=OFF_AXIS)
@@ -147,6 +155,30 @@ def test_tolerances_that_act_alike_are_named() -> None:
     found = pp.population(model, [(q, readings[:, :, k]) for k in range(12)], TRACKER)
     (group,) = found.groups
     assert set(group.names) == {name for name in found.model.space.components if "joint2" in name}
+
+
+def test_widths_of_a_sheet_are_multiplied_in_every_spelling(tmp_path: Path) -> None:
+    """By hand: 0.02° × 1.5 and ±0.3 mm × 0.5; what has no upper limit is kept."""
+    file = tmp_path / "arm.errors.yaml"
+    file.write_text(
+        f"precision-pin: 1\nrobot: {PAPER_SHEET.with_name('4dof.urdf')}\ntip: tool\nposes: {{work: 10 20 30 40 deg}}\nsources:\n"
+        "  - joint_offset: {joint: joint2, offset: {normal: {std: 0.02 deg}}}\n"
+        "  - joint_offset: {joint: joint3, offset: {normal: 0.06 deg}}\n"
+        "  - length: {joint: joint4, along: link, parameters: ±0.3 mm}\n"
+        "  - joint_offset: {joint: joint4, offset: {normal: {std: 0.05 deg}}}\n"
+    )
+    model = pp.ErrorModel.load(file)
+    names = list(model.space.components)
+    factors = zip(names, (1.5, 2.0, 0.5, 3.0), (2.0, 3.0, 1.0, np.inf), strict=True)
+    tolerances = tuple(MeasuredTolerance((one,), (one,), scale, 0.1, high, 1.0, (0.0,)) for one, scale, high in factors)
+    of = Provenance.of(model, 0)
+    found = Population(of, 3, "sheet", 0.95, tolerances, (), (), 0.0, model, ())
+    file.write_text(population_sheet(found, tmp_path))
+    text = file.read_text()
+    assert "std: 0.03 deg" in text
+    std = np.sqrt(np.diag(pp.ErrorModel.load(file).space.covariance))
+    expected = [np.radians(0.03), np.radians(0.12 / 3), 0.15e-3 / np.sqrt(3), np.radians(0.05)]
+    np.testing.assert_allclose(std, expected, rtol=1e-12)
 
 
 def test_a_calibration_that_does_not_say_what_its_readings_show_is_fitted_again(tmp_path: Path) -> None:

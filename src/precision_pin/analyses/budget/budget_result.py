@@ -31,7 +31,7 @@ ASSUMPTIONS: Final = (
     "share of correlated draws or components, and of a source or joint in them: Shapley effects of the linear model",
     "first, total: Sobol indices of the exact model; intervals are for each number by itself",
     "a draw that several sources use has its own line among the sources",
-    "joints and links: covariance of their part with the whole, negative where one compensates others",
+    "joints and links: negative where a number that acts at several of them has opposite effects there",
     "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach bound_at deviations",
     "null: does not vary, or is not resolved (too few points for tails or rare values of the laws, a jump at the quantile)",
     "halved: the draw's deviation from its mean is halved, all else unchanged; std in closed form, quantile sampled",

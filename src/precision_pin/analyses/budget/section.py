@@ -133,7 +133,7 @@ def _shares(pose: PoseBudget) -> list[Html]:
             "Sources: shares of the variance; a draw that several sources name has its own line", "source", sources
         ),
         _ranked(
-            "Joints and links: covariance of their part with the whole, negative where one cancels the effect of others",
+            "Joints and links: shares of the variance, negative where one cancels the effect of another's same number",
             "joint or link",
             places,
         ),

@@ -22,6 +22,9 @@ MOST_PLAYERS: Final = 12
 DEPENDENT: Final = 1e-12
 """Eigenvalues of a correlation matrix below this belong to linearly dependent numbers."""
 
+_INDEPENDENT: Final = 1e-4
+"""Least deviation of a number, as a share of its own, with those before it known, from which no eigenvalue can be so small."""
+
 
 def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
     """Return the exact Shapley value of each player, from all coalitions.
@@ -86,6 +89,13 @@ def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
     scale = np.sqrt(np.diag(covariance)[rows])
     cross = slopes @ covariance[:, rows] / scale
     correlation = covariance[np.ix_(rows, rows)] / np.outer(scale, scale)
+    try:
+        factor = np.linalg.cholesky(correlation)
+    except np.linalg.LinAlgError:
+        factor = np.zeros((1, 1))
+    if factor.diagonal().min() > _INDEPENDENT:
+        half = np.linalg.solve(factor, cross.T)  # a tenth of the time of the pseudo-inverse
+        return np.asarray(half.T @ half)
     inverse = np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
     result: Array = cross @ inverse @ cross.T
     return result
@@ -134,3 +144,37 @@ def effect_forms(covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
         len(groups),
         lambda coalition: explained(slopes, covariance, [k for member in coalition for k in groups[member]]),
     )
+
+
+def joined_effect_forms(covariance: Array, groups: Sequence[Sequence[int]], unions: Sequence[Sequence[int]]) -> Array:
+    """Return forms as :func:`effect_forms`, the mean only over those orders in which members of a union are neighbours.
+
+    This is the value of Owen, Values of games with a priori unions (1977). Its cost is 2ⁿ with n the number of unions.
+
+    Parameters
+    ----------
+    covariance, groups
+        As in :func:`effect_forms`.
+    unions
+        Numbers of the groups of each union; every group is in one.
+
+    Raises
+    ------
+    InputError
+        There are more than twelve unions, or more than twelve groups in one.
+    """
+    members = [[k for group in union for k in groups[group]] for union in unions]
+    whole = effect_forms(covariance, members)
+    result = np.zeros((len(groups), *covariance.shape))
+    for number, union in enumerate(unions):
+
+        def worth(some: tuple[int, ...], number: int = number, union: Sequence[int] = union) -> Array:
+            if not some:
+                return np.zeros(covariance.shape)
+            if len(some) == len(union):
+                return np.asarray(whole[number])
+            part = [k for member in some for k in groups[union[member]]]
+            return np.asarray(effect_forms(covariance, [*members[:number], part, *members[number + 1 :]])[number])
+
+        result[list(union)] = values(len(union), worth)
+    return result

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final, TypeVar, final
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import QUANTITIES
 from precision_pin.terms.bound_source import number_owners
 from precision_pin.terms.term import JointValue, Target
+
+Key = TypeVar("Key", bound=Hashable)
 
 ROUNDING: Final = 1e-14
 """Largest spread (m, rad) that counts as rounding."""
@@ -58,14 +60,14 @@ def by_draw(at: PoseModel) -> Array:
     result = np.full((len(at.space.draws), 6), np.nan)
     for group in correlated_groups(at.space):
         columns = [_columns(at.space, [k]) for k in group]
-        if len(group) <= shapley.MOST_PLAYERS:
-            together = list(itertools.chain.from_iterable(columns))
+        together = list(itertools.chain.from_iterable(columns))
+        jacobian, covariance = at.jacobian[:, together], at.space.block_covariance.within(together)
+        if len(group) == 1:
+            result[group[0]] = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
+        elif len(group) <= shapley.MOST_PLAYERS:
             ends = np.cumsum([0, *map(len, columns)]).tolist()
-            result[list(group)] = shapley.effects(
-                at.jacobian[:, together],
-                at.space.block_covariance.within(together),
-                [list(range(a, b)) for a, b in itertools.pairwise(ends)],
-            )
+            members = [list(range(a, b)) for a, b in itertools.pairwise(ends)]
+            result[list(group)] = shapley.effects(jacobian, covariance, members)
     return result
 
 
@@ -105,17 +107,68 @@ def reaches(at: PoseModel, k: float) -> Array:
 
 
 def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
-    """Return the part of each joint and chain link in the variances, ``(6,)`` by name, from base to tip.
+    """Return the part of each joint and chain link in the variances, ``(6,)`` by name, from base to tip; see :func:`by_key`."""
+    return by_key(at, lambda target: place_name(target, chain))
 
-    The error is a sum over places, ``e = Σ e_p``. The part of a place is ``Cov(e_p, e)``, the Shapley value of the game
-    v(S) = Var(Σ_S e_p). It is negative where a place compensates the effect of the same draws at other places.
+
+def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:
+    """Return the part of each place in the variances, ``(6,)`` by what ``key_of`` calls it, from base to tip.
+
+    The error is a sum over places, ``e = Σ e_p``. The part of a place is ``Cov(e_p, e)``; it is negative where a number that
+    acts at several places has the opposite effect at others. Correlated numbers at different places, as a calibration leaves
+    them, are divided by Shapley effects: numbers that act at the same places are a player, and what a player at several
+    places gains or loses by correlation is shared evenly by these. Where there are more than twelve players, those of a
+    joint and of the link that it moves are neighbours in all orders (:func:`shapley.joined_effect_forms`); where that is
+    still too many, correlated numbers count as ``Cov(e_p, e)`` too.
     """
-    parts: dict[str, Array] = {}
-    with_error = at.space.block_covariance.times(at.jacobian.T)
-    for target, part in zip(at.table.targets, at.jacobian_parts, strict=True):
-        name = place_name(target, chain)
-        parts[name] = parts.get(name, 0.0) + np.einsum("ij,ji->i", part.slopes, with_error[part.columns])
-    return parts
+    keys = [key_of(target) for target in at.table.targets]
+    places = {key: row for row, key in enumerate(dict.fromkeys(keys))}
+    moved = [0] * len(places)
+    slopes = np.zeros((len(places), 6, at.space.size))
+    acts = np.zeros((len(places), at.space.size), dtype=bool)
+    for key, target, part in zip(keys, at.table.targets, at.jacobian_parts, strict=True):
+        slopes[places[key]][:, part.columns] += part.slopes
+        acts[places[key], part.columns] = True
+        moved[places[key]] = moved_link(target)
+    parts = np.zeros((len(places), 6))
+    for group in correlated_groups(at.space):
+        columns = _columns(at.space, group)
+        players: dict[tuple[int, ...], list[int]] = {}
+        for k, column in enumerate(columns):
+            players.setdefault(tuple(np.flatnonzero(acts[:, column]).tolist()), []).append(k)
+        players.pop((), None)
+        covariance, jacobian = at.space.block_covariance.within(columns), at.jacobian[:, columns]
+        forms = _forms(covariance, players, moved) if len(players) > 1 else None
+        if forms is None:
+            parts += np.einsum("pij,jk,ik->pi", slopes[:, :, columns], covariance, jacobian)
+            continue
+        for (where, numbers), form in zip(players.items(), forms, strict=True):
+            by_itself = covariance[np.ix_(numbers, numbers)] @ jacobian[:, numbers].T
+            own = slopes[np.ix_(where, range(6), [columns[k] for k in numbers])]
+            gain = np.einsum("ij,jk,ik->i", jacobian, form, jacobian) - np.einsum(
+                "ij,ji->i", jacobian[:, numbers], by_itself
+            )
+            parts[list(where)] += np.einsum("pij,ji->pi", own, by_itself) + gain / len(where)
+    return {key: parts[row] for key, row in places.items()}
+
+
+def _forms(covariance: Array, players: Mapping[tuple[int, ...], list[int]], moved: Sequence[int]) -> Array | None:
+    """Return the effect of each player as a quadratic form of slopes; None where there are too many."""
+    if len(players) <= shapley.MOST_PLAYERS:
+        return shapley.effect_forms(covariance, list(players.values()))
+    unions: dict[tuple[int, ...], list[int]] = {}
+    for player, where in enumerate(players):
+        unions.setdefault(tuple(dict.fromkeys(moved[place] for place in where)), []).append(player)
+    if max(len(unions), *map(len, unions.values())) > shapley.MOST_PLAYERS:
+        return None
+    return shapley.joined_effect_forms(covariance, list(players.values()), list(unions.values()))
+
+
+def moved_link(target: Target) -> int:
+    """Return the number of the link at which a target acts: for a joint, the link that it moves."""
+    if isinstance(target, JointValue):
+        return target.joint + 1
+    return target.link if target.joint is None else target.joint + 1
 
 
 def place_name(target: Target, chain: Chain) -> str:

@@ -198,7 +198,7 @@ def source_name(line: SourceShare) -> str:
 def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) -> list[str]:
     notes = [
         f"first-order Sobol indices: {', '.join(_first_order(pose, quantity) for quantity in quantities)}",
-        "a draw that several sources name has its own line; a joint's or link's share is its covariance with the whole",
+        "a draw that several sources name has its own line; a joint's or link's share is negative where it cancels another's",
     ]
     if any(quantity in group.nonlinear for group in pose.groups for quantity in quantities):
         notes.append("*: share and index are more than one percentage point apart; the exact model is not linear here")

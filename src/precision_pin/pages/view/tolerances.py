@@ -19,12 +19,12 @@ from typing import Any, Final, final
 
 import numpy as np
 
+from precision_pin.analyses.budget.shares import by_key, moved_link
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.notebook import escaped
-from precision_pin.terms.term import JointValue, Target
 
 MOST_TOLERANCES: Final = 12
 """Number of tolerances with their own slider; all others share one."""
@@ -199,20 +199,12 @@ def _rounded(numbers: Array) -> list[list[float]]:
 
 def link_shares(at: PoseModel) -> list[float]:
     """Return each chain link's share of the variance of the position, first order; the joint before it is part of it."""
-    with_error = at.space.block_covariance.times(at.jacobian[:3].T)
     shares = np.zeros(len(at.posture.link_poses))
-    for target, part in zip(at.table.targets, at.jacobian_parts, strict=True):
-        shares[_link(target)] += np.einsum("ij,ji->", part.slopes[:3], with_error[part.columns])
+    for link, part in by_key(at, moved_link).items():
+        shares[link] = part[:3].sum()
     total = shares.sum()
     result: list[float] = (shares / total if total > 0 else shares).tolist()
     return result
-
-
-def _link(target: Target) -> int:
-    """Return the link that shows a target's share: for a joint, the link that it moves."""
-    if isinstance(target, JointValue):
-        return target.joint + 1
-    return target.link if target.joint is None else target.joint + 1
 
 
 def shown_names(names: Sequence[str]) -> list[str]:
