@@ -75,7 +75,6 @@ def quantities(rng: np.random.Generator) -> dict[str, tuple[Callable[..., Any], 
         "Load": (lambda f, p, m: Load(0, f, p, False, ((m, ()),)), [np.eye(4), rng.normal(size=3), rng.normal(size=4)]),
         "Mcpc.perturbed": (pp.mcpc.from_chain(CHAIN).perturbed, [rng.normal(size=26) * 1e-3]),
         "PosesResult": (lambda q: pp.sample_poses(ARM, q, samples=64), [rng.normal(size=(4, 2))]),
-        "Analysis": (lambda q: pp.monte_carlo(ARM, q, samples=64), [rng.normal(size=4)]),
         "se3.compose": (se3.compose, [np.eye(4)]),
     }
 

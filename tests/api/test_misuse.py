@@ -10,7 +10,7 @@ import pytest
 import precision_pin as pp
 from api.api_calls import MISTAKES, POSE, calls, model, outcome
 
-MADE_BY_THE_PACKAGE = {"Analysis", "MonteCarloResult", "PosesResult", "Posture", "Postures"}
+MADE_BY_THE_PACKAGE = {"MonteCarloResult", "PosesResult", "Posture", "Postures"}
 NOT_CALLED = {"InputError", "PrecisionPinError", "Scope", "Source", "mcpc", "sources"}
 
 

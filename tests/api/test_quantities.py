@@ -129,7 +129,7 @@ UNITLESS = {
     "Arcsine", "Circle", "Disc", "Empirical", "Fixed", "JointNormal", "Lognormal", "Normal", "Rows", "Triangular",
     "TruncatedNormal", "TwoPoint", "Uniform",
     # made by the package
-    "Analysis", "MonteCarloResult", "PosesResult", "Chain", "Posture", "Postures",
+    "MonteCarloResult", "PosesResult", "Chain", "Posture", "Postures",
 }  # fmt: skip
 
 

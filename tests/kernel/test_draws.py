@@ -228,6 +228,7 @@ def test_what_is_not_a_seed_or_a_unit_is_refused() -> None:
 
 def test_an_unknown_law_is_refused_by_name() -> None:
     class Strange(SymmetricLaw):
+        variates = "normal"
         mean = 0.0
         variance = reach = 1.0
 

@@ -172,7 +172,10 @@ def test_widths_of_a_sheet_are_multiplied_in_every_spelling(tmp_path: Path) -> N
     factors = zip(names, (1.5, 2.0, 0.5, 3.0), (2.0, 3.0, 1.0, np.inf), strict=True)
     tolerances = tuple(MeasuredTolerance((one,), (one,), scale, 0.1, high, 1.0, (0.0,)) for one, scale, high in factors)
     of = Provenance.of(model, 0)
-    found = Population(of, 3, "sheet", 0.95, tolerances, (), (), 0.0, model, ())
+    found = Population(
+        provenance=of, robots=3, means="sheet", confidence=0.95, tolerances=tolerances, unseen=(), groups=(),
+        log_likelihood_ratio=0.0, model=model, findings=(),
+    )  # fmt: skip
     file.write_text(population_sheet(found, tmp_path))
     text = file.read_text()
     assert "std: 0.03 deg" in text

@@ -235,10 +235,10 @@ class AllocationResult(AnalysisResult):
         made = import_module("precision_pin.analyses.allocation.table").allocation_table(self)
         return preformatted(str(made))
 
-    def __repr__(self) -> str:
-        return (
-            f"<AllocationResult of {self.provenance.robot!r}: {len(self.tolerances)} tolerances, cost {self.cost:.6g}>"
-        )
+    @property
+    def summary(self) -> str:
+        """What `repr` says of the result, beside the arm."""
+        return f"{len(self.tolerances)} tolerances, cost {self.cost:.6g}"
 
 
 MEAN: Final = "constant part"

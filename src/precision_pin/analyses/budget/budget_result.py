@@ -305,12 +305,11 @@ class BudgetResult(Result):
         ]
         return data_frame(["pose", lines.removesuffix("s"), "quantity"], rows, self.attributes())
 
-    def __repr__(self) -> str:
-        of = self.provenance
-        return (
-            f"<BudgetResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, draws "
-            f"{len(self.poses[0].draws)}, {self.samples:,} points, seed {of.seed}>"
-        )
+    @property
+    def summary(self) -> str:
+        """What `repr` says of the result, beside the arm."""
+        draws = len(self.poses[0].draws)
+        return f"poses {len(self.poses)}, draws {draws}, {self.samples:,} points, seed {self.provenance.seed}"
 
     def _title(self) -> str:
         return "Error budget"

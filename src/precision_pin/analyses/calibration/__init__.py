@@ -101,7 +101,7 @@ def prepare(asked: Asked) -> Job:
 def _job(run: Callable[..., Any], use: str, table: str, **settings: Any) -> Job:
     """Return the run of one use, whose table and figure are named by module and function."""
     stem = f"calibration{use and f'-{use}'}"
-    figure = f"{__name__}.figures:{use or 'calibration'}_figure"
+    figure = f"{__name__}.figure:{use or 'calibration'}_figure"
     return Job(run, **{
         "stem": stem,
         "table": lambda result: load(f"{__name__}.{table}")(result),
@@ -122,7 +122,7 @@ def _factory(asked: Asked, model: ErrorModel) -> Job:
         return (f"wrote {asked.options['urdf']}",)
 
     run = partial(ur_calibration, asked.options["factory"], model)
-    return _job(run, "factory", "factory_table:factory_table", files=lambda _: Files(), write=write, findings=())
+    return _job(run, "factory", "table:factory_table", files=lambda _: Files(), write=write, findings=())
 
 
 def _population(asked: Asked, model: ErrorModel, measurement: Measurement) -> Job:
@@ -141,7 +141,7 @@ def _population(asked: Asked, model: ErrorModel, measurement: Measurement) -> Jo
     run = partial(population, model, robots, measurement, means=means, findings=asked.sheet.findings)
     steps = len(robots) + len(model.space.draws)
     return _job(
-        run, "population", "population_table:population_table", write=write, steps=steps,
+        run, "population", "table:population_table", write=write, steps=steps,
         what="fitting robots", unit="steps", findings=asked.sheet.findings,
     )  # fmt: skip
 

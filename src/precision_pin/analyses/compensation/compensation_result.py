@@ -150,12 +150,11 @@ class CompensationResult(AnalysisResult):
             rows.append(((label,), columns))
         return data_frame(["pose"], rows, self.head)
 
-    def __repr__(self) -> str:
+    @property
+    def summary(self) -> str:
+        """What `repr` says of the result, beside the arm."""
         count = self.correction.status.count("corrected")
-        return (
-            f"<CompensationResult of {self.provenance.robot!r}, {self.provenance.base!r} to {self.provenance.tip!r}: "
-            f"{count:,} of {len(self.poses):,} poses corrected in {self.mode}>"
-        )
+        return f"{count:,} of {len(self.poses):,} poses corrected in {self.mode}"
 
     def _repr_html_(self) -> str:
         """Return the notebook view, mm and mrad."""

@@ -416,12 +416,13 @@ class MapResult(AnalysisResult):
             "the sampled numbers are those of the exact model, the same robots at every pose",
         )
 
-    def __repr__(self) -> str:
+    @property
+    def summary(self) -> str:
+        """What `repr` says of the result, beside the arm."""
         worst = float(np.nanmax(self.quantile[LEVELS.index(0.95), 0]))
         return (
-            f"<MapResult of {self.provenance.robot!r}, {self.provenance.base!r} to {self.provenance.tip!r}: "
             f"{len(self.poses):,} poses, {self.unknown:,} of them without joint values, "
-            f"|d| within {1e3 * worst:.4g} mm for 95 % at the worst>"
+            f"|d| within {1e3 * worst:.4g} mm for 95 % at the worst"
         )
 
     def _repr_html_(self) -> str:
