@@ -177,7 +177,7 @@ def test_other_threads_take_no_signals():
 def test_a_process_that_is_deep_in_a_library_ends_all_the_same():
     code = (
         "import time\n"
-        "from precision_pin import interrupts\n"
+        "from precision_pin.base import interrupts\n"
         "interrupts.take_over(); interrupts.begin()\n"
         "import ctypes\n"
         "print('deep', flush=True)\n"

@@ -66,7 +66,7 @@ def ranked(sheet: Path, budget: Any) -> list[Tolerance]:
         path = f"{label}].{setting}"
         if path not in found:
             assert read.contents is not None
-            values = read.contents.values_at(read, path)
+            values = list(read.contents.values_at(read, path).values())
             if len(values) != 1:
                 continue
             found[path] = Tolerance(path, values[0])

@@ -271,7 +271,7 @@ def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what
     assert declaration.prepare is not None
     values: dict[str, Any] = {}
     for one in declaration.own_options:
-        default: Any = () if one.is_repeated else one.default
+        default: Any = () if one.is_repeated else False if one.kind is bool else one.default
         values[one.argument] = default if one.read is None or default is None else one.read(default)
     values |= {"seed": 0, "model": "exact", "specs": ()} | options
     asked = Asked({"": replace(sheet, findings=())}, values, (), lambda: poses, lambda: poses, lambda: None)
