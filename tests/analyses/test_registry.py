@@ -30,7 +30,6 @@ DECLARATION = Declaration(
     name="offset",
     function=f"{__name__}.offset:offset",
     result=f"{__name__}.offset:OffsetResult",
-    outputs=__name__,
     title="Offset",
     heading="Offset at the means",
     summary="Error with every parameter at its mean.",

@@ -82,6 +82,11 @@ class Option(NamedTuple):
     is_pose: bool = False
     is_default_shown: bool = True
 
+    @property
+    def initial(self) -> Any:
+        """Value where the option is not given."""
+        return () if self.is_repeated else False if self.kind is bool and self.default is None else self.default
+
 
 class Asked(NamedTuple):
     """Inputs of a command, for the function ``prepare`` of a declaration.
@@ -172,6 +177,10 @@ class Job(NamedTuple):
 class Declaration(NamedTuple):
     """Declaration of an analysis.
 
+    The folder of the function has the modules ``table``, ``figure`` and ``section``: ``table.table(result, …)`` returns text,
+    ``figure.figure(result, k)`` the figure of pose k, ``section.content(result, results)`` the parts of the report's section,
+    and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
+
     Attributes
     ----------
     name
@@ -179,10 +188,6 @@ class Declaration(NamedTuple):
     function, result
         ``module:name`` of the function, with the arguments ``(model, pose, *, seed, findings, progress, …)``, and of the
         class of its result, a :class:`precision_pin.analyses.result.Result`.
-    outputs
-        Package with the modules ``table``, ``figure`` and ``section``: ``table.table(result, …)`` returns text,
-        ``figure.figure(result, k)`` the figure of pose k, ``section.content(result, results)`` the parts of the report's
-        section, and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
     title, heading
         Entry in the report's table of contents, and heading of its section; an analysis without a heading has no section
         about a pose.
@@ -223,7 +228,6 @@ class Declaration(NamedTuple):
     name: str
     function: str
     result: str
-    outputs: str
     title: str
     heading: str
     summary: str
@@ -253,6 +257,11 @@ class Declaration(NamedTuple):
     def run(self, model: Any, pose: Any, **arguments: Any) -> Any:
         """Run the analysis and return its result."""
         return load(self.function)(model, pose=pose, **arguments)
+
+    @property
+    def outputs(self) -> str:
+        """Package of the modules ``table``, ``figure`` and ``section``."""
+        return self.function.partition(":")[0].rpartition(".")[0]
 
     def count_steps(self, space: Any, poses: int, arguments: Mapping[str, Any]) -> int:
         """Return the number of progress steps for a number of poses and some of the arguments."""

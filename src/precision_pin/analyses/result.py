@@ -35,30 +35,43 @@ class PoseResult(Protocol):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class AnalysisResult(Record, JsonResult):
-    """Result of an analysis.
-
-    A subclass declares the keys of its JSON: ``"*head"`` first, then its settings, ``assumptions``, ``warnings``, ``findings``
-    and what it found.
+class Outcome(Record, JsonResult):
+    """What every analysis returns, with a table or without; a subclass declares the keys of its JSON, ``"*head"`` first.
 
     Attributes
     ----------
     provenance
         Robot, seed and software versions.
     findings
-        Findings passed in, such as those of the sheet.
-    warnings
-        One line each: the findings, then the warnings of the analysis.
+        Findings passed in, such as those of the sheet; of a calibration its warnings too.
     """
 
     provenance: Provenance
     findings: tuple[Finding, ...] = ()
-    warnings: tuple[str, ...] = ()
 
     @property
     def head(self) -> dict[str, Any]:
         """First keys of the JSON: schema, robot, seed, versions."""
         return self.provenance.to_dict(self.schema)
+
+    def _output(self, place: str) -> Any:
+        """Return ``module:name`` of the result's own folder, imported late: outputs rest on results, not results on outputs."""
+        return load(f"{type(self).__module__.rpartition('.')[0]}.{place}")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class AnalysisResult(Outcome):
+    """Result of an analysis as a data frame and a picture.
+
+    The keys of its JSON are ``"*head"``, its settings, ``assumptions``, ``warnings``, ``findings`` and what it found.
+
+    Attributes
+    ----------
+    warnings
+        One line each: the findings, then the warnings of the analysis.
+    """
+
+    warnings: tuple[str, ...] = ()
 
     @property
     def met(self) -> bool | None:
@@ -112,7 +125,7 @@ class AnalysisResult(Record, JsonResult):
 
     def plot(self) -> Axes | Figure:
         """Draw the result."""
-        figure: Figure = load(f"{type(self).__module__.rpartition('.')[0]}.figure:figure")(self)
+        figure: Figure = self._output("figure:figure")(self)
         return figure
 
     @property

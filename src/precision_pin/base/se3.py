@@ -132,6 +132,11 @@ def displacement(values: ArrayLike) -> Array:
     return pose(exp_rotation(v[3:]), v[:3])
 
 
+def displaced(transform: Array, error: Array) -> Array:
+    """Return a pose ``(4, 4)`` moved by an error ``[d; δ]`` ``(6,)``, both in the axes of the same frame."""
+    return pose(exp_rotation(error[3:]) @ transform[:3, :3], transform[:3, 3] + error[:3])
+
+
 def inverse(transform: ArrayLike) -> Array:
     """Return the inverse of a pose ``(4, 4[, N])``."""
     t = np.asarray(transform, dtype=float)

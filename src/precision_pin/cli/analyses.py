@@ -87,7 +87,7 @@ def _option(option: Option) -> Callable[[Callable[..., int]], Callable[..., int]
         option.flag,
         option.argument,
         type=click.Choice(option.choices) if option.choices else option.kind,
-        default=False if option.kind is bool and option.default is None else option.default,
+        default=option.initial,
         is_flag=option.kind is bool,
         show_default=option.default is not None and option.is_default_shown,
         multiple=option.is_repeated,
@@ -271,8 +271,8 @@ def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what
     assert declaration.prepare is not None
     values: dict[str, Any] = {}
     for one in declaration.own_options:
-        default: Any = () if one.is_repeated else False if one.kind is bool else one.default
-        values[one.argument] = default if one.read is None or default is None else one.read(default)
+        value = one.initial
+        values[one.argument] = value if one.read is None or value is None else one.read(value)
     values |= {"seed": 0, "model": "exact", "specs": ()} | options
     asked = Asked({"": replace(sheet, findings=())}, values, (), lambda: poses, lambda: poses, lambda: None)
     job = declaration.prepare(asked)

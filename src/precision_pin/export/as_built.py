@@ -160,7 +160,7 @@ class AsBuilt:
         values = {**chain.locked, **dict(zip(chain.joint_names, posture.q, strict=True))}
         poses = parse(text, chain.robot.file).link_poses(values)
         tip = se3.inverse(poses[self.base]) @ poses[self.tip] @ se3.translation(chain.target)
-        expected = se3.pose(se3.exp_rotation(error[3:]) @ posture.pose[:3, :3], posture.pose[:3, 3] + error[:3])
+        expected = se3.displaced(posture.pose, error)
         scale = max(1.0, *(float(np.abs(pose[:3, 3]).max()) for pose in poses.values()))
         if np.abs(tip - expected).max() > AGREEMENT * scale:
             raise InternalError(f"{chain.robot.file}: a robot as built is not where the exact model puts it")

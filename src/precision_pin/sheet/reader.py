@@ -32,7 +32,7 @@ from precision_pin.sheet.provenance import Origin, origins_by_path, source_origi
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
 from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
-from precision_pin.sheet.text import Path, Text, read_text
+from precision_pin.sheet.text import Path, Text, read_text, written_yaml
 from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, labels, load_posture, own_draws
 from precision_pin.terms.source import Source
@@ -139,6 +139,14 @@ class Contents:
     folder: FilePath
     kinds: tuple[type[Source], ...]
     overrides: Overrides
+
+    def written(self, folder: FilePath, **changed: Any) -> str:
+        """Return the sheet as it is, some of its keys changed, without comments; the robot's file is named from a folder."""
+        data = {**self.text.data, **changed}
+        file = self.folder / data["robot"]
+        if file.is_file():
+            data["robot"] = os.path.relpath(file, folder)
+        return written_yaml(data)
 
     def values_at(self, sheet: Sheet, path: str) -> dict[str, Any]:
         """Return the values that a path of :meth:`read_changed` names, as they are written, by their full paths."""

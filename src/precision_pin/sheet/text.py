@@ -5,6 +5,7 @@ Every scalar stays text, so that YAML converts none of ``1e-4``, ``on`` and ``12
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -26,6 +27,15 @@ LARGE: Final = 20_000
 """Characters from which text is first tried with libyaml, which is some twenty times faster."""
 _OTHERWISE: Final = re.compile(r"[^\n -$&-~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|[{,]\s*:|.{1000}")
 """Where libyaml may differ: tabs, directives, control characters, other line ends than line feeds, empty and long keys."""
+
+
+def written_yaml(data: Mapping[str, Any]) -> str:
+    """Return data as the text of a sheet."""
+    writer = YAML()
+    writer.width = 120
+    text = io.StringIO()
+    writer.dump(data, text)
+    return text.getvalue()
 
 
 @final

@@ -41,7 +41,6 @@ DECLARATION = Declaration(
     name="allocate",
     function=f"{__name__}.allocate:allocate",
     result=f"{__name__}.allocation_result:AllocationResult",
-    outputs="precision_pin.analyses.allocation",
     title="Allocation",
     heading="",
     summary="Choose the cheapest tolerances that keep specifications at every pose.",

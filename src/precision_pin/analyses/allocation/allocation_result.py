@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
@@ -231,9 +230,7 @@ class AllocationResult(AnalysisResult):
 
     def _repr_html_(self) -> str:
         """Return the notebook view: the table of the command."""
-        # texts rest on results, not results on texts
-        made = import_module("precision_pin.analyses.allocation.table").allocation_table(self)
-        return preformatted(str(made))
+        return preformatted(self._output("table:allocation_table")(self))
 
     @property
     def summary(self) -> str:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import os
 from pathlib import Path
-
-from ruamel.yaml import YAML
 
 from precision_pin.analyses.allocation.allocation_result import AllocationResult
 from precision_pin.base.errors import InputError
@@ -31,12 +27,4 @@ def allocated_sheet(model: ErrorModel, result: AllocationResult, folder: Path) -
     changed = model.with_(result.changes).sheet
     if changed is None or changed.contents is None:
         raise InputError("the model was not read from a sheet or a dictionary")
-    data = dict(changed.contents.text.data)
-    file = changed.contents.folder / data["robot"]
-    if file.is_file():
-        data["robot"] = os.path.relpath(file, folder)
-    writer = YAML()
-    writer.width = 120
-    text = io.StringIO()
-    writer.dump(data, text)
-    return text.getvalue()
+    return changed.contents.written(folder)

@@ -6,7 +6,6 @@ DECLARATION = Declaration(
     name="budget",
     function=f"{__name__}.budget:budget",
     result=f"{__name__}.budget_result:BudgetResult",
-    outputs="precision_pin.analyses.budget",
     title="Budget",
     heading="Error budget",
     summary="Share of each draw, source and joint in the spread of the error; what a halved tolerance would give.",

@@ -242,7 +242,6 @@ DECLARATION = Declaration(
     name="calibrate",
     function=f"{__name__}.calibrate:calibrate",
     result=f"{__name__}.calibrate:CalibrationResult",
-    outputs="precision_pin.analyses.calibration",
     title="Calibration",
     heading="",
     summary="Forecast what measuring an arm will buy, choose poses to measure, or fit the model to readings.",

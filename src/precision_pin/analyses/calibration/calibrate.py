@@ -182,9 +182,7 @@ class CalibrationResult(PosesOutcome):
     def predict(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
         """Return the tip of the calibrated arm in the base, ``(4, 4)``; ``q`` as for :meth:`ErrorModel.at`."""
         at = self.original.at(q)
-        error = at.exact(self.components[:, None])[:, 0]
-        pose = at.posture.pose
-        return se3.pose(se3.exp_rotation(error[3:]) @ pose[:3, :3], pose[:3, 3] + error[:3])
+        return se3.displaced(at.posture.pose, at.exact(self.components[:, None])[:, 0])
 
     def to_urdf(
         self, path: str | os.PathLike[str], q: ArrayLike | Mapping[str, float] | str | None = None

@@ -10,8 +10,8 @@ from typing import ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.analyses.calibration.posterior import Outcome
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.result import Outcome
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_path
 from precision_pin.base.arrays import Array
@@ -79,8 +79,7 @@ class FactoryCalibration(Outcome):
     def predict(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
         """Return the tip of the built arm in the base, ``(4, 4)``; ``q`` as for :meth:`ErrorModel.at`."""
         at = self.model.at(q)
-        pose, error = at.posture.pose, at.exact(self.model.space.mean[:, None])[:, 0]
-        return se3.pose(se3.exp_rotation(error[3:]) @ pose[:3, :3], pose[:3, 3] + error[:3])
+        return se3.displaced(at.posture.pose, at.exact(self.model.space.mean[:, None])[:, 0])
 
     def to_urdf(self, path: str | os.PathLike[str]) -> None:
         """Write the built arm as a URDF, without loads and what else the model has beside the factory calibration.

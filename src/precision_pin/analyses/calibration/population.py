@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
@@ -14,15 +13,14 @@ from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
 import scipy.optimize
-from ruamel.yaml import YAML
 from scipy import stats
 
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, measured_problem, without_gross_errors
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, measurement_of, project_out
 from precision_pin.analyses.calibration.identifiability import Group, some, subspaces
-from precision_pin.analyses.calibration.posterior import Outcome
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.result import Outcome
 from precision_pin.base import units
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_number
 from precision_pin.base.arrays import Array
@@ -556,18 +554,9 @@ def population_sheet(result: Population, folder: Path) -> str:
     changed = result.model.with_(changes).sheet if changes else sheet
     assert changed is not None
     assert changed.contents is not None
-    data = dict(changed.contents.text.data)
-    if changes:
-        measured = {path: {"measured": f"{result.robots} robots"} for path in changes}
-        data["provenance"] = {**data.get("provenance", {}), **measured}
-    file = changed.contents.folder / data["robot"]
-    if file.is_file():
-        data["robot"] = os.path.relpath(file, folder)
-    writer = YAML()
-    writer.width = 120
-    text = io.StringIO()
-    writer.dump(data, text)
-    return "".join(f"# {note}\n" for note in notes) + text.getvalue()
+    measured = {path: {"measured": f"{result.robots} robots"} for path in changes}
+    stated = {"provenance": {**changed.contents.text.data.get("provenance", {}), **measured}} if measured else {}
+    return "".join(f"# {note}\n" for note in notes) + changed.contents.written(folder, **stated)
 
 
 def _has_limit(one: MeasuredTolerance) -> bool:

@@ -12,20 +12,17 @@ from scipy import special
 
 from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, repeat_covariance
 from precision_pin.analyses.calibration.identifiability import Identifiability
-from precision_pin.analyses.declaration import load
 from precision_pin.analyses.exact_law.number_law import NormalNorm
-from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.result import Outcome
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_name
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.notebook import preformatted
-from precision_pin.render.result_io import JsonResult
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import quantile_ranks
 
@@ -157,27 +154,6 @@ class ErrorLeft(Record):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Outcome(Record, JsonResult):
-    """Result of a calibration, of what is done before it, or of several; SI units, base axes.
-
-    Attributes
-    ----------
-    provenance
-        Robot, seed and versions.
-    findings
-        Those passed in, then the warnings of this result.
-    """
-
-    provenance: Provenance
-    findings: tuple[Finding, ...]
-
-    @property
-    def head(self) -> dict[str, Any]:
-        """First keys of the JSON: schema, robot, seed, versions."""
-        return self.provenance.to_dict(self.schema)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PosesOutcome(Outcome):
     """Result with the error that is left at the user's poses.
 
@@ -212,7 +188,7 @@ class PosesOutcome(Outcome):
 
     def _repr_html_(self) -> str:
         """Return the notebook view: the table of the command."""
-        return preformatted(load("precision_pin.analyses.calibration.table:table")(self))
+        return preformatted(self._output("table:table")(self))
 
 
 @final

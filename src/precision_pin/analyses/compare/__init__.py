@@ -57,7 +57,6 @@ DECLARATION = Declaration(
     name="compare",
     function=f"{__name__}.compare:compare",
     result=f"{__name__}.comparison_result:ComparisonResult",
-    outputs="precision_pin.analyses.compare",
     title="Comparison",
     heading="",
     summary="Compare sheets with the same robots: laws, verdicts, causes, and what differs in the sheets.",

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 from precision_pin.analyses.compare.paired import Difference
-from precision_pin.analyses.provenance import PoseLabel, Provenance
-from precision_pin.base.errors import Finding
+from precision_pin.analyses.provenance import PoseLabel
+from precision_pin.analyses.result import Outcome
 from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
-from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import milli
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet.differences import SheetDifference
@@ -82,14 +80,12 @@ class PoseComparison:
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class ComparisonResult(Record, JsonResult):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ComparisonResult(Outcome):
     """Laws of several models, sampled with the same robots, and their differences to the first.
 
     Attributes
     ----------
-    provenance
-        Robot of the first model, seed and software versions.
     names
         Names of the models.
     samples, model, confidence
@@ -100,8 +96,8 @@ class ComparisonResult(Record, JsonResult):
         What each sheet but the first has otherwise than the first.
     specifications
         Limits that are judged.
-    findings, warnings
-        Findings passed in; one line each for them and for the warnings of the analyses.
+    warnings
+        One line each for the findings and the warnings of the analyses.
     """
 
     schema: ClassVar[str] = "precision-pin/comparison/1"
@@ -110,7 +106,6 @@ class ComparisonResult(Record, JsonResult):
         *("met=met_by", "poses=entries", "sheets"),
     )
 
-    provenance: Provenance
     names: tuple[str, ...]
     samples: int
     model: str
@@ -118,7 +113,6 @@ class ComparisonResult(Record, JsonResult):
     poses: tuple[PoseComparison, ...]
     sheet_differences: tuple[tuple[SheetDifference, ...], ...]
     specifications: tuple[Specification, ...] = ()
-    findings: tuple[Finding, ...] = ()
     warnings: tuple[str, ...] = ()
 
     def met(self, name: str) -> bool:
@@ -139,14 +133,8 @@ class ComparisonResult(Record, JsonResult):
 
     def plot(self) -> Figure:
         """Draw the laws of |d| and |δ| of all models at the worst pose of the first."""
-        # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.analyses.compare.figure").figure(self)
+        drawn: Figure = self._output("figure:figure")(self)
         return drawn
-
-    @property
-    def head(self) -> dict[str, Any]:
-        """First keys of the JSON: schema, robot, seed, versions."""
-        return self.provenance.to_dict(self.schema)
 
     @property
     def met_by(self) -> dict[str, bool]:

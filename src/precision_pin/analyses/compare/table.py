@@ -6,12 +6,12 @@ from typing import Final
 
 from precision_pin.analyses.compare.comparison_result import LEVELS, ComparisonResult, PoseComparison
 from precision_pin.analyses.compare.paired import Difference
-from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES, demanded
+from precision_pin.analyses.monte_carlo.table import demanded, verdict_line
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import milli, resting_on, symbol
 from precision_pin.render.text_table import aligned
 from precision_pin.sampling.result import MonteCarloResult
-from precision_pin.statistics import SpecificationResult, format_inside, format_share
+from precision_pin.statistics import format_inside
 from precision_pin.statistics.digits import format_interval
 
 _SHOWN: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
@@ -77,18 +77,9 @@ def _verdicts(result: ComparisonResult) -> list[str]:
             for number, one in enumerate(pose.laws[rank].summary.specifications):
                 where = f" at {shown(pose.label.name or 'the pose')}" if len(result.poses) > 1 else ""
                 change = "" if rank == 0 else f", {_points(pose.differences[rank - 1].shares[number])}"
-                lines.append(f"{shown(name)}: {_verdict(one)}{where}{change}")
+                verdict = verdict_line(f"spec {demanded(one)}", one, "{share} % inside, {low} to {high} %")
+                lines.append(f"{shown(name)}: {verdict}{where}{change}")
     return lines
-
-
-def _verdict(one: SpecificationResult) -> str:
-    demand = f"spec {demanded(one)}: {one.said}"
-    if one.verdict == "not judged":
-        return demand
-    if one.verdict == "nothing to judge":
-        return f"{demand} - {NOTHING_VARIES}"
-    share, low, high = format_share(one.probability, one.interval, one.required)
-    return f"{demand} - {share} % inside, {low} to {high} %"
 
 
 def _points(change: Difference) -> str:

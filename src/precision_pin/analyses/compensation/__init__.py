@@ -59,7 +59,6 @@ DECLARATION = Declaration(
     name="compensate",
     function=f"{__name__}.compensate:compensate",
     result=f"{__name__}.compensation_result:CompensationResult",
-    outputs="precision_pin.analyses.compensation",
     title="Compensation",
     heading="",
     summary="Correct the constant part of the pose error by other joint values.",

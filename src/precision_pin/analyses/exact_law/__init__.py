@@ -6,7 +6,6 @@ DECLARATION = Declaration(
     name="exact-law",
     function=f"{__name__}.exact_law:exact_law",
     result=f"{__name__}.exact_law_result:ExactLawResult",
-    outputs="precision_pin.analyses.exact_law",
     title="Exact law",
     heading="Exact law against sampling",
     summary="Compute the law of every component of the first-order error, tails included, without sampling.",

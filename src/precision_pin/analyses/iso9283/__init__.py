@@ -86,7 +86,6 @@ DECLARATION = Declaration(
     name="iso9283",
     function=f"{__name__}.forecast:iso9283",
     result=f"{__name__}.result:Iso9283Result",
-    outputs="precision_pin.analyses.iso9283",
     title="ISO 9283",
     heading="",
     summary="Forecast accuracy and repeatability as ISO 9283 measures them; compare with measured cycles.",

@@ -8,11 +8,11 @@ import numpy as np
 
 from precision_pin.analyses.iso9283.cube import PLANES
 from precision_pin.analyses.iso9283.result import LEAST, SINGLE, Comparison, FigureLaw, Iso9283Result
-from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES
+from precision_pin.analyses.monte_carlo.table import verdict_line
 from precision_pin.base.text_escape import shown, visible
 from precision_pin.render.tables import ROUNDING, milli, plain, resting_on
 from precision_pin.render.text_table import aligned
-from precision_pin.statistics import SpecificationResult, format_inside, format_share
+from precision_pin.statistics import SpecificationResult, format_inside
 from precision_pin.statistics.digits import format_interval
 
 _MOST_DIFFERING: Final = 6
@@ -120,17 +120,11 @@ def verdict(measured: Comparison) -> str:
 def _judged(one: SpecificationResult, poses: int) -> str:
     every = " at every pose" if one.quantity not in SINGLE and poses > 1 else ""
     demand = (
-        f"spec {one.quantity} within {1e3 * one.limit:.6g} {_unit(one.quantity)} for {100 * one.required:.10g} %{every}: "
-        f"{one.said}"
+        f"spec {one.quantity} within {1e3 * one.limit:.6g} {_unit(one.quantity)} for {100 * one.required:.10g} %{every}"
     )
-    if one.verdict == "not judged":
-        return demand
-    if one.verdict == "nothing to judge":
-        return f"{demand} - {NOTHING_VARIES}"
-    share, low, high = format_share(one.probability, one.interval, one.required)
     more = ": more robots decide it" if one.verdict == "undecided" else ""
     of = "groups of five robots" if one.quantity == "E" else "robots"
-    return f"{demand} - {share} % of {of} keep it in a test, interval {low} to {high} %{more}"
+    return verdict_line(demand, one, f"{{share}} % of {of} keep it in a test, interval {{low}} to {{high}} %{more}")
 
 
 def position_rows(result: Iso9283Result) -> list[list[str]]:

@@ -42,7 +42,6 @@ DECLARATION = Declaration(
     name="map",
     function=f"{__name__}.map_poses:map_poses",
     result=f"{__name__}.map_result:MapResult",
-    outputs="precision_pin.analyses.map",
     title="Map",
     heading="",
     summary="Map the pose error over many poses: quantiles, share in specification, main cause; the worst verified.",

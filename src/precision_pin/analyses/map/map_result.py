@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
@@ -209,8 +208,7 @@ class MapResult(AnalysisResult):
         InputError
             Another level.
         """
-        # plots rest on results, not results on plots
-        drawn: Figure = import_module("precision_pin.analyses.map.figure").figure(self, quantity, level)
+        drawn: Figure = self._output("figure:figure")(self, quantity, level)
         return drawn
 
     @property

@@ -6,7 +6,6 @@ DECLARATION = Declaration(
     name="moments",
     function=f"{__name__}.moments:moments",
     result=f"{__name__}.moments_result:MomentsResult",
-    outputs="precision_pin.analyses.moments",
     title="Moments",
     heading="Moments, exact model against first order",
     summary="Mean and covariance of the exact error, and its bias against the first order, from few samples.",

@@ -63,7 +63,7 @@ def _answer(analysis: MonteCarloResult) -> list[str]:
     given = analysis.summary.specifications
     if not given:
         return [f"{_share(0.95)} of robots within {_within(analysis, 0.95)}"]
-    return [_verdict(one, is_brief=True) for one in given]
+    return [verdict_line(demanded(one), one, "{share} % inside") for one in given]
 
 
 def _whole(analysis: MonteCarloResult) -> list[str]:
@@ -219,18 +219,22 @@ def demanded(specification: Specification | SpecificationResult) -> str:
     return f"{absolute(of)} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
 
 
-def _verdict(result: SpecificationResult, *, is_brief: bool = False) -> str:
-    demand = f"{'' if is_brief else 'spec '}{demanded(result)}: {result.said}"
+def verdict_line(demand: str, result: SpecificationResult, samples: str) -> str:
+    """Return a demand with its verdict, and what the samples say, a text with ``{share}``, ``{low}`` and ``{high}``."""
+    line = f"{demand}: {result.said}"
     if result.verdict == "not judged":
-        return demand
+        return line
     if result.verdict == "nothing to judge":
-        return f"{demand} - {NOTHING_VARIES}"
+        return f"{line} - {NOTHING_VARIES}"
     share, low, high = format_share(result.probability, result.interval, result.required)
-    if is_brief:
-        return f"{demand} - {share} % inside"
+    return f"{line} - {samples.format(share=share, low=low, high=high)}"
+
+
+def _verdict(result: SpecificationResult) -> str:
     index = f", Cpk {result.cpk:.2f}" if math.isfinite(result.cpk) else ""
     more = ": more samples decide it" if result.verdict == "undecided" else ""
-    return f"{demand} - {share} % inside, interval {low} to {high} %{index}{more}"
+    samples = f"{{share}} % inside, interval {{low}} to {{high}} %{index}{more}"
+    return verdict_line(f"spec {demanded(result)}", result, samples)
 
 
 def mcpc_table(mcpc: Mcpc) -> str:

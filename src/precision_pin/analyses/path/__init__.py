@@ -79,7 +79,6 @@ DECLARATION = Declaration(
     name="path",
     function=f"{__name__}.path_law:path_law",
     result=f"{__name__}.path_result:PathResult",
-    outputs="precision_pin.analyses.path",
     title="Path",
     heading="",
     summary="Sample the law of the largest error along a path, with bands that hold whole error curves.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES, demanded
+from precision_pin.analyses.monte_carlo.table import demanded, verdict_line
 from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import resting_on, symbol
@@ -104,14 +104,9 @@ def _quantile(result: PathResult, norm: int, probability: float) -> tuple[str, s
 
 
 def _verdict(result: SpecificationResult) -> str:
-    demand = f"spec {demanded(result)} along the whole path: {result.said}"
-    if result.verdict == "not judged":
-        return demand
-    if result.verdict == "nothing to judge":
-        return f"{demand} - {NOTHING_VARIES}"
-    share, low, high = format_share(result.probability, result.interval, result.required)
     more = ": more samples decide it" if result.verdict == "undecided" else ""
-    return f"{demand} - {share} % of robots inside at every pose, interval {low} to {high} %{more}"
+    samples = f"{{share}} % of robots inside at every pose, interval {{low}} to {{high}} %{more}"
+    return verdict_line(f"spec {demanded(result)} along the whole path", result, samples)
 
 
 def _header(result: PathResult) -> list[str]:

@@ -6,7 +6,6 @@ DECLARATION = Declaration(
     name="reliability",
     function=f"{__name__}.reliability:reliability",
     result=f"{__name__}.reliability_result:ReliabilityResult",
-    outputs="precision_pin.analyses.reliability",
     title="Reliability",
     heading="Reliability",
     summary="Probability that a limit is exceeded, by several methods, down to one in ten million and below.",

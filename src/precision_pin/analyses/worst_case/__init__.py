@@ -6,7 +6,6 @@ DECLARATION = Declaration(
     name="worst-case",
     function=f"{__name__}.worst_case:worst_case",
     result=f"{__name__}.worst_case_result:WorstCaseResult",
-    outputs="precision_pin.analyses.worst_case",
     title="Worst case",
     heading="Worst case",
     summary="Bound the pose error if every tolerance does its worst at once.",
