@@ -10,9 +10,7 @@ from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaratio
 def prepare(asked: Asked) -> Job:
     """Return the allocation that the sheet of a command line asks for; a sheet is written if tolerances keep the limits."""
     from precision_pin.analyses.allocation.allocate import allocate, allocation_steps
-    from precision_pin.analyses.allocation.figure import figure
     from precision_pin.analyses.allocation.problem import read_problem
-    from precision_pin.analyses.allocation.sheet import allocated_sheet
     from precision_pin.model.error_model import ErrorModel
 
     options = asked.options
@@ -24,6 +22,9 @@ def prepare(asked: Asked) -> Job:
         return ("no sheet is written: no tolerances within their bounds keep the limits",) * is_missed
 
     def files(result: Any) -> Files:
+        from precision_pin.analyses.allocation.figure import figure
+        from precision_pin.analyses.allocation.sheet import allocated_sheet
+
         written = (
             {"allocated.errors.yaml": allocated_sheet(model, result, Path(options["out"]))} if result.feasible else {}
         )

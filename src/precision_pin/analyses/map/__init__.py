@@ -10,7 +10,6 @@ def prepare(asked: Asked) -> Job:
     """Return the map of the poses of a command line."""
     poses, options = asked.read_pose_set(), asked.options
     # late: these take as long to import as all before, and the reading of a large file is to be seen soon
-    from precision_pin.analyses.map.figure import figure
     from precision_pin.analyses.map.map_poses import count_steps, map_poses
     from precision_pin.model.error_model import ErrorModel
 
@@ -25,15 +24,18 @@ def prepare(asked: Asked) -> Job:
             result.to_netcdf(options["netcdf"])
         return ()
 
+    def files(result: Any) -> Files:
+        from precision_pin.analyses.map.figure import figure
+
+        drawn = {quantity: figure(result, quantity) for quantity in ("position", "attitude")}
+        return Files(drawn, listed="position and attitude")
+
     return Job(
         run,
         steps=count_steps(len(poses), options["samples"], options["verify"], judged=bool(options["specs"])),
         what="mapping",
         unit="steps",
-        files=lambda result: Files(
-            {quantity: figure(result, quantity) for quantity in ("position", "attitude")},
-            listed="position and attitude",
-        ),
+        files=files,
         write=write,
     )
 
