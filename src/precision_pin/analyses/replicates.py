@@ -138,7 +138,6 @@ _FEW: Final = 3.0
 _MOST_BREAKS: Final = 200
 """Laws with more breaks, such as large tables, are treated as smooth: the nodes would be too many."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
-_TOO_SMALL: Final = 1e-24
 
 
 def law_breaks(space: Space) -> list[tuple[float, ...]]:

@@ -44,15 +44,23 @@ class Outcome(Record, JsonResult):
         Robot, seed and software versions.
     findings
         Findings passed in, such as those of the sheet; of a calibration its warnings too.
+    warnings
+        One line each: the findings, then the warnings of the analysis; empty where all are findings.
     """
 
     provenance: Provenance
     findings: tuple[Finding, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def head(self) -> dict[str, Any]:
         """First keys of the JSON: schema, robot, seed, versions."""
         return self.provenance.to_dict(self.schema)
+
+    @property
+    def new_warnings(self) -> tuple[str, ...]:
+        """Warnings that are not among the findings passed in."""
+        return self.warnings[len(dict.fromkeys(map(str, self.findings))) :]
 
     def _output(self, place: str) -> Any:
         """Return ``module:name`` of the result's own folder, imported late: outputs rest on results, not results on outputs."""
@@ -64,24 +72,12 @@ class AnalysisResult(Outcome):
     """Result of an analysis as a data frame and a picture.
 
     The keys of its JSON are ``"*head"``, its settings, ``assumptions``, ``warnings``, ``findings`` and what it found.
-
-    Attributes
-    ----------
-    warnings
-        One line each: the findings, then the warnings of the analysis.
     """
-
-    warnings: tuple[str, ...] = ()
 
     @property
     def met(self) -> bool | None:
         """True if every specification is met, and for an analysis without; ``None`` where none could be looked at."""
         return True
-
-    @property
-    def new_warnings(self) -> tuple[str, ...]:
-        """Warnings that are not among the findings passed in."""
-        return self.warnings[len(dict.fromkeys(map(str, self.findings))) :]
 
     @property
     def assumptions(self) -> tuple[str, ...]:

@@ -134,7 +134,7 @@ def _run(declaration: Declaration, options: dict[str, Any]) -> int:
     if job.findings is not None:
         echo_warnings(result.findings[len(job.findings) :])
     elif not declaration.has_warnings_in_table:
-        echo_warning_lines(result.warnings[len(dict.fromkeys(map(str, result.findings))) :])
+        echo_warning_lines(result.new_warnings)
     _answer(declaration, job, result, options)
     return 0 if job.is_met(result) else EXIT_SPEC
 

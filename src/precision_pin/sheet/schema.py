@@ -38,7 +38,6 @@ from precision_pin.sheet.text import Path
 from precision_pin.sources import catalogue
 from precision_pin.terms.source import SettingField, Source, setting_fields, setting_meanings, takes_law
 
-VERSION = "1"
 ASSUMED: Final = "assumed"
 """The key, allowed in every source, that marks its numbers as assumptions."""
 PROVENANCE: Final = "provenance"

@@ -96,8 +96,6 @@ class ComparisonResult(Outcome):
         What each sheet but the first has otherwise than the first.
     specifications
         Limits that are judged.
-    warnings
-        One line each for the findings and the warnings of the analyses.
     """
 
     schema: ClassVar[str] = "precision-pin/comparison/1"
@@ -113,7 +111,6 @@ class ComparisonResult(Outcome):
     poses: tuple[PoseComparison, ...]
     sheet_differences: tuple[tuple[SheetDifference, ...], ...]
     specifications: tuple[Specification, ...] = ()
-    warnings: tuple[str, ...] = ()
 
     def met(self, name: str) -> bool:
         """Return whether a model meets every specification at every pose; true without any.

@@ -15,7 +15,6 @@ from precision_pin.statistics import format_inside
 from precision_pin.statistics.digits import format_interval
 
 _SHOWN: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
-_PARTS: Final = ("position.x", "position.y", "position.z")
 _MOST_CAUSES: Final = 8
 _MOST_DIFFERENCES: Final = 20
 _MOST_LETTERS: Final = 30
