@@ -620,7 +620,7 @@ class NormalNorm:
     def density(self, r: Array) -> Array:
         """Return the density of |v|, ``(N,)``."""
         inner = np.sqrt(np.maximum(r**2 - self._axes[2] ** 2, 0.0))
-        return self._evaluate(_sphere, inner) * r / np.where(inner > 0, inner, np.inf)
+        return self._evaluate(_sphere, inner, self._axes[0][0]) * r / np.where(inner > 0, inner, np.inf)
 
     def quantile(self, p: float) -> float:
         """Return the radius of the ball with this probability, by Brent's method.
@@ -659,12 +659,16 @@ class NormalNorm:
         square = float(self.centre @ self.centre + np.trace(self.matrix))
         return mean, math.sqrt(max(square - mean**2, 0.0))
 
-    def _evaluate(self, function: Callable[[Array, Array, Array, int], Array], radii: Array) -> Array:
-        """Return a function of radii, with the nodes of each doubled until the value is stationary."""
+    def _evaluate(
+        self, function: Callable[[Array, Array, Array, int], Array], radii: Array, unit: float = 1.0
+    ) -> Array:
+        """Return a function of radii, with the nodes of each doubled until value times unit is stationary."""
         stds, means, _ = self._axes
         step = max(1, _AT_ONCE // (2 * _NODES) ** (stds.size - 1))
         if radii.size > step:
-            parts = [self._evaluate(function, radii[first : first + step]) for first in range(0, radii.size, step)]
+            parts = [
+                self._evaluate(function, radii[first : first + step], unit) for first in range(0, radii.size, step)
+            ]
             return np.concatenate(parts)
         nodes = _NODES
         values = function(radii, stds, means, nodes)
@@ -673,7 +677,7 @@ class NormalNorm:
             nodes *= 2
             before = values[open_ones]
             values[open_ones] = now = function(radii[open_ones], stds, means, nodes)
-            open_ones = open_ones[np.abs(now - before) > ERROR / 10 * np.maximum(1.0, np.abs(now) * stds[0])]
+            open_ones = open_ones[unit * np.abs(now - before) > ERROR / 10 * np.maximum(1.0, unit * np.abs(now))]
         return values
 
 
