@@ -174,5 +174,5 @@ def _write_folder(analysis: MonteCarloResult, folder: Path) -> None:
 
     with whole_folder(folder) as stage:
         write_text(stage / "analysis.json", analysis.to_json() + "\n")
-        for name, figure in figures.figures_of(analysis).items():
+        for name, figure in figures.figures_of(analysis.summary, analysis.seed, analysis.arm).items():
             figures.save(figure, stage / name)

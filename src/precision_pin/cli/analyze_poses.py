@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal, final
+from typing import TYPE_CHECKING, Final, Literal, cast, final
 
 import click
 
@@ -23,6 +23,8 @@ from precision_pin.cli.workers import working
 from precision_pin.render.tables import pose_labels
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sampling.poses_result import PosesResult
     from precision_pin.sheet import Sheet
@@ -114,9 +116,9 @@ def _find(
 
 
 def _write_folder(result: PosesResult, folder: Path) -> None:
-    from precision_pin.sampling.figures import figure_of_poses, save
+    from precision_pin.sampling.figures import save
 
     with whole_folder(folder) as stage:
         write_text(stage / "poses.json", result.to_json() + "\n")
         for quantity in ("position", "attitude"):
-            save(figure_of_poses(result, quantity), stage / quantity)
+            save(cast("Figure", result.plot(quantity)), stage / quantity)

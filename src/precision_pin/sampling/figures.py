@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,6 +19,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.files import write_files
 from precision_pin.base.text_escape import visible
@@ -48,19 +50,17 @@ from precision_pin.render.figure_style import (
     style,
     wrapped,
 )
-from precision_pin.render.tables import pose_labels, symbol
-from precision_pin.sampling.poses_result import LEVELS, PosesResult
-from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.render.tables import symbol
 from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary
+from precision_pin.statistics.verdicts import Verdict
 
 DOTS_PER_INCH: Final = 200
 
 _Draw = Callable[[Axes, Distribution, WrittenUnit, Sequence[SpecificationResult]], None]
 
 
-def figures_of(analysis: MonteCarloResult) -> dict[str, Figure]:
-    """Return the figures of a result by name: ``position``, ``attitude`` and ``components``."""
-    summary, seed, arm = analysis.summary, analysis.seed, _arm(analysis)
+def figures_of(summary: Summary, seed: int, arm: str) -> dict[str, Figure]:
+    """Return the figures of a Monte Carlo result by name: ``position``, ``attitude`` and ``components``."""
     return {
         "position": figure_position(summary, title=f"Position error of {arm}", seed=seed),
         "attitude": figure_attitude(summary, title=f"Attitude error of {arm}", seed=seed),
@@ -68,33 +68,25 @@ def figures_of(analysis: MonteCarloResult) -> dict[str, Figure]:
     }
 
 
-def plot(analysis: MonteCarloResult, quantity: str, axes: Axes | None) -> Axes | Figure:
+def plot(summary: Summary, seed: int, arm: str, quantity: str, axes: Axes | None) -> Axes | Figure:
     """Return what :meth:`precision_pin.sampling.result.MonteCarloResult.plot` does."""
     names = ("position", "attitude", "components", *QUANTITIES)
     if quantity not in names:
         raise UnknownNameError("quantity", quantity, names)
     if axes is None and quantity not in QUANTITIES:
-        return figures_of(analysis)[quantity]
+        return figures_of(summary, seed, arm)[quantity]
     if quantity == "components":
         raise InputError(
             "the six components have a separate figure; plot one of them on given axes, such as position.x"
         )
     drawn = histogram(
-        analysis.summary.distribution(quantity if quantity in QUANTITIES else f"{quantity}.norm"),
-        title=f"{symbol(quantity if quantity in QUANTITIES else f'{quantity}.norm')} of {_arm(analysis)}",
-        seed=analysis.seed,
-        specifications=analysis.summary.specifications,
+        summary.distribution(quantity if quantity in QUANTITIES else f"{quantity}.norm"),
+        title=f"{symbol(quantity if quantity in QUANTITIES else f'{quantity}.norm')} of {arm}",
+        seed=seed,
+        specifications=summary.specifications,
         axes=axes,
     )
     return figure_of(drawn) if axes is None else drawn
-
-
-def _arm(analysis: MonteCarloResult) -> str:
-    """Return robot and pose, short and without marks that turn the text round."""
-    named = f" at pose {visible(analysis.pose_name, 40)}" if analysis.pose_name else ""
-    other = analysis.relative_to
-    relative = f" relative to {visible(other.name, 40) or 'another pose'}" if other else ""
-    return f"{visible(analysis.robot, 60)}{named}{relative}"
 
 
 def histogram(
@@ -254,74 +246,93 @@ _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
 """Colour and dashes of each quantile."""
 
 
-def plot_poses(result: PosesResult, quantity: str, axes: Axes | None) -> Axes | Figure:
-    """Return what :meth:`precision_pin.sampling.poses_result.PosesResult.plot` does."""
-    names = ("position", "attitude")
-    if quantity not in names:
-        raise UnknownNameError("quantity", quantity, names)
-    if axes is None:
-        return figure_of_poses(result, quantity)
-    with style():
-        _draw_poses(axes, result, quantity)
-        axes.set_title(_title(result, quantity))
-    return axes
+@dataclass(frozen=True, eq=False)
+class ErrorAtPoses:
+    """What a figure shows of |d| or |δ| at P poses.
+
+    Attributes
+    ----------
+    quantity
+        ``"position.norm"`` or ``"attitude.norm"``.
+    title, caption
+        Lines above and below the figure.
+    labels
+        Names of the poses.
+    largest
+        Largest sampled value.
+    quantiles
+        Intervals ``(2, P)`` and quantiles ``(P,)`` by level.
+    specifications
+        Verdict over all poses and result at each, of the specifications of this quantity or its components.
+    """
+
+    quantity: str
+    title: str
+    caption: str
+    labels: Sequence[str]
+    largest: float
+    quantiles: Mapping[float, tuple[Array, Array]]
+    specifications: Sequence[tuple[Verdict, Sequence[SpecificationResult]]]
 
 
-def figure_of_poses(result: PosesResult, quantity: str) -> Figure:
-    """Return the figure_of_poses of ``"position"`` or ``"attitude"``, 174 mm wide."""
+def figure_of_poses(shown: ErrorAtPoses) -> Figure:
+    """Return the figure of a quantity at several poses, 174 mm wide."""
     with style():
         made = new_figure(DOUBLE_COLUMN)
         axes = made.subplots()
-        _draw_poses(axes, result, quantity)
-        caption = (
-            f"N = {result.samples:,} at each pose, seed {result.seed}; bars: {100 * result.confidence:g} % intervals"
-        )
-        entries, below = labelled([axes]), wrapped(caption, made)
-        made.suptitle("\n".join(wrapped(_title(result, quantity), made)))
+        _draw_poses(axes, shown)
+        entries, below = labelled([axes]), wrapped(shown.caption, made)
+        made.suptitle("\n".join(wrapped(shown.title, made)))
         legend_below(made, entries, 3, below)
         set_height(made, 80.0 + (len(below) + 1 + len(entries) / 3) * LINE_HEIGHT)
     return made
 
 
-def _title(result: PosesResult, quantity: str) -> str:
-    return f"{symbol(f'{quantity}.norm')} of {visible(result.robot, 60)} at {result.poses:,} poses"
+def plot_poses(shown: ErrorAtPoses, axes: Axes | None) -> Axes | Figure:
+    """Return what :meth:`precision_pin.sampling.poses_result.PosesResult.plot` does."""
+    if axes is None:
+        return figure_of_poses(shown)
+    with style():
+        _draw_poses(axes, shown)
+        axes.set_title(shown.title)
+    return axes
 
 
-def _draw_poses(axes: Axes, result: PosesResult, quantity: str) -> None:
-    norm = ("position", "attitude").index(quantity)
-    quantiles, ends = result.quantile[:, norm], result.quantile_interval[:, norm]
-    unit = WrittenUnit.of_axis(f"{quantity}.norm", float(result.norm_max[norm].max()))
-    places = np.arange(1, result.poses + 1)
-    for rank, (level, (colour, dashes)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
-        value = quantiles[rank] * unit.per_si
+def _draw_poses(axes: Axes, shown: ErrorAtPoses) -> None:
+    unit = WrittenUnit.of_axis(shown.quantity, shown.largest)
+    poses = len(shown.labels)
+    places = np.arange(1, poses + 1)
+    for rank, ((level, (ends, quantiles)), (colour, dashes)) in enumerate(
+        zip(shown.quantiles.items(), _STYLES, strict=True)
+    ):
+        value = quantiles * unit.per_si
         # a sketch's bin may reach no farther than its quantile: never a negative bar
-        bars = np.maximum(np.abs(ends[rank] * unit.per_si - value), 0.0)
-        label = "median" if level == LEVELS[0] else f"{100 * level:g} % of robots"
+        bars = np.maximum(np.abs(ends * unit.per_si - value), 0.0)
         axes.errorbar(
             places, value, yerr=bars, color=colour, linestyle=dashes, marker="o", markersize=2.5,
-            elinewidth=0.6, capsize=1.2, label=label,
+            elinewidth=0.6, capsize=1.2, label=f"{100 * level:g} % of robots" if rank else "median",
         )  # fmt: skip
-    for specification in result.specification_results:
-        specified = specification.results[0]
-        if specified.quantity == f"{quantity}.norm":
+    for verdict, results in shown.specifications:
+        specified = results[0]
+        if specified.quantity == shown.quantity:
             axes.axhline(
                 specified.limit * unit.per_si,
-                color=LIMIT_COLOURS.get(specification.verdict, BLACK),
+                color=LIMIT_COLOURS.get(verdict, BLACK),
                 linestyle=_LIMIT_DASHES,
                 linewidth=1.2,
                 label=f"limit {unit.short(specified.limit)} for {100 * specified.required:.6g} %",
             )
-    judged = [of for of in result.specification_results if of.results[0].quantity.startswith(quantity)]
-    missed = [pose + 1 for pose in range(result.poses) if any(of.results[pose].verdict == "not met" for of in judged)]
+    judged = [results for _, results in shown.specifications]
+    missed = [pose + 1 for pose in range(poses) if any(results[pose].verdict == "not met" for results in judged)]
     for place in missed:
         axes.axvspan(place - 0.5, place + 0.5, color=VERMILION, alpha=0.15, linewidth=0)
     if missed:
         axes.fill_between([], [], [], color=VERMILION, alpha=0.15, linewidth=0, label="specification not met")
-    axes.set_xlim(0.5, result.poses + 0.5)
+    axes.set_xlim(0.5, poses + 0.5)
     axes.set_ylim(bottom=0)
-    axes.set_ylabel(f"{symbol(f'{quantity}.norm')} [{unit.name}]")
-    if result.poses <= _MOST_NAMED:
-        labels = [shortened(visible(label), _MOST_LETTERS) for label in pose_labels(result.names)]
+    axes.set_ylabel(f"{symbol(shown.quantity)} [{unit.name}]")
+    if poses <= _MOST_NAMED:
+        labels = [shortened(visible(label), _MOST_LETTERS) for label in shown.labels]
         turned = sum(map(len, labels)) > _MOST_LEVEL
         axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
     else:

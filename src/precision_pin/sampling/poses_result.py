@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_name, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding
+from precision_pin.base.errors import Finding, UnknownNameError
 from precision_pin.base.record import Keys, Record
+from precision_pin.base.text_escape import visible
 from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import grounds_at_each
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.result_io import JsonResult
-from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels
+from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels, symbol
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.statistics import (
     COMPONENTS,
@@ -326,8 +327,26 @@ class PosesResult(Record, JsonResult):
         UnknownNameError
             Another quantity.
         """
-        # plots rest on results, not results on plots
-        drawn: Axes | Figure = import_module("precision_pin.sampling.figures").plot_poses(self, quantity, axes)
+        names = ("position", "attitude")
+        if quantity not in names:
+            raise UnknownNameError("quantity", quantity, names)
+        norm, written = names.index(quantity), f"{quantity}.norm"
+        judged = self.specification_results
+        # late: matplotlib takes half a second to import
+        figures = import_module("precision_pin.sampling.figures")
+        shown = figures.ErrorAtPoses(
+            written,
+            title=f"{symbol(written)} of {visible(self.robot, 60)} at {self.poses:,} poses",
+            caption=f"N = {self.samples:,} at each pose, seed {self.seed}; bars: {100 * self.confidence:g} % intervals",
+            labels=pose_labels(self.names),
+            largest=float(self.norm_max[norm].max()),
+            quantiles={
+                level: (self.quantile_interval[rank, norm], self.quantile[rank, norm])
+                for rank, level in enumerate(LEVELS)
+            },
+            specifications=[(of.verdict, of.results) for of in judged if of.results[0].quantity.startswith(quantity)],
+        )
+        drawn: Axes | Figure = figures.plot_poses(shown, axes)
         return drawn
 
     def between(self, one: int, other: int) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.record import Keys, Record
+from precision_pin.base.text_escape import visible
 from precision_pin.base.versions import versions
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import OriginShares
@@ -277,6 +278,14 @@ class MonteCarloResult(Record, JsonResult):
     def _correlations(self) -> dict[str, Any]:
         return {"correlations": self.correlations} if self.correlations else {}
 
+    @property
+    def arm(self) -> str:
+        """Robot and pose, short and without marks that turn the text round."""
+        named = f" at pose {visible(self.pose_name, 40)}" if self.pose_name else ""
+        other = self.relative_to
+        relative = f" relative to {visible(other.name, 40) or 'another pose'}" if other else ""
+        return f"{visible(self.robot, 60)}{named}{relative}"
+
     def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
         """Draw the sampled distribution.
 
@@ -300,8 +309,10 @@ class MonteCarloResult(Record, JsonResult):
         InputError
             All six components are to be drawn on one pair of axes.
         """
-        # imported here, because the modules of the outputs import those of the results
-        drawn: Axes | Figure = import_module("precision_pin.sampling.figures").plot(self, quantity, axes)
+        # late: matplotlib takes half a second to import
+        drawn: Axes | Figure = import_module("precision_pin.sampling.figures").plot(
+            self.summary, self.seed, self.arm, quantity, axes
+        )
         return drawn
 
     def to_pandas(self) -> pandas.DataFrame:

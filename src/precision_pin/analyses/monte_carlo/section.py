@@ -20,7 +20,7 @@ _EXTREMES: Final = (("min", "smallest seen"), ("max", "largest seen"))
 def distributions(results: Results) -> Html:
     """Return the figures of |d|, |δ| and the six components with a table of their numbers."""
     analysis = results.analysis
-    drawn = figures.figures_of(analysis)
+    drawn = figures.figures_of(analysis.summary, analysis.seed, analysis.arm)
     pictures = element(
         "div",
         figure(
