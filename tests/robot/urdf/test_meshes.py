@@ -115,7 +115,9 @@ TEXT_PLY = (
     "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n"
     "element face 1\nproperty list uchar int vertex_indices\nend_header\n{} 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 )
-DOUBLES = np.array([[1e308, 0, 0], [-1e308, 0, 0], [0, 1e308, 0]]).tobytes() + b"\3" + np.arange(3, dtype="<i4").tobytes()
+DOUBLES = (
+    np.array([[1e308, 0, 0], [-1e308, 0, 0], [0, 1e308, 0]]).tobytes() + b"\3" + np.arange(3, dtype="<i4").tobytes()
+)
 BEYOND = "farther than 1e\\+30"
 PARENTS = [{"children": [1]}, {"children": [2]}, {"children": [1]}]
 ACCESSOR = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
