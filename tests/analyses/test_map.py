@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy import stats
 
 import precision_pin as pp
 from precision_pin.analyses.exact_law.number_law import NormalNorm
+from precision_pin.analyses.map import map_poses as map_poses_module
+from precision_pin.analyses.map import map_result
+from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.map.table import map_table
 from precision_pin.base.errors import InputError
@@ -22,6 +27,7 @@ from precision_pin.sources import Backlash, Frame, JointOffset
 from support.plain_robot import chain_of, joint, link, robot
 
 PAPER = ErrorModel.load(PAPER_SHEET)
+UR5 = ErrorModel.load(shipped_sheets()["ur5"])
 
 
 def around(count: int, seed: int = 4, spread: float = 0.4) -> np.ndarray:
@@ -192,3 +198,40 @@ def test_wrong_questions_are_refused():
         made.plot(level=0.9)
     with pytest.raises(InputError, match="no quantity named 'positon'"):
         made.plot("positon")
+
+
+@pytest.mark.slow
+def test_the_estimates_of_memory_are_those_of_a_map_and_its_json(monkeypatch):
+    """Bytes of the arrays held at once, and of the JSON as it is made, within a factor of 1.5."""
+    said, held = [], []
+
+    def measured(*given):
+        closed = first_order(*given)
+        vectors = [array for one in closed.vectors for array in vars(one).values()]
+        arrays = [array for array in (*vars(closed).values(), *vectors) if isinstance(array, np.ndarray)]
+        held.append(sum(array.nbytes for array in arrays))
+        return closed
+
+    monkeypatch.setattr(map_poses_module, "first_order", measured)
+    monkeypatch.setattr(map_poses_module, "check_memory", lambda needed, *_: said.append(needed))
+    for model, options in ((PAPER, {}), (UR5, {"relative_to": "ready", "specifications": ["x 1 mm @ 90 %", "2 mm"]})):
+        q = np.repeat(next(iter(model.poses.values()))[:, None], 60, axis=1)
+        made = pp.map_poses(model, q, verify=0, **options)
+        at = model.chain.at_many(q)
+        frames = [at.joint_poses, at.pose, at.joint_jacobian, at.load_torque, at.link_wrench]
+        moments, beside = held.pop(), sum(array.nbytes for array in frames)
+        # the rest by the growth of a process from 8,000 to 24,000 poses: 3,180 bytes a pose (UR5), 2,770 (paper's arm)
+        assert 1 / 1.2 < said.pop() / (moments + max(moments, beside) + 60 * 700) < 1.2
+        monkeypatch.setattr(map_result, "LARGEST_FILE", np.inf)
+        monkeypatch.setattr(map_result, "check_memory", lambda needed, *_: said.append(needed))
+        tracemalloc.start()
+        text = made.to_json()
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert 1 / 1.5 < said.pop() / peak < 1.5
+        monkeypatch.setattr(map_result, "LARGEST_FILE", 1.5 * len(text))
+        made.to_json()
+        said.clear()
+        monkeypatch.setattr(map_result, "LARGEST_FILE", len(text) / 1.5)
+        with pytest.raises(InputError, match=r"JSON of a map of 60 poses is about 0\.0 GB long.*netCDF.* fewer poses"):
+            made.to_json()

@@ -107,3 +107,14 @@ def test_wrong_input_is_one_line(run, new_files, options, message):
     assert len(done.said) == 1
     assert message in done.said[0]
     assert new_files() == set()
+
+
+@pytest.mark.parametrize("options", [("--json", "map.json"), ("--json", "-"), ("--out", "plots")])
+def test_a_json_that_is_too_large_is_refused_before_the_work(run, folder, new_files, monkeypatch, options):
+    monkeypatch.setattr("precision_pin.analyses.map.map_result.LARGEST_FILE", 1000)
+    monkeypatch.setattr("precision_pin.analyses.map.map_poses.first_order", None)
+    refused = run("map", SHEET, *options)
+    assert (refused.code, refused.out) == (2, "")
+    assert "the JSON of a map of" in refused.err
+    assert "write it as netCDF (--netcdf" in refused.err
+    assert new_files() == set()

@@ -110,6 +110,15 @@ PLY = (
     "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
     "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
 )
+FAR = np.array([[3e38, 0, 0], [-3e38, 0, 0], [0, 3e38, 0]], "<f4").tobytes()
+TEXT_PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n{} 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+)
+DOUBLES = (
+    np.array([[1e308, 0, 0], [-1e308, 0, 0], [0, 1e308, 0]]).tobytes() + b"\3" + np.arange(3, dtype="<i4").tobytes()
+)
+BEYOND = "farther than 1e\\+30"
 PARENTS = [{"children": [1]}, {"children": [2]}, {"children": [1]}]
 ACCESSOR = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
 BAD: dict[str, tuple[str, bytes]] = {
@@ -134,6 +143,15 @@ BAD: dict[str, tuple[str, bytes]] = {
     "circle.dae": ("circle", doubling(3, circle=True)),
     "double.dae": ("every instance", doubling(40)),
     "deep.dae": ("deep", b"<a>" * 5000 + b"</a>" * 5000),
+    "far.glb": (BEYOND, glb(gltf(), FAR + INDICES)),
+    "scaled.gltf": (BEYOND, json.dumps(gltf(nodes=[{"mesh": 0, "scale": [1e308, 1, 1]}])).encode()),
+    "far.dae": (BEYOND, dae(numbers="1e308 0 0 -1e308 0 0 0 1e308 0")),
+    "scaled.dae": (BEYOND, dae().replace(b"<node>", b"<node><scale>1 1e308 1</scale>")),
+    "unit.dae": (BEYOND, dae().replace(b"<asset/>", b'<asset><unit meter="1e308"/></asset>')),
+    "text.ply": (BEYOND, TEXT_PLY.format("1e308").encode()),
+    "nan.ply": ("finite", TEXT_PLY.format("nan").encode()),
+    "doubles.ply": (BEYOND, TEXT_PLY.partition("{}")[0].replace("ascii", "binary_little_endian").encode() + DOUBLES),
+    "far.stl": (BEYOND, bytes(80) + struct.pack("<I12x", 1) + FAR + bytes(2)),
     "rows.ply": ("can hold", PLY.format(99_999).encode() + b"1" * 100_000),
 }  # fmt: skip
 

@@ -184,6 +184,8 @@ WARNINGS = [
     (CYLINDER, '<capsule radius="1"/>', "W_GEOMETRY", ["upper", "capsule"], "<visual>"),
     (CYLINDER, '<mesh filename="" />', "W_MESH_MISSING", ["upper"], "<mesh"),
     (CYLINDER, '<mesh filename="a.stl" scale="0.001"/>', "W_MESH_SCALE", ["upper", "0.001"], "<mesh"),
+    (CYLINDER, '<mesh filename="a.stl" scale="1e308 1 1"/>', "W_MESH_SCALE", ["upper", "1e308", "large"], "<mesh"),
+    (CYLINDER, '<box size="1 1e308 1"/>', "W_GEOMETRY", ["upper", "1e308", "large"], "<visual>"),
     (CYLINDER, '<mesh filename="a.stl" scale="1 -1 1"/>', "W_MESH_SCALE", ["upper", "mirrors"], "<mesh"),
     (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" rpy="1.57 0 0"/>', "W_ANGLE_ROUNDED", ["elbow", "1.57", "90°"], ELBOW),
     (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" rpy="0 0 -3.1416"/>', "W_ANGLE_ROUNDED", ["-3.1416", "-180°"], ELBOW),

@@ -87,10 +87,10 @@ def correct(
 
     Newton's method on the arm with its errors: the errors are computed anew at each step, since loads and lever arms change
     with the joint values, and the Jacobian is that of the arm with its errors, by central differences. Of a redundant arm the
-    sum of squares of the changes of the joints is the smallest, a sliding joint counted in lengths of the chain: each step goes
-    to the smallest change that the Jacobian allows. A joint that would pass its limit stays there, and the others correct; it
-    leaves the limit again where that makes the change smaller. Where that finds nothing within the limits, joint values scattered
-    between them are tried, and the correction that moves the joints least is taken; none may be found though there is one.
+    sum of squares of the changes of the joints is a local minimum, a sliding joint counted in lengths of the chain: each step
+    goes to the smallest change that the Jacobian allows. A joint that would pass its limit stays there, and the others correct;
+    it leaves the limit again where that makes the change smaller. Where that finds nothing within the limits, joint values
+    scattered between them are tried, and of the corrections found the nearest is taken; none may be found though there is one.
 
     Parameters
     ----------

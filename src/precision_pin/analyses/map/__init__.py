@@ -10,12 +10,18 @@ def prepare(asked: Asked) -> Job:
     """Return the map of the poses of a command line."""
     poses, options = asked.read_pose_set(), asked.options
     # late: these take as long to import as all before, and the reading of a large file is to be seen soon
+    from precision_pin.analyses.budget.shares import source_lines
     from precision_pin.analyses.map.map_poses import count_steps, map_poses
+    from precision_pin.analyses.map.map_result import check_json
     from precision_pin.model.error_model import ErrorModel
 
+    model = ErrorModel.from_sheet(asked.sheet)
+    if options["json_path"] is not None or options["out"] is not None:
+        is_relative = options["relative_to"] is not None
+        check_json(len(poses), len(poses.q), len(source_lines(model)), len(options["specs"]), is_relative)
     names = ("samples", "seed", "relative_to", "verify")
     run = partial(
-        map_poses, ErrorModel.from_sheet(asked.sheet), poses, **{name: options[name] for name in names},
+        map_poses, model, poses, **{name: options[name] for name in names},
         specifications=options["specs"], findings=asked.sheet.findings, files={"sheet": asked.sheet.file},
     )  # fmt: skip
 

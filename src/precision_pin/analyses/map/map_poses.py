@@ -41,8 +41,8 @@ VERIFIED: Final = 5
 VERIFYING_SAMPLES: Final = 20_000
 _NORMS: Final = ((0, 1, 2), (3, 4, 5))
 _DOUBTED: Final = 0.1
-_NUMBERS: Final = 190
-"""Numbers in the result of a pose."""
+_REST: Final = 700
+"""Bytes of a pose beside its moments: names, quantiles and their limits."""
 _AT_ONCE: Final = 2048
 """Poses whose quantiles and limits are computed between two steps of progress."""
 
@@ -130,12 +130,17 @@ def map_poses(
         raise InputError("a journal keeps sampled poses; give the number of samples too, or leave the journal out")
     listed = listed_specifications(specifications)
     given = pose_set(error_model, poses)
-    check_memory(8.0 * _NUMBERS * len(given), f"a map of {len(given):,} poses", "map fewer of them at a time")
+    lines = source_lines(error_model)
+    vectors = list(dict.fromkeys((*_NORMS, *(one.components for one in listed))))
+    # what bounds a vector has 25 numbers, what is relative as many as what is not
+    moments = len(lines) + 25 * len(vectors) + 42 * (1 if relative_to is None else 2)
+    # made in parts beside the joints' frames and Jacobians of all poses, then joined
+    needed = 8 * (moments + max(moments, 29 * len(given.q) + 22)) + _REST
+    check_memory(float(needed * len(given)), f"a map of {len(given):,} poses", "map fewer of them at a time")
     if not given.known.any():
         raise InputError(f"none of the {len(given):,} poses has joint values: {_count_of(given)}")
     reference = None if relative_to is None else error_model.at(relative_to)
     values = given.q[:, given.known]
-    lines = source_lines(error_model)
     names = tuple(line.name for line in lines)
     labels = given.labels
     known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
@@ -149,7 +154,6 @@ def map_poses(
     # the worst of the poses judged is a biased choice: it is verified with other robots
     check = int(seed) ^ (1 << 63)
     with steps_to(progress, steps, "steps") as step, unheard():
-        vectors = list(dict.fromkeys((*_NORMS, *(one.components for one in listed))))
         count = values.shape[1]
         # half of the steps for the moments of all poses, half for their quantiles and limits
         halves = [scaled(step, count, steps_of) for steps_of in (count // 2, count - count // 2)]

@@ -15,9 +15,12 @@ from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_path
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.base.files import write_files
+from precision_pin.base.memory import check_memory
 from precision_pin.base.record import Keys
 from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import LARGEST_FILE
 from precision_pin.render.tables import data_frame, described, milli, optional, percent
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
@@ -32,6 +35,8 @@ if TYPE_CHECKING:
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _NORMS: Final = ("position", "attitude")
 _MOST_ROWS: Final = 20
+_WRITTEN, _ENCODING = 40, 250
+"""Bytes of a number in the JSON, and of memory while that is made."""
 
 
 @final
@@ -281,6 +286,19 @@ class MapResult(AnalysisResult):
             }
         return entry
 
+    def to_json(self) -> str:
+        """Return the JSON as text.
+
+        Raises
+        ------
+        InputError
+            It would take more memory than there is, or be too large to be read again.
+        """
+        check_json(
+            len(self.poses), len(self.joints), len(self.sources), len(self.specifications), self.relative is not None
+        )
+        return super().to_json()
+
     def to_pandas(self) -> pandas.DataFrame:
         """Return the map as a data frame, m and rad: a row for each pose.
 
@@ -439,6 +457,25 @@ class MapResult(AnalysisResult):
         return rendered(
             title, [Table(columns, rows)], ["first order, statics " + of.statics + "; base axes", *self.warnings]
         )
+
+
+def check_json(poses: int, joints: int, sources: int, specifications: int, is_relative: bool) -> None:
+    """Refuse a map whose JSON is too large to be made or to be read again.
+
+    Raises
+    ------
+    InputError
+        It is.
+    """
+    numbers = poses * (71 + joints + sources + 8 * specifications + 54 * is_relative)
+    what, instead = (
+        f"the JSON of a map of {poses:,} poses",
+        "write it as netCDF (--netcdf, to_netcdf), or map fewer poses",
+    )
+    if _WRITTEN * numbers > LARGEST_FILE:
+        size = f"{_WRITTEN * numbers / 1e9:,.1f} GB long; up to {LARGEST_FILE / 1e9:,.1f} GB are read again"
+        raise InputError(f"{what} is about {size}; {instead}")
+    check_memory(float(_ENCODING * numbers), what, instead)
 
 
 def _rms(mean: Array, covariance: Array) -> Array:

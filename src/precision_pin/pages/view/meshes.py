@@ -19,7 +19,7 @@ from precision_pin.render.scene import Colour
 from precision_pin.robot.urdf import Mesh, locate_mesh
 from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.meshes import MeshFile, MeshFiles, read_mesh
-from precision_pin.robot.urdf.meshscenes import BrokenMeshError
+from precision_pin.robot.urdf.meshscenes import BrokenMeshError, check_numbers
 
 MOST_FACES: Final = 120_000
 """The most triangles a page holds, about 2.5 MB."""
@@ -208,8 +208,7 @@ def _load(file: MeshFile) -> tuple[Surface, ...]:
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue
         moved = np.asarray(geometry.vertices, dtype=float) @ transform[:3, :3].T + transform[:3, 3]
-        if not np.isfinite(moved).all():
-            raise UnreadableMeshError("it holds vertices that are not finite")
+        check_numbers(moved)
         by_colour.setdefault(_own_colour(geometry), []).append((moved, np.asarray(geometry.faces, dtype=np.int64)))
     return tuple(_merged(parts, colour) for colour, parts in by_colour.items())
 

@@ -5,7 +5,6 @@ Mesh loaders are known to crash on broken files, or to open any file that a mesh
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import struct
@@ -21,12 +20,14 @@ from precision_pin.base.input_files import is_regular, note_input
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.findings import Findings, read_regular_file
 from precision_pin.robot.urdf.meshscenes import (
+    FARTHEST,
     MOST_TRIANGLES,
     BrokenMeshError,
     Companion,
     check_collada,
     check_glb,
     check_gltf,
+    check_numbers,
 )
 
 MOST_BYTES: Final = 64 * 1024 * 1024
@@ -37,10 +38,6 @@ PLY_SIZES = {
     "int": "i", "int32": "i", "uint": "I", "uint32": "I", "float": "f", "float32": "f", "double": "d", "float64": "d",
 }  # fmt: skip
 WORD: Final = re.compile(rb"\S+")
-
-
-_FARTHEST: Final = 1e30
-"""Coordinate beyond which extents and squares of a mesh may overflow in single or double precision."""
 
 
 SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
@@ -115,15 +112,14 @@ def _check_stl(data: bytes, companion: Companion) -> None:
     for line in _lines(data):
         words = line.split()
         if words and words[0] == "vertex":
-            _finite(words[1:4], 3)
+            _check_point(words[1:4])
 
 
 def _check_binary_stl(data: bytes, count: int) -> None:
     if count == 0:
         raise BrokenMeshError("holds no triangles")
     triangles = np.frombuffer(data, np.dtype([("numbers", "<f4", 12), ("spare", "<u2")]), count, STL_HEADER)
-    if not np.isfinite(triangles["numbers"][:, 3:]).all():
-        raise BrokenMeshError("holds vertices that are not finite")
+    check_numbers(triangles["numbers"][:, 3:])
 
 
 def _lines(data: bytes) -> list[str]:
@@ -141,7 +137,7 @@ def _check_obj(data: bytes, companion: Companion) -> None:
         if not words:
             continue
         if words[0] == "v":
-            _finite(words[1:4], 3)
+            _check_point(words[1:4])
             seen["v"] += 1
         elif words[0] in others:
             seen[words[0]] += 1
@@ -173,12 +169,12 @@ def _read_materials(name: str, companion: Companion) -> None:
             raise
 
 
-def _finite(words: list[str], count: int) -> None:
-    values = [abs(float(word)) for word in words]
-    if len(words) < count or not all(map(math.isfinite, values)):
-        raise BrokenMeshError("holds vertices that are not finite")
-    if max(values) > _FARTHEST:
-        raise BrokenMeshError(f"holds vertices farther than {_FARTHEST:g} from its origin")
+def _check_point(words: Sequence[str]) -> None:
+    values = [float(word) for word in words]
+    if len(values) < 3:
+        raise BrokenMeshError("holds vertices of fewer than three coordinates")
+    if not all(abs(value) <= FARTHEST for value in values):  # a million lines: arrays only to say what is wrong
+        check_numbers(values)
 
 
 def _check_ply(data: bytes, companion: Companion) -> None:
@@ -221,8 +217,8 @@ def _check_ply_row(reader: _PlyReader, name: str, properties: list[list[str]], v
     for words in properties:
         if words[0] != "list":
             value = reader.next(words[0])
-            if name == "vertex" and words[-1] in ("x", "y", "z") and not math.isfinite(value):
-                raise BrokenMeshError("holds vertices that are not finite")
+            if name == "vertex" and words[-1] in ("x", "y", "z") and not abs(value) <= FARTHEST:
+                check_numbers(value)
             continue
         length = int(reader.next(words[1]))
         is_face = words[-1] in ("vertex_indices", "vertex_index")
@@ -263,8 +259,8 @@ class _PlyReader:
             raise BrokenMeshError(f"claims {count} of {name}, more than its size can hold")
         rows = np.frombuffer(self._data, kind, count, self._at)
         for field, _ in fields:
-            if name == "vertex" and field.rpartition(" ")[2] in ("x", "y", "z") and not np.isfinite(rows[field]).all():
-                raise BrokenMeshError("holds vertices that are not finite")
+            if name == "vertex" and field.rpartition(" ")[2] in ("x", "y", "z"):
+                check_numbers(rows[field])
         self._at += count * kind.itemsize
         return True
 

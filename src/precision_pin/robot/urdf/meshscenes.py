@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.text_escape import shown
 
@@ -26,11 +26,22 @@ LONGEST_JSON: Final = 16 * 1024 * 1024
 GLB_HEADER: Final = 12
 GLB_JSON, GLB_BINARY = 0x4E4F534A, 0x004E4942
 NUMBERS: Final = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+FARTHEST: Final = 1e30
+"""Coordinate or factor beyond which extents and squares of a mesh may overflow in single or double precision."""
 WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
 class BrokenMeshError(Exception):
     """A mesh file is broken; the message continues a sentence that names the file."""
+
+
+def check_numbers(numbers: ArrayLike) -> None:
+    """Refuse coordinates, or factors of them, that cannot be computed with."""
+    values = np.asarray(numbers, dtype=np.float64)
+    if not np.isfinite(values).all():
+        raise BrokenMeshError("holds vertices that are not finite")
+    if np.abs(values).max(initial=0.0) > FARTHEST:
+        raise BrokenMeshError(f"holds vertices farther than {FARTHEST:g} from its origin")
 
 
 # --- glTF ---
@@ -133,8 +144,7 @@ def _check_primitive(primitive: Mapping[str, Any], accessors: list[NDArray[Any]]
     if "POSITION" not in attributes:
         return 0
     corners = accessors[_index(attributes["POSITION"], accessors)]
-    if not np.isfinite(corners).all():
-        raise BrokenMeshError("holds vertices that are not finite")
+    check_numbers(corners)
     if "indices" not in primitive:
         return len(corners) // 3
     indices = accessors[_index(primitive["indices"], accessors)]
@@ -150,6 +160,8 @@ def _check_nodes(tree: Mapping[str, Any], triangles: list[int]) -> None:
     total = 0
     for k, node in enumerate(nodes):
         total += triangles[_index(node["mesh"], triangles)] if "mesh" in node else 0
+        for key in ("matrix", "translation", "rotation", "scale"):
+            check_numbers(node.get(key, ()))
         for child in node.get("children", []):
             if _index(child, nodes) in parents or child == k:
                 raise BrokenMeshError("holds a node with two parents")
@@ -187,6 +199,11 @@ def check_collada(data: bytes, companion: Companion) -> None:
         raise BrokenMeshError(f"is not well-formed XML: {problem}") from None
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
+    for element in root.iter():
+        if element.tag == "unit":
+            check_numbers(float(element.get("meter", 1)))
+        elif element.tag in ("matrix", "translate", "rotate", "scale", "skew", "lookat"):
+            check_numbers([float(word) for word in (element.text or "").split()])
     geometries = {geometry.get("id", ""): _check_geometry(geometry) for geometry in root.iter("geometry")}
     _check_instances(root, geometries)
 
@@ -241,8 +258,7 @@ def _check_source(source: ElementTree.Element) -> int:
     numbers = np.array((array.text or "").split(), dtype=float)
     if int(array.get("count", len(numbers))) != len(numbers):
         raise BrokenMeshError(f"claims {shown(array.get('count', ''))} numbers in an array of {len(numbers)}")
-    if not np.isfinite(numbers).all():
-        raise BrokenMeshError("holds vertices that are not finite")
+    check_numbers(numbers)
     stride = 3 if accessor is None else int(accessor.get("stride", 1))
     count = len(numbers) // max(stride, 1) if accessor is None else int(accessor.get("count", 0))
     if stride < 1 or count < 0 or count * stride > len(numbers):

@@ -574,16 +574,16 @@ class Looks:
             self._meshes.check(filename, owner, node.line)
         if written is None:
             return Mesh(filename)
-        scale = parse_numbers(written, 3)
-        if isinstance(scale, BadNumbers):
-            message = f"{owner}: mesh scale {shown(written)} {scale.reason}; 1 1 1 is used"
-            self._findings.add("W_MESH_SCALE", message, node.line)
+        try:
+            scale = _vector(node, "scale")
+        except _Bad as bad:
+            self._findings.add("W_MESH_SCALE", f"{owner}: {bad}; 1 1 1 is used", node.line)
             return Mesh(filename)
         if min(scale) <= 0:
             what = "flattens" if 0 in scale else "mirrors"
             message = f"mesh scale {shown(written)} {what} the mesh; positive is usual"
             self._findings.group("W_MESH_SCALE", message, owner, node.line)
-        return Mesh(filename, (scale[0], scale[1], scale[2]))
+        return Mesh(filename, scale)
 
 
 def _misleads(node: Node) -> bool:
@@ -599,6 +599,8 @@ def _numbers(node: Node, attribute: str, count: int) -> tuple[float, ...]:
     result = parse_numbers(text, count)
     if isinstance(result, BadNumbers):
         raise _Bad(f"<{node.tag}> {attribute}={shown(text)} {result.reason}")
+    if max(map(abs, result)) > BEYOND_USE:
+        raise _Bad(f"<{node.tag}> {attribute}={shown(text)} is implausibly large")
     return result
 
 
