@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -165,6 +166,39 @@ def test_mean_is_not_taken_for_a_tolerance(tmp_path: Path) -> None:
     problem = {"tolerances": [{"path": "parameters.a0.mean", "cost": {"reciprocal": 1}}], "specs": ["1 mm"]}
     with pytest.raises(InputError, match="changes the mean"):
         pp.allocate(slide_model(tmp_path, mean="0.05 mm"), problem)
+
+
+def test_a_calibrated_sheet_leaves_what_differs_from_visit_to_visit_to_be_chosen(tmp_path: Path) -> None:
+    """By hand: σ² = limit² - Σ s², s what the readings left of the others, which are refused but without the calibration."""
+    left = np.array([0.01e-3, 0.02e-3, 0.02e-3])
+    names = ["a0", "a1", "a2"]
+    known = {"names": names, "mean": dict.fromkeys(names, 0.0), "covariance": np.diag(left**2).tolist()}
+    (tmp_path / "a.json").write_text(json.dumps({"schema": "precision-pin/calibration/1", "posterior": known}))
+    sheet = slide_model(tmp_path).sheet
+    assert sheet is not None
+    assert sheet.contents is not None
+    data = dict(sheet.contents.text.data)
+    visit = {
+        "length": {
+            "frame": "tip",
+            "along": "x of joint1",
+            "parameters": {"normal": {"std": "0.1 mm"}, "scope": "visit"},
+        }
+    }
+    model = pp.ErrorModel.from_dict({**data, "sources": [*data["sources"], visit], "calibrated": "a.json"}, tmp_path)
+    chosen = [{"path": "length[tip]#2.parameters.normal.std", "cost": {"reciprocal": 1}}]
+    found = pp.allocate(model, {"tolerances": chosen, "rms": "0.05 mm"})
+    assert found.after[0] == pytest.approx(np.sqrt(0.05e-3**2 - (left**2).sum()), rel=1e-6)
+    with pytest.raises(
+        pp.InputError, match=r"a0\.uniform is a tolerance of numbers .* --set calibrated=none"
+    ) as caught:
+        pp.allocate(model, _problem({"rms": "0.3 mm"}))
+    assert "\n" not in str(caught.value)
+    # without it they are chosen; nothing is taken as exact by that
+    again = pp.allocate(model.with_({"calibrated": "none"}), _problem({"rms": "0.3 mm"}))
+    least = float((COSTS ** (2 / 3) * (1 / 3) ** (1 / 3)).sum() ** 1.5 / np.sqrt(0.3e-3**2 - 0.1e-3**2))
+    assert again.cost == pytest.approx(least, rel=1e-6)
+    assert [one for one in again.findings if one.code == "W_TAKEN_AS_EXACT"] == []
 
 
 def test_group_without_a_common_value_is_refused(tmp_path: Path) -> None:

@@ -186,14 +186,19 @@ class _Lost:
     @classmethod
     def of(cls, model: ErrorModel) -> _Lost | None:
         """Return what changes of the model's sheet have removed; None where they have removed nothing."""
-        if model.sheet is None or model.sheet.unchanged is None:
+        if model.sheet is None or model.sheet.contents is None or model.sheet.unchanged is None:
             return None
-        before = ErrorModel.from_sheet(model.sheet.unchanged)
+        unchanged = model.sheet.unchanged
+        if ("calibrated",) in model.sheet.contents.text.changes:
+            # another calibration, or none, takes nothing as exact: what counts is the laws below it
+            unchanged = replace(unchanged, estimates=None)
+            model = ErrorModel.from_sheet(replace(model.sheet, estimates=None))
+        before = ErrorModel.from_sheet(unchanged)
         had, has = _uses(before), _uses(model)
         lost = sorted(had - has)
         if not lost:
             return None
-        named = {draw.name for draw in model.sheet.unchanged.space.draws}
+        named = {draw.name for draw in unchanged.space.draws}
         left = {label for _, label in has}
         drawn = {name for name, _ in has}
         names = []

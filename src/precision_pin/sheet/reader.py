@@ -288,7 +288,7 @@ def _estimates(
     document: Document, space: Space, sources: Sequence[Source], folder: FilePath, findings: Findings
 ) -> Estimates | None:
     """Return the estimates of a calibration that the sheet names."""
-    if document.calibrated is None or findings.found:
+    if document.calibrated in (None, "none") or findings.found:
         return None
     try:
         estimates = read_estimates(document.calibrated, folder)

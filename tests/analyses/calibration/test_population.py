@@ -158,7 +158,7 @@ def test_tolerances_that_act_alike_are_named() -> None:
 
 
 def test_widths_of_a_sheet_are_multiplied_in_every_spelling(tmp_path: Path) -> None:
-    """By hand: 0.02° × 1.5 and ±0.3 mm × 0.5; what has no upper limit is kept."""
+    """By hand: 0.02° × 1.5, ±0.3 mm × 0.5, entries of lists; what has no upper limit is kept."""
     file = tmp_path / "arm.errors.yaml"
     file.write_text(
         f"precision-pin: 1\nrobot: {PAPER_SHEET.with_name('4dof.urdf')}\ntip: tool\nposes: {{work: 10 20 30 40 deg}}\nsources:\n"
@@ -166,10 +166,12 @@ def test_widths_of_a_sheet_are_multiplied_in_every_spelling(tmp_path: Path) -> N
         "  - joint_offset: {joint: joint3, offset: {normal: 0.06 deg}}\n"
         "  - length: {joint: joint4, along: link, parameters: ±0.3 mm}\n"
         "  - joint_offset: {joint: joint4, offset: {normal: {std: 0.05 deg}}}\n"
+        "  - length: {joint: joint3, along: link, parameters: [{uniform: 0.2 mm}, ±0.1 mm]}\n"
+        "  - length: {joint: joint2, along: link, parameters: [±0.4 mm]}\n"
     )
     model = pp.ErrorModel.load(file)
     names = list(model.space.components)
-    factors = zip(names, (1.5, 2.0, 0.5, 3.0), (2.0, 3.0, 1.0, np.inf), strict=True)
+    factors = zip(names, (1.5, 2.0, 0.5, 3.0, 2.0, 5.0, 0.25), (2.0, 3.0, 1.0, np.inf, 3.0, 6.0, 1.0), strict=True)
     tolerances = tuple(MeasuredTolerance((one,), (one,), scale, 0.1, high, 1.0, (0.0,)) for one, scale, high in factors)
     of = Provenance.of(model, 0)
     found = Population(
@@ -180,7 +182,8 @@ def test_widths_of_a_sheet_are_multiplied_in_every_spelling(tmp_path: Path) -> N
     text = file.read_text()
     assert "std: 0.03 deg" in text
     std = np.sqrt(np.diag(pp.ErrorModel.load(file).space.covariance))
-    expected = [np.radians(0.03), np.radians(0.12 / 3), 0.15e-3 / np.sqrt(3), np.radians(0.05)]
+    widths = np.array([0.15e-3, 0.4e-3, 0.5e-3, 0.1e-3]) / np.sqrt(3)
+    expected = [np.radians(0.03), np.radians(0.12 / 3), widths[0], np.radians(0.05), *widths[1:]]
     np.testing.assert_allclose(std, expected, rtol=1e-12)
 
 

@@ -25,9 +25,9 @@ from precision_pin.analyses.allocation.pareto_front import MOST_POINTS, pareto_f
 from precision_pin.analyses.allocation.problem import (
     Bound,
     Problem,
-    beside,
     common_grades,
     read_problem,
+    unchosen,
 )
 from precision_pin.analyses.allocation.scaling import (
     Contributions,
@@ -40,7 +40,7 @@ from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.arguments import check_instance, check_items, check_number, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import warns_at_end
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
@@ -138,7 +138,7 @@ def _allocate(
     try:
         parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
     except NoScaleError as error:
-        raise InputError(f"{error.findings[0].message}{beside(model, error.path)}") from None
+        raise unchosen(model, error) from None
     members = _members(task.tolerances)
     choices = [common_grades(_own(task, members, g)) for g in range(int(members.max()) + 1)]
     seconds, pareto, for_samples = effort

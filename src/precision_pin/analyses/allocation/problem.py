@@ -11,7 +11,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin.analyses.allocation.costs import Cost, Grades, Tolerance, read_cost
-from precision_pin.analyses.allocation.scaling import contributions
+from precision_pin.analyses.allocation.scaling import NoScaleError, contributions
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
 from precision_pin.base.arrays import Array
@@ -292,6 +292,17 @@ def _can_be_chosen(model: ErrorModel, path: str) -> bool:
     except InputError:
         return False
     return True
+
+
+def unchosen(model: ErrorModel, error: NoScaleError) -> InputError:
+    """Return the error about a tolerance with which the error does not scale, with what can be done."""
+    path, sheet = error.path, model.sheet
+    if sheet is not None and sheet.estimates is not None and _can_be_chosen(model.with_({"calibrated": "none"}), path):
+        return InputError(
+            f"allocate: {path} is a tolerance of numbers that the sheet's calibrated: has for this robot; choose it for the next "
+            "ones by --set calibrated=none, or tolerances of scope visit or pose, which a calibration leaves"
+        )
+    return InputError(f"{error.findings[0].message}{beside(model, path)}")
 
 
 def _ignore(count: int) -> None:

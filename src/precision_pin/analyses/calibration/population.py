@@ -545,7 +545,12 @@ def population_sheet(result: Population, folder: Path) -> str:
     for one in result.tolerances:
         for name in one.names:
             path = f"parameters.{name}" if name in parameters else name
-            found = _scaled(list(sheet.contents.values_at(sheet, path).values()), one) if _has_limit(one) else None
+            values = sheet.contents.values_at(sheet, path)
+            if isinstance(values.get(path), list):
+                # a draw without a number in its name is the first of a list
+                path = f"{path}[0]"
+                values = sheet.contents.values_at(sheet, path)
+            found = _scaled(list(values.values()), one) if _has_limit(one) else None
             if found is not None:
                 changes[path] = found
             kept = "" if found is not None else "; kept as it was"
