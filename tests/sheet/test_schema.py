@@ -66,7 +66,7 @@ def test_good_sheets_pass(text: str) -> None:
     [
         ("{kind: plane, plane: {point: 0 0 1 mm, normal: 0 0 1}, target_known: false, load: none}", True),
         ("{kind: socket, sockets: [0 0 1 mm], base: free, load: [{at: tool, mass: 1 kg}]}", True),
-        ("{seen_from: 2 0 0 m, facing: 0 0 1, cone: 30 deg, target_known: true}", True),
+        ("{visible_from: 2 0 0 m, facing: 0 0 1, cone: 30 deg, target_known: true}", True),
         ("{kind: planes}", False),
         ("{target_known: perhaps}", False),
         ("{load: [{mass: 1 kg}]}", False),
