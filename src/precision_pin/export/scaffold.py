@@ -190,7 +190,7 @@ def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = No
         _head(chain, robot_text),
         _chain_table(chain),
         _locked(chain),
-        ["# Poses at which the arm would be below the plate of its base are left out; keep_out: none if it stands on none."],
+        ["# keep_out: none    # if the base stands on no plate, below which poses are otherwise left out"],
         _poses(chain, survey, start),
         _parameters(),
         ["sources:", *_payload(chain)],
