@@ -38,7 +38,17 @@ def test_every_kind_of_source_and_every_law_is_in_it() -> None:
     assert {"length", "axis_install", "beam", "joint_compliance", "payload", "frame", "joint_offset", "mcpc"} <= kinds
     assert set(laws_of_sheets()) <= set(schema["$defs"]["law"]["properties"])
     top = {"precision-pin", "robot", "tip", "base", "gravity", "statics", "locked", "poses", "parameters", "sources"}
-    top |= {"correlations", "target", "calibrated", "allocate", "measurement", "provenance", "accept", "limits", "keep_out"}
+    top |= {
+        "correlations",
+        "target",
+        "calibrated",
+        "allocate",
+        "measurement",
+        "provenance",
+        "accept",
+        "limits",
+        "keep_out",
+    }
     assert set(schema["properties"]) == top
     assert set(schema["required"]) == {"precision-pin", "robot"}
     assert schema["additionalProperties"] is False

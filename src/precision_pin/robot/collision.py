@@ -257,10 +257,12 @@ class CollisionCheck:
 
     def _words(self, check: _Check, q: Array) -> str:
         frames = self._frames(q)
-        here = frames[check.body.link] @ check.body.placement
         if isinstance(check.other, KeepOut):
-            depth = float(self._depth(check.body, check.other, here)[0])
-            return f"{check.body.owner} is {1e3 * depth:.3g} mm beyond {check.what}"
+            bodies = [one.body for one in self._checks if one.other is check.other]
+            depths = [float(self._depth(one, check.other, frames[one.link] @ one.placement)[0]) for one in bodies]
+            depth, owner = max(zip(depths, (one.owner for one in bodies), strict=True))
+            return f"{owner} is {1e3 * depth:.3g} mm beyond {check.what}"
+        here = frames[check.body.link] @ check.body.placement
         there = frames[check.other.link] @ check.other.placement
         hulls = [_hull_shape(one) for one in (check.body, check.other)]
         request, result = coal.DistanceRequest(), coal.DistanceResult()
