@@ -197,7 +197,7 @@ def _calibration_calls(call: Callable[..., Call]) -> Iterator[Call]:
         {
             "kind": "pose", "std": 1e-5, "target": (0.1, 0.0, 0.0), "base": "free", "target_known": True,
             "attitude_std": 1e-4, "anchor": (0.0, 0.0, 0.0), "plane": None, "sockets": (), "load": None,
-            "seen_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 1.0), "cone": 1.0,
+            "visible_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 1.0), "cone": 1.0,
         },
         {"std": "standard deviation"}, std=POSITIVE, target_known="true", attitude_std="nothing, one half",
         cone="one half", plane="nothing", sockets="empty list, empty tuple", load="nothing, empty list, empty tuple",

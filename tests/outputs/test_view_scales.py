@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from outputs.view_cases import arm_text, pose_model
-from precision_pin.pages.view.meshes import Surface, thinned
 from precision_pin.pages.view.scales import arm_length, default_factor, middle_of, view_direction
 from precision_pin.render.colour_scale import ColourScale, round_number
 from precision_pin.render.display_units import WrittenUnit
+from precision_pin.robot.mesh_surfaces import Surface, thinned
 
 
 def test_arm_length_is_the_way_over_the_joints(tmp_path):

@@ -38,7 +38,17 @@ def test_every_kind_of_source_and_every_law_is_in_it() -> None:
     assert {"length", "axis_install", "beam", "joint_compliance", "payload", "frame", "joint_offset", "mcpc"} <= kinds
     assert set(laws_of_sheets()) <= set(schema["$defs"]["law"]["properties"])
     top = {"precision-pin", "robot", "tip", "base", "gravity", "statics", "locked", "poses", "parameters", "sources"}
-    top |= {"correlations", "target", "calibrated", "allocate", "measurement", "provenance", "accept"}
+    top |= {
+        "correlations",
+        "target",
+        "calibrated",
+        "allocate",
+        "measurement",
+        "provenance",
+        "accept",
+        "limits",
+        "keep_out",
+    }
     assert set(schema["properties"]) == top
     assert set(schema["required"]) == {"precision-pin", "robot"}
     assert schema["additionalProperties"] is False
@@ -66,7 +76,7 @@ def test_good_sheets_pass(text: str) -> None:
     [
         ("{kind: plane, plane: {point: 0 0 1 mm, normal: 0 0 1}, target_known: false, load: none}", True),
         ("{kind: socket, sockets: [0 0 1 mm], base: free, load: [{at: tool, mass: 1 kg}]}", True),
-        ("{seen_from: 2 0 0 m, facing: 0 0 1, cone: 30 deg, target_known: true}", True),
+        ("{visible_from: 2 0 0 m, facing: 0 0 1, cone: 30 deg, target_known: true}", True),
         ("{kind: planes}", False),
         ("{target_known: perhaps}", False),
         ("{load: [{mass: 1 kg}]}", False),

@@ -147,7 +147,14 @@ def read_inputs(found: Inputs, options: Options) -> Sheet:
         raise InputError([Finding("error", "E_FILE", f"the sheet does not exist; {hint}", str(found.sheet))])
     try:
         changes = [parse_change(text) for text in options["changes"]]
-        overrides = Overrides(found.robot, options["tip"], options["base"], options["package_dirs"], target)
+        overrides = Overrides(
+            found.robot,
+            options["tip"],
+            options["base"],
+            options["package_dirs"],
+            target,
+            options.get("ignores_collisions", False),
+        )
         return read(found.sheet, overrides=overrides, changes=changes)
     except InputError as error:
         own = _other_robot(found) if any(finding.code == "E_NAME" for finding in error.findings) else None

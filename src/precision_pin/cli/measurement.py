@@ -49,6 +49,11 @@ def measurement_options(command: Decorated) -> Decorated:
             default=None,
             help="The base (or anchor, plane, sockets) is estimated. These options go before the sheet's measurement:.",
         ),
+        _option(
+            "--visible-from",
+            metavar='"X Y Z mm"',
+            help="Where the instrument stands, in base axes, if the target must face it: the tip's z, within 60°.",
+        ),
         _option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes."),
     )
     for option in reversed(options):
@@ -77,9 +82,9 @@ def measurement_of(sheet: Sheet, options: Options) -> Measurement:
     for name, quantity in (("std", units.LENGTH), ("attitude_std", units.ANGLE)):
         text = options[name]
         given |= {name: _number(name.replace("_", "-"), text, quantity)} if text is not None else {}
-    for option, name in (("point", "target"), ("anchor", "anchor")):
+    for option, name in (("point", "target"), ("anchor", "anchor"), ("visible_from", "visible_from")):
         text = options[option]
-        given |= {name: _point(option, text)} if text is not None else {}
+        given |= {name: _point(option.replace("_", "-"), text)} if text is not None else {}
     if options["base_free"] is not None:
         given["base"] = "free" if options["base_free"] else "known"
     if options["point_free"] is not None:

@@ -93,7 +93,13 @@ def chain_options(command: Decorated) -> Decorated:
         metavar="PATH=VALUE",
         help="Change the sheet: 'parameters.a1=±0.1 mm', 'payload.mass=2 kg', 'KIND[*].KEY=VALUE'; repeats.",
     )
-    return robot_options(changes(command))
+    ignored = robot_option(
+        "--ignore-collisions",
+        "ignores_collisions",
+        is_flag=True,
+        help="Do not check poses for collisions and keep_out.",
+    )
+    return robot_options(changes(ignored(command)))
 
 
 def robot_options(command: Decorated) -> Decorated:

@@ -190,6 +190,7 @@ def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = No
         _head(chain, robot_text),
         _chain_table(chain),
         _locked(chain),
+        ["# keep_out: none    # if the base stands on no plate, below which poses are otherwise left out"],
         _poses(chain, survey, start),
         _parameters(),
         ["sources:", *_payload(chain)],

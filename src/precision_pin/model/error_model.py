@@ -31,7 +31,7 @@ from precision_pin.model.pose_model import PoseModel, joint_value, origins_of_nu
 from precision_pin.model.statics_findings import statics_findings
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
-from precision_pin.robot.chain import Chain, Posture, limit_findings
+from precision_pin.robot.chain import Chain, Posture, pose_findings
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.sheet.provenance import MEASURED
@@ -337,7 +337,7 @@ class ErrorModel:
             No such joint on the chain.
         """
         values, _ = self.configurations(q)
-        add(limit_findings(self.chain, values))
+        add(pose_findings(self.chain, values))
         return self.at_columns(values, self.approaches_of(q, values))
 
     def at_columns(self, values: Array, approaches: NDArray[np.int8] | None = None) -> Iterator[PoseModel]:

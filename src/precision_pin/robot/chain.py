@@ -40,6 +40,7 @@ from precision_pin.base.text_escape import shown
 from precision_pin.base.units import ACCELERATION, LENGTH, MASS
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.robot.approach import Approach
+from precision_pin.robot.collision import CollisionCheck, Obstacles
 from precision_pin.robot.configurations import Configurations
 from precision_pin.robot.loads import (
     Deflection,
@@ -62,6 +63,8 @@ FARTHEST_TARGET: Final = 1000.0
 EARTH: Final = (0.0, 0.0, -9.81)
 """Default gravity, base axes, m/s²."""
 _NAMED: Final = 8
+_LOOKED: Final = 2000
+"""About how many of many poses are checked for collisions."""
 _ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
 """Begin of a warning about a link or joint, and of each entry of a warning that lists several."""
 _OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
@@ -94,6 +97,8 @@ class Chain:
         Gravity in base axes, m/s², ``(3,)``.
     loads
         The weights of the URDF's links, and payloads.
+    obstacles
+        What poses are checked against, as a sheet says; None where nothing is checked.
     """
 
     robot: Robot
@@ -107,6 +112,7 @@ class Chain:
     gravity: Array
     loads: tuple[Load, ...]
     pinocchio: PinocchioModel = field(repr=False)
+    obstacles: Obstacles | None = None
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -200,6 +206,11 @@ class Chain:
             loads=own_loads(rooted, frames),
             pinocchio=PinocchioModel.load(rooted, [joint.name for joint in joints], locked_at, tuple(down)),
         )
+
+    @cached_property
+    def collision_check(self) -> CollisionCheck | None:
+        """What tells whether the arm hits itself or its obstacles; None where nothing is checked."""
+        return None if self.obstacles is None else CollisionCheck(self, self.obstacles)
 
     @cached_property
     def configurations(self) -> Configurations:
@@ -562,7 +573,7 @@ class Posture:
                 actual, low, high = (f"{scale * x:.6g}" for x in (value, limit.lower, limit.upper))
                 message = f"joint {joint.name} at {actual} {unit} is outside its limits {low} to {high} {unit}"
                 found.append(Finding("warning", "W_JOINT_LIMIT", message, self.chain.robot.file, joint.line))
-        return tuple(found)
+        return (*found, *_collision_findings(self.chain, self.q[:, None], ()))
 
     def __repr__(self) -> str:
         chain, values = self.chain, spaced(self.q)
@@ -702,8 +713,30 @@ def _subjects(finding: Finding) -> set[str]:
     return {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()
 
 
-def limit_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
-    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the name of the first of them."""
+def pose_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
+    """Return warnings if poses ``(n, P)`` are outside the joints' limits, or if the arm hits something there."""
+    return (*_limit_findings(chain, values, names), *_collision_findings(chain, values, names))
+
+
+def _collision_findings(chain: Chain, values: Array, names: Sequence[str]) -> tuple[Finding, ...]:
+    """Return a warning if the arm hits itself or an obstacle: at how many poses, and what at the first of them."""
+    if chain.collision_check is None:
+        return ()
+    # of many poses some: a check takes longer than their law to first order
+    looked = np.arange(0, values.shape[1], 1 + values.shape[1] // _LOOKED)
+    hit = looked[~chain.collision_check.free(np.ascontiguousarray(values[:, looked]))]
+    if not hit.size:
+        return ()
+    first = int(hit[0])
+    reason = chain.collision_check.reasons(np.ascontiguousarray(values[:, [first]]))[0]
+    name = (names[first] if names else "") or f"pose {first + 1}"
+    of = f"{values.shape[1]:,} poses" if looked.size == values.shape[1] else f"{looked.size:,} poses looked at"
+    where = "here" if values.shape[1] == 1 else f"at {hit.size:,} of {of}, the first of them {name},"
+    return (Finding("warning", "W_COLLISION", f"{where} {reason}", chain.robot.file),)
+
+
+def _limit_findings(chain: Chain, values: Array, names: Sequence[str]) -> tuple[Finding, ...]:
+    """Return a warning if poses are outside the joints' limits: their number, and the name of the first of them."""
     outside = chain.configurations.outside(values)
     poses = np.flatnonzero(outside.any(axis=0))
     if not poses.size:

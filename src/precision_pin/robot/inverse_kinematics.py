@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal, final, get_args
+from typing import Final, Literal, cast, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.collision import Obstruction
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet, PoseStatus, chain_length, smallest_singular_values
 
 Task = Literal["pose", "axis", "position"]
@@ -310,6 +311,7 @@ class Solutions:
     leads, ``branch`` ``(M,)`` its number among the solutions of that pose, the nearest to the reference posture 0.
     ``singular_values`` ``(M,)`` are the smallest of the scaled Jacobian, see
     :func:`precision_pin.robot.pose_set.smallest_singular_values`. ``is_outside`` ``(N,)``: has solutions outside the limits only.
+    ``hit``: of each solution whether the arm hits itself or is kept out there, empty text where not; empty if not checked.
     """
 
     wanted: Array
@@ -318,6 +320,7 @@ class Solutions:
     branch: NDArray[np.int64]
     singular_values: Array
     is_outside: NDArray[np.bool_]
+    hit: tuple[Obstruction, ...] = ()
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -336,7 +339,8 @@ class Solutions:
             A name for each wanted pose; with all solutions the number of the solution is added.
         branches
             Which solutions: ``nearest`` to the reference posture; ``best``, farthest from a singularity, with the largest
-            smallest singular value; ``all``.
+            smallest singular value; ``all``. One at which the arm hits something is chosen only where there is no other, and
+            left without joint values.
 
         Raises
         ------
@@ -356,6 +360,7 @@ class Solutions:
             columns += own
         # the last column stands for no solution
         values = np.column_stack([self.q, np.full(len(self.q), np.nan)])
+        values[:, [column for column, what in enumerate(self.hit) if what]] = np.nan
         numbers = np.append(self.branch, -1)[columns]
         several = branches == "all"
         return PoseSet(
@@ -371,13 +376,17 @@ class Solutions:
         )
 
     def _choose(self, begin: int, end: int, branches: Branches) -> list[int]:
-        if branches == "best" and end > begin:
-            return [begin + int(np.argmax(self.singular_values[begin:end]))]
-        return list(range(begin, end if branches == "all" else min(end, begin + 1)))
+        own = list(range(begin, end))
+        if branches == "all" or not own:
+            return own
+        own = [column for column in own if not (self.hit and self.hit[column])] or own
+        return [max(own, key=self.singular_values.__getitem__) if branches == "best" else own[0]]
 
     def _status(self, node: int, column: int) -> PoseStatus:
         if column < 0:
             return "limit" if self.is_outside[node] else "unreachable"
+        if self.hit and self.hit[column]:
+            return cast(PoseStatus, self.hit[column])
         return "singular" if self.singular_values[column] < SINGULAR_BELOW else "reached"
 
 
@@ -437,6 +446,7 @@ def inverse_kinematics(
         branch=np.concatenate([np.arange(count) for count in counts]),
         singular_values=smallest_singular_values(chain, q) if q.size else np.zeros(0),
         is_outside=np.array([is_outside for _, is_outside in found]),
+        hit=() if chain.collision_check is None else tuple(chain.collision_check.judge(q)),
     )
 
 

@@ -68,7 +68,7 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
     rows = [_row(joint.name, values[joint.name], joint_quantity(joint)) for joint in chain.joints]
     check_grid_size([len(row) for row in rows])
     q = np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
-    return PoseSet.at(chain, chain.configurations.many(q), _names(chain, rows, q))
+    return PoseSet.at(chain, chain.configurations.many(q), _names(chain, rows, q)).unobstructed(chain)
 
 
 def check_grid_size(counts: list[int]) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final, Literal, final
 
@@ -18,12 +18,15 @@ from precision_pin.render.tables import pose_labels
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.chain import Chain
 
-PoseStatus = Literal["reached", "unreachable", "limit", "singular"]
+PoseStatus = Literal["reached", "unreachable", "limit", "singular", "collision", "kept out"]
 """``reached``; ``unreachable``: no joint values lead there; ``limit``: a joint is outside its limits; ``singular``: joint values
-are known, but the arm is near a singularity."""
+are known, but the arm is near a singularity; ``collision``: the arm hits itself; ``kept out``: it is where the sheet's
+``keep_out`` or the plate of its base are."""
 
 SINGULAR_BELOW: Final = 0.01
 """Smallest singular value of the scaled Jacobian below which an arm is near a singularity."""
+OBSTRUCTED: Final[tuple[PoseStatus, ...]] = ("collision", "kept out")
+"""Statuses of poses at which the arm hits something."""
 NO_BRANCH: Final = -1
 """Branch of a pose given by its joint values."""
 _AT_ONCE: Final = 4096
@@ -55,6 +58,8 @@ class PoseSet:
     approaches
         Direction in which each joint moved last, 1, -1 or 0, ``(n, P)``; see :mod:`precision_pin.robot.approach`. ``None``
         where no pose has one.
+    left_out
+        Of a random design, how many draws were left out since the arm hits something there, by what their status would be.
 
     Raises
     ------
@@ -70,6 +75,7 @@ class PoseSet:
     times: Array | None = None
     node: NDArray[np.int64] | None = None
     approaches: NDArray[np.int8] | None = None
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         counts = {self.q.shape[1], len(self.names), len(self.status), len(self.branch), self.position.shape[1]}
@@ -156,6 +162,27 @@ class PoseSet:
     def _labels(self) -> tuple[str, ...]:
         return tuple(pose_labels(self.names))
 
+    def unobstructed(self, chain: Chain) -> PoseSet:
+        """Return the poses without the joint values at which the arm hits something, and with a status that says so."""
+        known = np.flatnonzero(self.known)
+        if chain.collision_check is None or not known.size:
+            return self
+        found = chain.collision_check.judge(np.ascontiguousarray(self.q[:, known]))
+        hit = {int(pose): what for pose, what in zip(known, found, strict=True) if what}
+        if not hit:
+            return self
+        q, branch, status = self.q.copy(), self.branch.copy(), list(self.status)
+        q[:, list(hit)], branch[list(hit)] = np.nan, NO_BRANCH
+        for pose, what in hit.items():
+            status[pose] = what
+        return replace(self, q=q, branch=branch, status=tuple(status))
+
+    @property
+    def obstructed(self) -> dict[str, int]:
+        """How many poses have no joint values since the arm hits something there, with those left out, by status."""
+        counts = {what: self.status.count(what) + self.left_out.get(what, 0) for what in OBSTRUCTED}
+        return {what: count for what, count in counts.items() if count}
+
     def of(self, mask: NDArray[np.bool_]) -> PoseSet:
         """Return the poses that a mask ``(P,)`` selects, in order."""
         return self.take(np.flatnonzero(mask))
@@ -204,7 +231,7 @@ class PoseSet:
         near = np.zeros(len(self), dtype=bool)
         near[self.known] = smallest_singular_values(chain, self.q[:, self.known]) < below
         status: list[PoseStatus] = [
-            one if one in ("limit", "unreachable") else "singular" if is_near else "reached"
+            one if one not in ("reached", "singular") else "singular" if is_near else "reached"
             for one, is_near in zip(self.status, near.tolist(), strict=True)
         ]
         return replace(self, status=tuple(status))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, final
@@ -21,7 +22,7 @@ from precision_pin.draws.space import check_seed
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import inverse_kinematics
 from precision_pin.robot.pose_grids import MOST_POSES, Orientation, check_orientations
-from precision_pin.robot.pose_set import PoseSet, chain_length
+from precision_pin.robot.pose_set import OBSTRUCTED, PoseSet, chain_length
 
 _FEWEST: Final = 32
 _MOST: Final = 256
@@ -48,7 +49,8 @@ def random_poses(
     Without ``orientations`` joint values are drawn evenly between their limits, over a whole turn where a joint has none, and
     with a box those are kept whose tip is in it. With ``orientations`` places are drawn evenly over the box, each with one of
     the orientations and of its angles about the tool axis, and with one of the branches that lead there; places out of reach
-    are drawn again, so that those that are left lie evenly over what the arm reaches.
+    are drawn again, so that those that are left lie evenly over what the arm reaches. So are poses at which the arm of a sheet
+    hits itself or what it is kept out of; :attr:`PoseSet.left_out` counts them.
 
     Parameters
     ----------
@@ -81,24 +83,29 @@ def random_poses(
         kinds = check_orientations(orientations)
         source = _PlaceDraws(chain, _reach(chain) if limits is None else limits, kinds)
     found: list[PoseSet] = []
+    left_out: Counter[str] = Counter()
     missing, tried = count, 0
     with steps_to(progress, count, "poses") as step:
         while missing > 0:
             raise_if_interrupted()
             if tried >= max(_TRIES * count, _LEAST_TRIES):
+                hit = ", ".join(f"{number:,} {what}" for what, number in left_out.items())
                 raise InputError(
-                    f"only {count - missing:,} of {tried:,} random poses are within reach and in the box; make it larger, or ask "
-                    f"for fewer than {count:,}"
+                    f"only {count - missing:,} of {tried:,} random poses are within reach and in the box"
+                    f"{f' and hit nothing ({hit})' if hit else ''}; make it larger, or ask for fewer than {count:,}"
                 )
             together = min(max(2 * missing, _FEWEST), _MOST)
-            kept = source.draw(Units(seed, tried, together))
-            if kept is not None:
+            drawn = source.draw(Units(seed, tried, together))
+            if drawn is not None:
+                left_out.update(one for one in drawn.status if one in OBSTRUCTED)
+            if drawn is not None and drawn.known.any():
+                kept = drawn.of(drawn.known)
                 found.append(kept.take(np.arange(min(len(kept), missing))))
                 missing -= len(found[-1])
                 step(len(found[-1]))
             tried += together
     poses = PoseSet.joined(found)
-    return replace(poses, names=tuple(f"random {number}" for number in range(1, count + 1)))
+    return replace(poses, names=tuple(f"random {number}" for number in range(1, count + 1)), left_out=dict(left_out))
 
 
 @final
@@ -126,22 +133,24 @@ class _JointDraws:
         uniforms = units.uniforms([stream_of(name) for name in self.chain.joint_names], 0)
         q = self.low[:, None] + (self.high - self.low)[:, None] * uniforms
         poses = PoseSet.at(self.chain, q)
-        if self.box is None:
-            return poses
-        inside = np.asarray(((poses.position >= self.box[:, :1]) & (poses.position <= self.box[:, 1:])).all(axis=0))
-        return poses.of(inside) if inside.any() else None
+        if self.box is not None:
+            inside = np.asarray(((poses.position >= self.box[:, :1]) & (poses.position <= self.box[:, 1:])).all(axis=0))
+            if not inside.any():
+                return None
+            poses = poses.of(inside)
+        return poses.unobstructed(self.chain)
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _PlaceDraws:
-    """Draws of places in a box with one of some orientations, kept where the arm reaches them."""
+    """Draws of places in a box with one of some orientations; without joint values where the arm does not reach them."""
 
     chain: Chain
     box: Array
     kinds: tuple[Orientation, ...]
 
-    def draw(self, units: Units) -> PoseSet | None:
+    def draw(self, units: Units) -> PoseSet:
         place = units.uniforms([stream_of(name) for name in _PLACE_STREAMS], 0)
         points = self.box[:, :1] + (self.box[:, 1:] - self.box[:, :1]) * place
         variants = [
@@ -158,8 +167,7 @@ class _PlaceDraws:
             sets.append(self._reached(kind, points[:, own], rotations, branch[own]))
             ranks.append(own)
         joined, order = PoseSet.joined(sets), np.argsort(np.concatenate(ranks))
-        kept = order[joined.known[order]]
-        return joined.take(kept) if len(kept) else None
+        return joined.take(order)
 
     def _reached(self, kind: Orientation, points: Array, rotations: Array, branch: Array) -> PoseSet:
         """Return a pose for each place, by one of the branches."""

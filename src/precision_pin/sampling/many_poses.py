@@ -34,7 +34,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, strained_findings
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.approach import ApproachedPose
-from precision_pin.robot.chain import limit_findings
+from precision_pin.robot.chain import pose_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.blocks import Work, packages
 from precision_pin.sampling.checkpoint import POSES, PosesDone, start_of_poses
@@ -149,7 +149,7 @@ def sample_poses(
     values, names = _poses(error_model, q, work.specifications)
     approaches = error_model.approaches_of(q, values)
     count = values.shape[1]
-    found = (*limit_findings(error_model.chain, values, names), *exact_findings(error_model, values, approaches))
+    found = (*pose_findings(error_model.chain, values, names), *exact_findings(error_model, values, approaches))
     add(found)
     if resume and journal is None:
         raise InputError("resume needs a journal to resume from")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, Final, final
 
@@ -14,8 +14,10 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UrdfError
 from precision_pin.robot.approach import PREVIOUS, Approach, approaches_along, read_approach
 from precision_pin.robot.chain import EARTH, FARTHEST_TARGET, Chain
+from precision_pin.robot.collision import KeepOut, Obstacles
+from precision_pin.robot.configurations import SLACK
 from precision_pin.robot.examples import resolve_robot
-from precision_pin.robot.urdf import Joint, Robot
+from precision_pin.robot.urdf import Joint, Limit, Robot
 from precision_pin.robot.urdf import read as read_urdf
 from precision_pin.sheet.findings import POSE_VALUES, Findings
 from precision_pin.sheet.schema import Document
@@ -142,6 +144,7 @@ class Overrides:
     base: str | None = None
     package_dirs: tuple[str, ...] = ()
     target: str | None = None
+    ignores_collisions: bool = False
 
 
 def read_chain(document: Document, findings: Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
@@ -161,10 +164,64 @@ def read_chain(document: Document, findings: Findings, overrides: Overrides, fol
     try:
         chain = Chain.from_robot(robot, overrides.tip or document.tip, overrides.base or document.base, gravity, locked)
         target = overrides.target or document.target
-        return chain if target is None else chain.with_target(parse_target(target))
+        chain = chain if target is None else chain.with_target(parse_target(target))
     except InputError as error:
         findings.take((), error)
         return None
+    chain = _limited(document, findings, chain)
+    keep_out = _keep_out(document, findings)
+    folders = tuple(map(FilePath, overrides.package_dirs))
+    return chain if overrides.ignores_collisions else replace(chain, obstacles=Obstacles(keep_out, folders))
+
+
+def _limited(document: Document, findings: Findings, chain: Chain) -> Chain:
+    """Return the arm with the sheet's narrower limits of joints."""
+    joints = list(chain.joints)
+    for name, text in document.limits.items():
+        try:
+            number = chain.joint_index(name)
+            joint = joints[number]
+            low, high = units.parse_vector(text, joint_quantity(joint), count=2)
+            least, most = (float(limit[number]) for limit in chain.configurations.limits)
+            if not least - SLACK <= low < high <= most + SLACK:
+                message = (
+                    f"limits are the lowest and the highest value, within {least:g} to {most:g} of the URDF (rad, m)"
+                )
+                raise InputError(f"{message}; got {text!r}")
+            far = joint.limit or Limit(low, high, np.inf, np.inf)
+            # a continuous joint that is limited is a revolute one
+            kind = "revolute" if joint.kind == "continuous" else joint.kind
+            joints[number] = replace(joint, kind=kind, limit=replace(far, lower=low, upper=high))
+        except InputError as error:
+            findings.take(("limits", name), error)
+    return replace(chain, joints=tuple(joints)) if document.limits else chain
+
+
+def _keep_out(document: Document, findings: Findings) -> tuple[KeepOut, ...] | None:
+    """Return the planes and boxes of a sheet; None where it has none."""
+    if document.keep_out is None:
+        return None
+    found = []
+    for number, entry in enumerate(() if document.keep_out == "none" else document.keep_out):
+        try:
+            if (entry.plane is None) == (entry.box is None):
+                raise InputError(
+                    "keep_out: an entry is {plane: 0 0 1, at: 0 0 0 mm} or {box: 800 600 40 mm, at: 0 0 -20 mm}"
+                )
+            at = tuple(units.parse_vector(entry.at, units.LENGTH, count=3))
+            if entry.box is not None:
+                size = tuple(units.parse_vector(entry.box, units.LENGTH, count=3))
+                if min(size) <= 0:
+                    raise InputError(f"keep_out: the edges of a box are above zero, got {entry.box!r}")
+                found.append(KeepOut(at, size=size))
+                continue
+            normal = np.array(units.parse_vector(entry.plane, units.RATIO, count=3))
+            if not normal.any():
+                raise InputError("keep_out: the normal of a plane is zero")
+            found.append(KeepOut(at, normal=tuple((normal / np.linalg.norm(normal)).tolist())))
+        except InputError as error:
+            findings.take(("keep_out", number), error)
+    return tuple(found)
 
 
 def _gravity(document: Document, findings: Findings) -> tuple[float, ...]:

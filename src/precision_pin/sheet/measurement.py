@@ -215,10 +215,10 @@ class Measurement:
         A point on the plane and its normal, in the base, m; needed by ``"plane"``.
     sockets
         Places of the sockets, in the base, m; needed by ``"socket"``. A pose belongs to the socket nearest to its nominal target.
-    seen_from
+    visible_from
         Place of the instrument in the base, m, where the target must be turned towards it to be seen.
     facing
-        Direction in tool axes to which the target faces; needed with ``seen_from``.
+        Direction in tool axes to which the target faces where it must be seen; z if left out.
     cone
         Largest angle between that direction and the instrument, rad.
     load
@@ -240,7 +240,7 @@ class Measurement:
     anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
     plane: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
     sockets: tuple[tuple[float, float, float], ...] = ()
-    seen_from: tuple[float, float, float] | None = None
+    visible_from: tuple[float, float, float] | None = None
     facing: tuple[float, float, float] | None = None
     cone: float = np.pi / 3
     load: tuple[Payload, ...] | None = None
@@ -286,23 +286,22 @@ class Measurement:
         limits = "above zero and at most a half turn"
         cone = check_quantity("the cone of a measurement", self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi)
         self._fix("cone", cone)
-        if (self.seen_from is None) != (self.facing is None):
-            raise InputError(
-                "seen_from and facing of a measurement belong together: where from a target is seen, and its direction"
-            )
-        if self.seen_from is None or self.facing is None:
+        if self.visible_from is None:
+            if self.facing is not None:
+                raise InputError("facing of a measurement needs visible_from: where from the target is seen")
             return
-        self._fix("seen_from", _point("seen_from of a measurement", self.seen_from))
-        self._fix("facing", _direction("facing of a measurement", self.facing))
+        self._fix("visible_from", _point("visible_from of a measurement", self.visible_from))
+        facing = (0.0, 0.0, 1.0) if self.facing is None else self.facing
+        self._fix("facing", _direction("facing of a measurement", facing))
 
     def _fix(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
 
     def sees(self, pose: Array) -> bool:
         """Return whether the instrument sees the nominal target, which only its direction may prevent."""
-        if self.seen_from is None or self.facing is None:
+        if self.visible_from is None or self.facing is None:
             return True
-        sight = np.array(self.seen_from) - self._nominal(pose)
+        sight = np.array(self.visible_from) - self._nominal(pose)
         along = float(sight @ pose[:3, :3] @ self.facing)
         return along >= float(np.linalg.norm(sight)) * math.cos(self.cone)
 
@@ -472,7 +471,7 @@ class Measurement:
             "anchor": list(self.anchor) if self.kind == "distance" else None,
             "plane": None if self.plane is None else {"point": list(self.plane[0]), "normal": list(self.plane[1])},
             "sockets": [list(one) for one in self.sockets],
-            "seen_from": None if self.seen_from is None else list(self.seen_from),
+            "visible_from": None if self.visible_from is None else list(self.visible_from),
             "facing": None if self.facing is None else list(self.facing),
             "cone": None if self.facing is None else self.cone,
             "load": None if self.load is None else [_load_entry(payload) for payload in self.load],
@@ -539,11 +538,11 @@ class MeasurementEntry(BaseModel):
     anchor: str = Field("0 0 0 mm", description="Where distances are measured from, in base axes.")
     plane: PlaneEntry | None = Field(None, description="The plane that is touched.")
     sockets: list[str] = Field(default_factory=list, description="Places of the sockets, in base axes.")
-    seen_from: str | None = Field(
+    visible_from: str | None = Field(
         None, description="Place of the instrument in base axes, where it must see the target."
     )
     facing: str | None = Field(
-        None, description="Direction in the tip's axes to which the target faces, such as '0 0 1'."
+        None, description="Direction in the tip's axes to which the target faces; 0 0 1, its z, if left out."
     )
     cone: str = Field("60 deg", description="Largest angle between that direction and the instrument.")
     load: list[LoadEntry] | Literal["none"] | None = Field(
@@ -559,7 +558,7 @@ _QUANTITIES: Final = {
     "target": units.LENGTH,
     "anchor": units.LENGTH,
     "sockets": units.LENGTH,
-    "seen_from": units.LENGTH,
+    "visible_from": units.LENGTH,
     "facing": units.RATIO,
     "cone": units.ANGLE,
     "mass": units.MASS,

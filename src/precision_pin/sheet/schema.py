@@ -67,6 +67,16 @@ class Context:
     folder: FilePath
 
 
+class KeepOutEntry(BaseModel):
+    """A half space or a box in which no moving link may be."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    plane: str | None = Field(None, description="Normal of a plane, towards where the arm may be, such as '0 0 1'.")
+    box: str | None = Field(None, description="Edges of a box along the base axes, such as '800 600 40 mm'.")
+    at: str = Field("0 0 0 mm", description="A point of the plane, or the centre of the box, in base axes.")
+
+
 class Document(BaseModel):
     """The top level of a sheet."""
 
@@ -86,6 +96,15 @@ class Document(BaseModel):
         description="nominal: loads act on the undeflected arm, as in the paper; equilibrium: on the arm at rest under them.",
     )
     locked: dict[str, str] = Field(default_factory=dict, description="Values of joints that are locked.")
+    limits: dict[str, str] = Field(
+        default_factory=dict,
+        description="Lowest and highest value of joints, such as '-90 90 deg', within those of the URDF.",
+    )
+    keep_out: list[KeepOutEntry] | Literal["none"] | None = Field(
+        None,
+        description="What the arm is kept out of, in base axes, planes and boxes; none: nothing; if left out: what is below the "
+        "plate on which the base stands.",
+    )
     poses: dict[str, str | list[str] | dict[str, str | list[str] | dict[str, str]]] = Field(
         default_factory=dict,
         description="Named joint values: in chain order with one unit, one by one, or by joint; or these as q: with approach:.",

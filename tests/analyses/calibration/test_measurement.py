@@ -135,8 +135,8 @@ def test_slopes_are_finite_differences(measurement: pp.Measurement) -> None:
         ({"kind": "plane"}, "the measurement of a plane needs plane"),
         ({"kind": "plane", "plane": (1, 2, 3)}, "must be a point and a normal"),
         ({"kind": "plane", "plane": ((0, 0, 0), (0, 0, 0))}, "normal of the plane of a measurement is zero"),
-        ({"seen_from": (1.0, 0.0, 0.0)}, "seen_from and facing of a measurement belong together"),
-        ({"seen_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 0.0)}, "facing of a measurement is zero"),
+        ({"facing": (1.0, 0.0, 0.0)}, "facing of a measurement needs visible_from"),
+        ({"visible_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 0.0)}, "facing of a measurement is zero"),
         ({"cone": 4.0}, "above zero and at most a half turn"),
         ({"load": (3.0,)}, "the load of a measurement"),
         ({"load": (Payload(at="tool", mass=pp.Normal(0.1, mean=1.0)),)}, "is given by fixed numbers"),
@@ -199,7 +199,7 @@ def test_the_load_of_a_measurement_takes_the_place_of_payloads() -> None:
 def test_a_target_is_seen_within_its_cone() -> None:
     """A target 0.1 m off the tip that faces along its y, seen from 2 m along the base's y: by angles between plain vectors."""
     measurement = pp.Measurement(
-        target=(0.0, 0.0, 0.1), seen_from=(0.0, 2.0, 0.5), facing=(0.0, 3.0, 0.0), cone=np.radians(40)
+        target=(0.0, 0.0, 0.1), visible_from=(0.0, 2.0, 0.5), facing=(0.0, 3.0, 0.0), cone=np.radians(40)
     )
     chain, seen = plain_model().chain, []
     q = random_poses(4, 60)

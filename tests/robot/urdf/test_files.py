@@ -10,7 +10,7 @@ import pytest
 
 from precision_pin.base.errors import UrdfError
 from precision_pin.base.text_escape import LONGEST_LINE
-from precision_pin.pages.view.meshes import MOST_FACES
+from precision_pin.robot.mesh_surfaces import MOST_FACES
 from precision_pin.robot.urdf import Limits, Mesh, check, locate_mesh, read
 from precision_pin.robot.urdf.findings import MOST_FINDINGS
 from precision_pin.robot.urdf.meshes import MOST_BYTES, MOST_TEXT_BYTES

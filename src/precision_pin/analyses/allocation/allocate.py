@@ -45,7 +45,7 @@ from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
-from precision_pin.robot.chain import limit_findings
+from precision_pin.robot.chain import pose_findings
 from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
 
 _ROUNDS: Final = 6
@@ -421,7 +421,7 @@ def _result(
         grounds=grounds,
         findings=(
             *findings,
-            *limit_findings(model.chain, values, task.poses),
+            *pose_findings(model.chain, values, task.poses),
             *exact_findings(model, values, model.approaches_of(list(task.poses), values)),
         ),
     )

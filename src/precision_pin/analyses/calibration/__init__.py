@@ -227,7 +227,7 @@ def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, c
     check_whole("the number of random poses", number, 1, _MOST)
     if measurement.kind in ("plane", "socket"):
         return contact_poses(sheet.chain, measurement, number, seed=options["seed"]), sheet
-    if measurement.seen_from is None:
+    if measurement.visible_from is None:
         return random_poses(sheet.chain, number, seed=options["seed"]), sheet
     seen = seen_poses(sheet.chain, measurement, random_poses(sheet.chain, _DRAWN * number, seed=options["seed"]))
     if seen is None or len(seen) < number:

@@ -31,7 +31,7 @@ def contact_poses(chain: Chain, measurement: Measurement, count: int, *, seed: i
     """Return random poses in which the target touches the plane, or is in one of the sockets.
 
     From random joint values within their limits the nearest contact is found by steps of least norm; those that end outside the
-    limits are drawn again.
+    limits, or where the arm hits something, are drawn again.
 
     Parameters
     ----------
@@ -87,12 +87,13 @@ def _touching(chain: Chain, measurement: Measurement, q: Array, number: int) -> 
         step = np.einsum("ias,si->as", slopes, pull)
         q = q + step * np.minimum(1.0, _LONGEST / np.maximum(np.abs(step).max(axis=0), 1e-300))
     touches = (np.abs(away) < _CLOSE).all(axis=0) & ~chain.configurations.outside(q).any(axis=0)
-    return q[:, touches]
+    q = np.ascontiguousarray(q[:, touches])
+    return q if chain.collision_check is None or not q.size else q[:, chain.collision_check.free(q)]
 
 
 def seen_poses(chain: Chain, measurement: Measurement, poses: PoseSet) -> PoseSet | None:
     """Return the poses at which the instrument sees the target; ``None`` where it never does."""
-    if measurement.seen_from is None:
+    if measurement.visible_from is None:
         return poses
     nominal = np.moveaxis(chain.with_target((0.0, 0.0, 0.0)).at_columns(poses.q).pose, -1, 0)
     seen = np.array([measurement.sees(pose) for pose in nominal])

@@ -26,7 +26,7 @@ from precision_pin.base.files import csv_text
 from precision_pin.base.record import Record
 from precision_pin.base.se3 import log_rotation
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain, limit_findings
+from precision_pin.robot.chain import Chain, pose_findings
 from precision_pin.robot.trajectory import joint_columns
 from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Sockets
 
@@ -294,7 +294,7 @@ def readings_in_base(
 
 def check_data(model: ErrorModel, data: CalibrationData) -> Iterator[Finding]:
     """Yield warnings about data: poses outside limits, and rows that are given twice."""
-    yield from limit_findings(model.chain, data.q)
+    yield from pose_findings(model.chain, data.q)
     rows = np.hstack([data.q.T, data.readings])
     _, first, counts = np.unique(rows, axis=0, return_index=True, return_counts=True)
     twice = np.sort(first[counts > 1])

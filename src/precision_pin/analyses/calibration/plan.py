@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal, final
 
@@ -68,6 +69,8 @@ class CalibrationPlan(PosesOutcome):
         ``"task"`` or ``"D"``, and how many candidates there were that the instrument sees.
     chosen, names, q
         Candidates to measure, in their order, from 0; their names, and joint values ``(n, count)``.
+    left_out
+        How many candidates, or draws of random ones, are left out: ``collision``, ``kept out``, ``hidden`` from the instrument.
     value, bound
         The measure of the choice, and a bound that no choice of as many candidates can pass: ln det of the information on z
         (largest is best), or the mean square position error without the floor, m² (smallest is best).
@@ -78,7 +81,7 @@ class CalibrationPlan(PosesOutcome):
 
     schema: ClassVar[str] = "precision-pin/calibration-plan/1"
     KEYS: ClassVar[Keys] = (
-        *("*head", "measurement", "criterion", "candidates", "count", "value", "bound", "efficiency"),
+        *("*head", "measurement", "criterion", "candidates", "left_out", "count", "value", "bound", "efficiency"),
         *("random_efficiency", "chosen=choices", "rms_position", "identifiability", "observability"),
         *("poses", "findings"),
     )
@@ -88,6 +91,7 @@ class CalibrationPlan(PosesOutcome):
     names: tuple[str, ...]
     q: Array
     candidates: int
+    left_out: Mapping[str, int]
     value: float
     bound: float
     efficiency: float
@@ -167,14 +171,22 @@ def plan_calibration(
     findings = check_items("findings", findings, Finding)
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)
+    left_out: Counter[str] = Counter()
+    if isinstance(candidates, PoseSet):
+        left_out.update(candidates.obstructed)
+        candidates = candidates.of(candidates.known) if candidates.known.any() else candidates
     values, names = read_poses(model, candidates)
-    hidden = values.shape[1]
-    seen = seen_poses(model.chain, measurement, PoseSet.at(model.chain, np.ascontiguousarray(values), names))
+    given = PoseSet.at(model.chain, np.ascontiguousarray(values), names).unobstructed(model.chain)
+    hit = len(given) - int(given.known.sum())
+    if hit == len(given):
+        raise InputError(f"at each of {hit} candidates the arm hits itself or what it is kept out of")
+    seen = seen_poses(model.chain, measurement, given.of(given.known) if hit else given)
     if seen is None:
-        raise InputError(f"the instrument sees the target at none of {hidden} candidates")
+        raise InputError(f"the instrument sees the target at none of {len(given) - hit} candidates")
     values, names = seen.q, seen.names
     total = values.shape[1]
-    hidden -= total
+    hidden = len(given) - hit - total
+    left_out += Counter({**given.obstructed, "hidden": hidden})
     count = check_whole(
         "the number of poses to choose", count, 1, total, f"from 1 to {total}, the number of candidates"
     )
@@ -221,13 +233,14 @@ def plan_calibration(
         names=tuple(names[k] for k in chosen),
         q=values[:, chosen],
         candidates=total,
+        left_out=dict(left_out),
         value=-loss if criterion == "D" else loss,
         bound=-bound if criterion == "D" else bound,
         efficiency=efficiency,
         random_efficiency=design.efficiency(float(np.median(random)), bound),
         identifiability=found,
         poses=errors_left(tasks, unit, estimator, measurement, model.space),
-        findings=(*findings, *_remarks(found, efficiency, hidden), *doubt_contact(measurement, nominal)),
+        findings=(*findings, *_remarks(found, efficiency, hidden, hit), *doubt_contact(measurement, nominal)),
     )
 
 
@@ -263,8 +276,11 @@ def _refuse_copies(values: Array) -> None:
         )
 
 
-def _remarks(found: Identifiability, efficiency: float, hidden: int) -> tuple[Finding, ...]:
+def _remarks(found: Identifiability, efficiency: float, hidden: int, hit: int) -> tuple[Finding, ...]:
     remarks = []
+    if hit:
+        message = f"{hit} candidates are left out: the arm hits itself or what it is kept out of"
+        remarks.append(Finding("warning", "W_COLLISION", message))
     if hidden:
         message = f"{hidden} candidates are left out: the target faces away from the instrument by more than the cone"
         remarks.append(Finding("warning", "W_HIDDEN", message))

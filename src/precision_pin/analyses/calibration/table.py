@@ -130,6 +130,11 @@ def plan_table(result: CalibrationPlan) -> str:
         rows.append([shortened(name, 20) or f"candidate {k + 1}", "", *cells])
     lines = [
         f"measure {result.count:,} of {result.candidates:,} poses of {_arm(of)}: rms position error {_sizes(result)}",
+        *(
+            [f"left out before: {', '.join(f'{n:,} {why}' for why, n in result.left_out.items())}"]
+            if result.left_out
+            else []
+        ),
         f"{describe_measurement(result.measurement)}; first order; seed {of.seed}",
         f"chosen for {aim}: at least {100 * result.efficiency:.4g} % of the best possible (certified bound); "
         f"random choices: {100 * result.random_efficiency:.3g} %",

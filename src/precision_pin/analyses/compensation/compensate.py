@@ -22,7 +22,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.progress import steps_to
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import strained_findings
-from precision_pin.robot.chain import limit_findings
+from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 
@@ -88,7 +88,7 @@ def compensate(
         approaches = given.of(given.known).approaches
         correction = correct(error_model, values, approaches, effective, given_weights is None, step)
     labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
-    found = limit_findings(error_model.chain, values, labels)
+    found = pose_findings(error_model.chain, values, labels)
     result = _with_laws(error_model, given, correction, mode, given_weights)
     worst = int(np.nanargmax(np.linalg.norm(result.correction.before[:3], axis=0)))
     found = (

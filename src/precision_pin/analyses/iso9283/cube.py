@@ -19,7 +19,7 @@ as out of reach: of 4,000 points about a Panda none that inverse kinematics in c
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Final, final
 
@@ -255,6 +255,26 @@ def standard_poses(chain: Chain, reference: Array, target: Array) -> tuple[PoseS
         The measured point in tool axes, m.
     """
     tool = ToolPoses(chain, chain.at(reference).pose[:3, :3], target)
+    cube, q = _poses_in_cube(tool)
+    if chain.collision_check is None or chain.collision_check.free(q).all():
+        return _named(chain, q), cube
+    # the same cube by other branches or in another diagonal plane, else the largest one in which the arm hits nothing
+    tool = replace(tool, avoids=True)
+    for plane in range(len(PLANES)):
+        cube = replace(cube, plane=plane)
+        q = _follow(tool, cube)
+        if not np.isnan(q).any():
+            return _named(chain, q), cube
+    cube, q = _poses_in_cube(tool)
+    return _named(chain, q), cube
+
+
+def _named(chain: Chain, q: Array) -> PoseSet:
+    return PoseSet.at(chain, q, tuple(f"P{k}" for k in range(1, 6)))
+
+
+def _poses_in_cube(tool: ToolPoses) -> tuple[Cube, Array]:
+    """Return the largest cube, and joint values ``(n, 5)`` of the poses in it."""
     centre, radius = tool.ball
     side, middle = largest_cube(tool.solve, centre - radius, centre + radius)
     turned = "with the tool turned as at the first pose" if tool.keeps_orientation else "with the tool turned as it may"
@@ -263,15 +283,21 @@ def standard_poses(chain: Chain, reference: Array, target: Array) -> tuple[PoseS
             f"no cube is within reach {turned}; name the five poses of the test, P1 to P5, with --pose or --q"
         )
     cube = Cube(side, middle)
+    q = _follow(tool, cube)
+    if np.isnan(q).any():
+        raise InputError(f"not all five poses in the cube are within reach {turned}; name them with --pose or --q")
+    return cube, q
+
+
+def _follow(tool: ToolPoses, cube: Cube) -> Array:
+    """Return joint values ``(n, 5)`` of the poses in a cube, by the branch of the first where it leads there."""
     points = cube.points()
     first = tool.solve(points[:, :1])
     q = tool.solve(points, np.repeat(first, 5, axis=1))
     missed = np.isnan(q[0])
     if missed.any():  # not within Newton's reach from P1
         q[:, missed] = tool.solve(points[:, missed])
-    if np.isnan(q).any():
-        raise InputError(f"not all five poses in the cube are within reach {turned}; name them with --pose or --q")
-    return PoseSet.at(chain, q, tuple(f"P{k}" for k in range(1, 6))), cube
+    return q
 
 
 def paths_of_approach(jacobian: Array) -> list[tuple[int, ...]]:
@@ -318,11 +344,14 @@ class ToolPoses:
         Of the tool in the base, ``(3, 3)``.
     target
         The point in tool axes that is to be at the points, m.
+    avoids
+        Whether joint values at which the arm hits something count as none.
     """
 
     chain: Chain
     orientation: Array
     target: Array
+    avoids: bool = False
 
     @property
     def keeps_orientation(self) -> bool:
@@ -341,7 +370,7 @@ class ToolPoses:
             found, then the nearest known configurations, then the solutions of more points nearby.
         """
         if starts is not None:
-            return self._descend(points, starts)
+            return self._allowed(self._descend(points, starts))
         found = np.full((len(self.chain.joints), points.shape[1]), np.nan)
         if self._found:
             found = self._from(points, self._beside(points, 1), found)
@@ -362,11 +391,19 @@ class ToolPoses:
     def _from(self, points: Array, starts: Array, found: Array) -> Array:
         """Return joint values ``(n, P)`` after steps from starts ``(n, P, K)``, those found before where none arrive."""
         count = starts.shape[2]
-        arrived = self._descend(np.repeat(points, count, axis=1), starts.reshape(starts.shape[0], -1))
+        arrived = self._allowed(self._descend(np.repeat(points, count, axis=1), starts.reshape(starts.shape[0], -1)))
         arrived = arrived.reshape(starts.shape)
         first = np.argmax(np.isfinite(arrived[0]), axis=1)
         chosen: Array = np.take_along_axis(arrived, first[None, :, None], axis=2)[..., 0]
         return np.where(np.isnan(chosen[:1]), found, chosen)
+
+    def _allowed(self, q: Array) -> Array:
+        """Return joint values ``(n, P)``, NaN where the arm hits something that it must avoid."""
+        known = np.flatnonzero(np.isfinite(q[0]))
+        if self.avoids and self.chain.collision_check is not None and known.size:
+            free = self.chain.collision_check.free(np.ascontiguousarray(q[:, known]))
+            q[:, known[~free]] = np.nan
+        return q
 
     def _beside(self, points: Array, count: int) -> Array:
         """Return the solutions ``(n, P, count)`` of the nearest points that were found earlier."""

@@ -22,7 +22,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.tangents import tangents
-from precision_pin.robot.chain import limit_findings
+from precision_pin.robot.chain import pose_findings
 
 
 @final
@@ -189,7 +189,7 @@ def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, Arr
     values, _ = error_model.configurations(poses)
     count = values.shape[1]
     check_memory(8.0 * 36 * count**2, f"the covariance between {count:,} poses", "give fewer poses")
-    add(limit_findings(error_model.chain, values))
+    add(pose_findings(error_model.chain, values))
     slopes = np.moveaxis(jacobians(error_model, values, error_model.approaches_of(poses, values)), -1, 0)
     flat = slopes.reshape(6 * count, -1)
     space = error_model.space

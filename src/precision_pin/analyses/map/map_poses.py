@@ -27,7 +27,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, strained_findings
 from precision_pin.robot.approach import ApproachedPose
-from precision_pin.robot.chain import limit_findings
+from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
@@ -146,7 +146,7 @@ def map_poses(
     known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
     approaches = None if given.approaches is None else given.approaches[:, given.known]
     found = (
-        *limit_findings(error_model.chain, values, known_labels),
+        *pose_findings(error_model.chain, values, known_labels),
         *exact_findings(error_model, values, approaches),
     )
     judges = samples is None and verify > 0 and bool(listed)

@@ -103,7 +103,7 @@ class MapResult(AnalysisResult):
 
     KEYS: ClassVar[Keys] = (
         *("*head", "samples", "confidence", "relative_to", "assumptions", "warnings", "findings", "levels", "joints"),
-        *("sources", "met", "spec=specification_entries", "poses=entries", "sampled=sampled_entry"),
+        *("sources", "met", "spec=specification_entries", "left_out", "poses=entries", "sampled=sampled_entry"),
     )
     levels: ClassVar = LEVELS
 
@@ -165,6 +165,11 @@ class MapResult(AnalysisResult):
         order = np.lexsort((*keys, ~verified))
         worst: list[int] = order[known[order]].tolist()
         return worst
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """How many poses, or draws of random ones, are left out since the arm hits something, by status."""
+        return self.poses.obstructed
 
     @property
     def unknown(self) -> int:

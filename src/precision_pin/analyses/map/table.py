@@ -13,6 +13,7 @@ from precision_pin.analyses.monte_carlo.table import demanded
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import milli, resting_on
 from precision_pin.render.text_table import aligned
+from precision_pin.robot.pose_set import OBSTRUCTED
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import format_share
 from precision_pin.statistics.digits import format_interval
@@ -106,7 +107,8 @@ def _worst(result: MapResult) -> list[str]:
             f"({shown(result.poses.labels[pose])})"
         )
     if result.unknown:
-        lines.append(f"{result.unknown:,} of {len(result.poses):,} poses cannot be reached and are not judged")
+        why = ", or the arm hits something there," if set(OBSTRUCTED) & set(result.poses.status) else ""
+        lines.append(f"{result.unknown:,} of {len(result.poses):,} poses cannot be reached{why} and are not judged")
     return lines
 
 

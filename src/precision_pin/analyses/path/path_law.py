@@ -34,7 +34,7 @@ from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, speed_findings, strained_findings
-from precision_pin.robot.chain import limit_findings
+from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.statistics import COMPONENTS, NORMS, check_confidence, quantile_ranks
@@ -127,7 +127,7 @@ def path_law(
         "sample fewer robots, or with fewer threads",
     )
     found = (
-        *limit_findings(error_model.chain, given.q, given.labels),
+        *pose_findings(error_model.chain, given.q, given.labels),
         *speed_findings(error_model, given.q, given.times),
         *exact_findings(error_model, given.q, given.approaches),
     )

@@ -11,11 +11,11 @@ import numpy as np
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.model.rigid_part import Part
-from precision_pin.pages.view.meshes import MeshReader, Surface, UnreadableMeshError, thinned
 from precision_pin.pages.view.scales import arm_length
 from precision_pin.pages.view.triangles import ShapeSink
 from precision_pin.render.scene import Colour, rotation_to
 from precision_pin.robot.chain import Posture
+from precision_pin.robot.mesh_surfaces import MeshReader, Surface, UnreadableMeshError, thinned
 from precision_pin.robot.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
 
 GREY: Final[Colour] = (0.62, 0.65, 0.69, 1.0)

@@ -177,8 +177,8 @@ def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, C
     name, owner = _open(node, findings)
     element = node.first("inertial")
     inertial = None if element is None else _inertial(element, owner)
-    visuals = looks.read(node, owner.name, colours)
-    return None if name is None else Link(name, inertial, visuals, node.line)
+    visuals, collisions = looks.read(node, owner.name, colours)
+    return None if name is None else Link(name, inertial, visuals, collisions, node.line)
 
 
 def _open(node: Node, findings: Findings) -> tuple[str | None, Owner]:
@@ -450,7 +450,7 @@ class _Bad(Exception):
 
 @final
 class Looks:
-    """Reader of materials and visuals, which also checks collision shapes (these are not kept).
+    """Reader of materials, visuals and collision shapes.
 
     A robot is refused here only for text that is dangerous to other parsers. ``meshes`` checks mesh files; None if there
     is no folder to search.
@@ -473,11 +473,15 @@ class Looks:
                         self._material(node, f"link {shown(link.get('name') or '?')}", colours, top=False)
         return colours
 
-    def read(self, link: Node, owner: str, colours: dict[str, Colour]) -> tuple[Shape, ...]:
-        """Return the usable visuals of a link."""
+    def read(self, link: Node, owner: str, colours: dict[str, Colour]) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+        """Return the usable visuals and collision shapes of a link."""
         nodes = [node for node in link.children if node.tag in ("visual", "collision")]
         shapes = [(node.tag, self._shape(node, owner, colours)) for node in nodes]
-        return tuple(shape for tag, shape in shapes if shape is not None and tag == "visual")
+        visuals, collisions = (
+            tuple(shape for tag, shape in shapes if shape is not None and tag == wanted)
+            for wanted in ("visual", "collision")
+        )
+        return visuals, collisions
 
     def _material(self, node: Node, owner: str, colours: dict[str, Colour], *, top: bool) -> None:
         name = node.get("name")

@@ -90,7 +90,7 @@ Geometry = Box | Cylinder | Sphere | Mesh
 
 @dataclass(frozen=True)
 class Shape:
-    """One ``<visual>`` of a link: geometry placed at ``xyz``, ``rpy`` in the link's axes.
+    """One ``<visual>`` or ``<collision>`` of a link: geometry placed at ``xyz``, ``rpy`` in the link's axes.
 
     ``colour`` is red, green, blue, opacity from 0 to 1, where the file gives one.
     """
@@ -114,6 +114,7 @@ class Link:
     name: str
     inertial: Inertial | None = None
     visuals: tuple[Shape, ...] = ()
+    collisions: tuple[Shape, ...] = ()
     line: int | None = None
 
     @property

@@ -1,0 +1,448 @@
+"""What of an arm hits what: its links each other, and what is kept clear of (planes and boxes); only module that calls coal.
+
+Collision shapes are those of the URDF, meshes as they are. Looked at are pairs of links that different joints carry, but not of a
+link and the next one with a shape, nor of links that touch at joint zero or everywhere. What joints off the chain carry
+stands still at their locked values.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from typing import Any, Final, Literal, NamedTuple, Protocol, final
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.robot.configurations import Configurations
+from precision_pin.robot.mesh_surfaces import MeshReader, UnreadableMeshError
+from precision_pin.robot.places import LinkFrame
+from precision_pin.robot.postures import Postures, alignment
+from precision_pin.robot.urdf import Box, Cylinder, Mesh, Robot, Shape, Sphere
+
+Obstruction = Literal["", "collision", "kept out"]
+"""Whether an arm hits itself, or enters what it must keep out of; empty where neither."""
+
+_DEEP: Final = 1e-6
+"""How far (m) a plane may be passed: a link that lies on it does not hit it."""
+_SHARE: Final = 0.1
+"""Of the arm's length: what reaches farther below the plate at joint zero shows that the base does not stand on one."""
+_TRIED: Final = 64
+"""Poses at which links that always touch are sought."""
+_AT_ONCE: Final = 2048
+_SLANT: Final = 1e-3
+
+
+@final
+@dataclass(frozen=True)
+class KeepOut:
+    """A half space or a box that no moving link may enter, in base axes.
+
+    Attributes
+    ----------
+    place
+        A point of the plane, or the centre of the box, m, ``(3,)``.
+    normal
+        Of a plane: the direction in which the arm may be, of length one; None for a box.
+    size
+        Of a box: its edges along the base axes, m.
+    """
+
+    place: tuple[float, ...]
+    normal: tuple[float, ...] | None = None
+    size: tuple[float, ...] | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Obstacles:
+    """What poses of an arm are checked against, beside the arm itself.
+
+    Attributes
+    ----------
+    keep_out
+        Planes and boxes; None for the plate on which the base stands, if it does.
+    package_dirs
+        Where packages of meshes are searched for.
+    """
+
+    keep_out: tuple[KeepOut, ...] | None = None
+    package_dirs: tuple[Path, ...] = ()
+
+
+class Arm(Protocol):
+    """The part of a chain that is needed here."""
+
+    @property
+    def robot(self) -> Robot:
+        """The mechanism."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The n joints from base to tip."""
+
+    @property
+    def configurations(self) -> Configurations:
+        """Reader of joint values."""
+
+    @property
+    def link_frames(self) -> Mapping[str, LinkFrame]:
+        """Position of every URDF link on the chain."""
+
+    @property
+    def placements(self) -> Array:
+        """``(n+1, 4, 4)`` constant poses."""
+
+    @property
+    def target_placement(self) -> Array:
+        """From the last joint's frame to the target, ``(4, 4)``."""
+
+    @property
+    def target(self) -> Array:
+        """In tool axes, ``(3,)``."""
+
+    @property
+    def gravity(self) -> Array:
+        """In base axes, ``(3,)``."""
+
+    def at_columns(self, values: Array) -> Postures:
+        """Return the chain at values ``(n, P)``."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """A shape: the hull of points, each with a ball and a disc about z around it.
+
+    ``owner`` is its link. ``solid`` is coal's shape. ``placement`` is in the axes of the chain link ``link``; points ``(V, 3)``,
+    ``centre`` and ``radius`` of a ball about all, and of a mesh its triangles ``(F, 3, 3)``, are in the shape's own. ``is_line``:
+    it has no thickness and is only kept out of planes and boxes.
+    """
+
+    name: str
+    owner: str
+    link: int
+    placement: Array
+    solid: Any
+    points: Array
+    ball: float = 0.0
+    disc: float = 0.0
+    triangles: Array | None = None
+    is_line: bool = False
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        return self.points.min(axis=0), self.points.max(axis=0)
+
+    @cached_property
+    def centre(self) -> Array:
+        middle: Array = (self.bounds[0] + self.bounds[1]) / 2
+        return middle
+
+    @cached_property
+    def radius(self) -> float:
+        return float(np.linalg.norm(self.points - self.centre, axis=1).max()) + self.ball + self.disc
+
+    def lowest(self, frames: Array, normal: Array) -> Array:
+        """Return the least coordinate along a direction of the base, of the shape at poses ``(P, 4, 4)``."""
+        along = np.einsum("pij,i->jp", frames[:, :3, :3], normal)
+        own: Array = (self.points @ along).min(axis=0) - self.ball - self.disc * np.hypot(along[0], along[1])
+        return own + frames[:, :3, 3] @ normal
+
+
+class _Check(NamedTuple):
+    """Two bodies, or a body and a plane, that must stay apart."""
+
+    body: _Body
+    other: _Body | KeepOut
+    kind: Obstruction
+    what: str
+
+
+@final
+class CollisionCheck:
+    """What an arm can hit. Made once for an arm; a check takes some 0.1 ms a pose.
+
+    Parameters
+    ----------
+    arm
+        The chain.
+    obstacles
+        What it may hit beside itself.
+
+    Attributes
+    ----------
+    notes
+        What is looked at, assumed and left out, a line each.
+    """
+
+    def __init__(self, arm: Arm, obstacles: Obstacles) -> None:
+        self._arm = arm
+        self.notes: list[str] = []
+        self._length = float(np.linalg.norm(arm.placements[1:, :3, 3], axis=1).sum()) or 1.0
+        bodies = self._read_bodies(obstacles.package_dirs)
+        low, high = arm.configurations.limits
+        zero = np.clip(0.0, low, high)[:, None]
+        at_zero = self._frames(zero)
+        self._checks: list[_Check] = []
+        if obstacles.keep_out is None:
+            self._add_plate(bodies, at_zero)
+        for number, one in enumerate(obstacles.keep_out or (), 1):
+            self._add(one, f"{'box' if one.normal is None else 'plane'} {number} of keep_out", bodies)
+        self._add_pairs([body for body in bodies if not body.is_line], at_zero)
+
+    def judge(self, q: Array) -> list[Obstruction]:
+        """Return whether the arm hits itself or what is kept clear, at each of P postures ``(n, P)``."""
+        return ["" if check is None else check.kind for check in self._first(q)]
+
+    def free(self, q: Array) -> NDArray[np.bool_]:
+        """Return a mask ``(P,)`` of the postures ``(n, P)`` at which the arm hits nothing."""
+        return np.array([check is None for check in self._first(q)], dtype=bool)
+
+    def reasons(self, q: Array) -> list[str]:
+        """Return what hits what, and how deep, at each of P postures ``(n, P)``; empty where nothing does."""
+        found = self._first(q)
+        return [
+            "" if check is None else self._words(check, np.ascontiguousarray(q[:, [k]]))
+            for k, check in enumerate(found)
+        ]
+
+    def _first(self, q: Array) -> list[_Check | None]:
+        found: list[_Check | None] = []
+        for begin in range(0, q.shape[1] if self._checks else 0, _AT_ONCE):
+            frames = self._frames(np.ascontiguousarray(q[:, begin : begin + _AT_ONCE]))
+            hit = np.full(len(frames[0]), -1)
+            placed: dict[_Body, Array] = {}
+            for number, check in enumerate(self._checks):
+                left = np.flatnonzero(hit < 0)
+                if left.size:
+                    hit[left[self._hits(check, frames, placed, left)]] = number
+            found += [None if number < 0 else self._checks[number] for number in hit]
+        return found or [None] * q.shape[1]
+
+    def _hits(
+        self, check: _Check, frames: Array, placed: dict[_Body, Array], left: NDArray[np.intp]
+    ) -> NDArray[np.bool_]:
+        """Return whether a check finds a contact at some of P poses."""
+        here = self._placed(check.body, frames, placed)[left]
+        if isinstance(check.other, KeepOut):
+            return np.asarray(self._depth(check.body, check.other, here) > _DEEP)
+        there = self._placed(check.other, frames, placed)[left]
+        body, other = check.body, check.other
+        gap = (here[:, :3, :3] @ body.centre + here[:, :3, 3]) - (there[:, :3, :3] @ other.centre + there[:, :3, 3])
+        hit = np.asarray((gap * gap).sum(axis=1) < (body.radius + other.radius) ** 2)
+        for k in np.flatnonzero(hit):
+            hit[k] = _touch(body, other, here[k], there[k])
+        return hit
+
+    def _placed(self, body: _Body, frames: Array, placed: dict[_Body, Array]) -> Array:
+        """Return the poses of a body in the base, ``(P, 4, 4)``."""
+        if body not in placed:
+            placed[body] = np.asarray(frames[body.link] @ body.placement)
+        return placed[body]
+
+    @staticmethod
+    def _depth(body: _Body, plane: KeepOut, frames: Array) -> Array:
+        normal = np.array(plane.normal)
+        depth: Array = normal @ np.array(plane.place) - body.lowest(frames, normal)
+        return depth
+
+    def _words(self, check: _Check, q: Array) -> str:
+        frames = self._frames(q)
+        if isinstance(check.other, KeepOut):
+            bodies = [one.body for one in self._checks if one.other is check.other]
+            depths = [float(self._depth(one, check.other, frames[one.link] @ one.placement)[0]) for one in bodies]
+            depth, owner = max(zip(depths, (one.owner for one in bodies), strict=True))
+            return f"{owner} is {1e3 * depth:.3g} mm beyond {check.what}"
+        here = frames[check.body.link] @ check.body.placement
+        there = frames[check.other.link] @ check.other.placement
+        hulls = [_hull_shape(one) for one in (check.body, check.other)]
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        depth = -coal.distance(hulls[0], _transform(here[0]), hulls[1], _transform(there[0]), request, result)
+        return f"{check.body.owner} hits {check.what}, {1e3 * depth:.3g} mm deep between their convex hulls"
+
+    def _frames(self, q: Array) -> Array:
+        """Return the axes of every chain link in the base, ``(n + 1, P, 4, 4)``."""
+        joints = np.moveaxis(self._arm.at_columns(q).joint_poses, -1, 1)
+        base = np.broadcast_to(np.eye(4), (1, *joints.shape[1:]))
+        return np.concatenate([base, joints])
+
+    def _read_bodies(self, package_dirs: Sequence[Path]) -> list[_Body]:
+        arm = self._arm
+        reader = MeshReader(arm.robot.file, package_dirs)
+        bodies, unread = [], []
+        for link in arm.robot.links:
+            where = arm.link_frames[link.name]
+            for number, shape in enumerate(link.collisions):
+                try:
+                    body = _body(f"{link.name} {number}", link.name, where, shape, reader)
+                except UnreadableMeshError as problem:
+                    unread.append(str(problem))
+                    continue
+                bodies.append(body)
+        if unread:
+            more = f"; and {len(unread) - 1} more" if len(unread) > 1 else ""
+            self.notes.append(f"collision shapes that are left out: {unread[0]}{more}")
+        bare = sorted(set(range(1, len(arm.joint_names) + 1)) - {body.link for body in bodies})
+        names = arm.joint_names
+        for k in bare:
+            end = arm.target_placement if k == len(names) else arm.placements[k]
+            name = f"the line from {names[k - 1]} to {'the target' if k == len(names) else names[k]}"
+            bodies.append(_line(name, k, np.zeros(3), end[:3, 3]))
+        if len(names) not in bare and arm.target.any():
+            point = arm.target_placement[:3, 3]
+            bodies.append(_line("the target", len(names), point, point))
+        if bare:
+            self.notes.append(
+                f"no collision shapes on {len(bare)} of {len(names)} moving links: there only the lines between the joints "
+                "are kept out of keep_out, and no link hits another"
+            )
+        return bodies
+
+    def _add(self, obstacle: KeepOut, what: str, bodies: Sequence[_Body]) -> None:
+        other: _Body | KeepOut = obstacle
+        if obstacle.size is not None:
+            shape = Shape(Box(obstacle.size), obstacle.place)  # type: ignore[arg-type]
+            other = _body(what, what, LinkFrame(0, np.eye(4), 0, np.zeros(3)), shape, None)
+        self._checks += [_Check(body, other, "kept out", what) for body in bodies if body.link]
+
+    def _add_plate(self, bodies: Sequence[_Body], at_zero: Array) -> None:
+        """Keep the arm above the plane under all that stands still, where it seems to stand on one."""
+        standing = [body for body in bodies if not body.link]
+        down = self._arm.gravity
+        if not standing or np.hypot(down[0], down[1]) > _SLANT * abs(down[2]):
+            return
+        up = np.array([0.0, 0.0, 1.0])
+        height = min(float(body.lowest(body.placement[None], up)[0]) for body in standing)
+        plate = KeepOut((0.0, 0.0, height), (0.0, 0.0, 1.0))
+        moving = [body for body in bodies if body.link]
+        depths = [float(self._depth(body, plate, at_zero[body.link] @ body.placement)[0]) for body in moving]
+        words = f"the plane z = {1e3 * height + 0.0:.4g} mm in base axes, under all that stands still"
+        if max(depths) > _SHARE * self._length:
+            self.notes.append(f"the base is not taken to stand on a plate: at joint zero the arm is below {words}")
+            return
+        resting = {body.name for body, depth in zip(moving, depths, strict=True) if body.link == 1 and depth > _DEEP}
+        self._add(plate, "the base plate", [body for body in moving if body.name not in resting])
+        self.notes.append(f"the arm is kept above {words}; keep_out: says otherwise")
+
+    def _add_pairs(self, bodies: Sequence[_Body], at_zero: Array) -> None:
+        """Add the pairs of links that can hit each other."""
+        low, high = self._arm.configurations.limits
+        ends = np.isfinite(low) & np.isfinite(high)
+        low, high = np.where(ends, low, -np.pi), np.where(ends, high, np.pi)
+        draws = np.random.default_rng(0).random((len(low), _TRIED))
+        tried = self._frames(np.ascontiguousarray(low[:, None] + (high - low)[:, None] * draws))
+        shaped = {body.owner for body in bodies}
+        above = {joint.child: joint.parent for joint in self._arm.robot.joints}
+        left_out: Counter[tuple[str, str]] = Counter()
+        every = np.arange(_TRIED)
+        for one, other in combinations(bodies, 2):
+            if one.link == other.link or _next_to(one.owner, other.owner, above, shaped):
+                continue
+            further, nearer = (one, other) if one.link > other.link else (other, one)
+            check = _Check(further, nearer, "collision", nearer.owner)
+            if self._hits(check, at_zero, {}, np.arange(1)).any() or (
+                self._hits(check, tried[:, :1], {}, np.arange(1)).any() and self._hits(check, tried, {}, every).all()
+            ):
+                left_out[further.owner, nearer.owner] += 1
+            else:
+                self._checks.append(check)
+        if left_out:
+            words = ", ".join(" and ".join(pair) for pair in left_out)
+            self.notes.append(f"not looked at, since they touch at joint zero or at every pose tried: {words}")
+
+
+def _next_to(one: str, other: str, above: Mapping[str, str], shaped: set[str]) -> bool:
+    """Return whether one link carries the other with no link with a shape in between."""
+    for link, holder in ((one, other), (other, one)):
+        parent = above.get(link)
+        while parent is not None and parent != holder and parent not in shaped:
+            parent = above.get(parent)
+        if parent == holder:
+            return True
+    return False
+
+
+def _body(name: str, owner: str, where: LinkFrame, shape: Shape, reader: MeshReader | None) -> _Body:
+    placement = where.frame @ shape.origin
+    match shape.geometry:
+        case Box(size):
+            corners = np.array(np.meshgrid(*[(-edge / 2, edge / 2) for edge in size])).reshape(3, -1).T
+            return _Body(name, owner, where.link, placement, coal.Box(*size), corners)
+        case Cylinder(radius, length):
+            ends = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
+            return _Body(name, owner, where.link, placement, coal.Cylinder(radius, length), ends, disc=radius)
+        case Sphere(radius):
+            return _Body(name, owner, where.link, placement, coal.Sphere(radius), np.zeros((1, 3)), ball=radius)
+        case Mesh() as mesh:
+            assert reader is not None
+            surfaces = reader.surfaces(mesh, f"link {owner!r}")
+    vertices = np.concatenate([surface.vertices for surface in surfaces])
+    starts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
+    faces = np.concatenate([surface.faces + start for surface, start in zip(surfaces, starts[:-1], strict=True)])
+    solid = coal.BVHModelOBBRSS()
+    solid.beginModel(len(faces), len(vertices))
+    solid.addVertices(vertices)
+    solid.addTriangles(faces.astype(np.int64))
+    solid.endModel()
+    try:
+        hull = vertices[ConvexHull(vertices).vertices]
+    except QhullError:  # flat
+        hull = vertices
+    return _Body(name, owner, where.link, placement, solid, hull, triangles=vertices[faces])
+
+
+def _line(name: str, link: int, begin: Array, end: Array) -> _Body:
+    way = end - begin
+    length = float(np.linalg.norm(way))
+    turn = alignment(way / length) if length else np.eye(3)
+    ends = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
+    solid = coal.Capsule(_DEEP, length)
+    return _Body(name, name, link, se3.pose(turn, (begin + end) / 2), solid, ends, is_line=True)
+
+
+def _touch(one: _Body, other: _Body, here: Array, there: Array) -> bool:
+    """Return whether two bodies at poses ``(4, 4)`` touch, or one lies in the other."""
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    if coal.collide(one.solid, _transform(here), other.solid, _transform(there), request, result):
+        return True
+    # surfaces that do not cross: a body may still lie within a mesh
+    return _within(one, here, other, there) or _within(other, there, one, here)
+
+
+def _within(inner: _Body, here: Array, outer: _Body, there: Array) -> bool:
+    if outer.triangles is None or inner.radius > outer.radius:
+        return False
+    point = (here[:3, :3] @ inner.points[0] + here[:3, 3] - there[:3, 3]) @ there[:3, :3]
+    if (point < outer.bounds[0]).any() or (point > outer.bounds[1]).any():
+        return False
+    # winding number: the solid angles under which the triangles are seen (Van Oosterom and Strackee 1983)
+    a, b, c = np.moveaxis(outer.triangles - point, 1, 0)
+    sizes = [np.linalg.norm(corner, axis=1) for corner in (a, b, c)]
+    flat = np.einsum("fi,fi->f", a, np.cross(b, c))
+    round_ = (
+        sizes[0] * sizes[1] * sizes[2]
+        + np.einsum("fi,fi->f", a, b) * sizes[2]
+        + np.einsum("fi,fi->f", b, c) * sizes[0]
+        + np.einsum("fi,fi->f", c, a) * sizes[1]
+    )
+    return bool(abs(np.arctan2(flat, round_).sum()) > np.pi)
+
+
+def _hull_shape(body: _Body) -> Any:
+    if body.triangles is None:
+        return body.solid
+    body.solid.buildConvexHull(True, "Qt")
+    return body.solid.convex
+
+
+def _transform(pose: Array) -> Any:
+    return coal.Transform3s(pose[:3, :3], pose[:3, 3])
