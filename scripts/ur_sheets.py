@@ -54,7 +54,8 @@ POSES = {
 }
 RANDOM = 100
 """Random poses over which a robot's error is taken; joint values uniform within ± 180 degrees."""
-ROBOTS = 2000
+ROBOTS, SAMPLES, DRAWS = 2000, 100_000, 3000
+"""Robots of a forecast beside one left out, of the forecast in the head of a sheet; draws of the posterior."""
 SHIPPED = ("UR3e", "UR5e", "UR10e")
 
 
@@ -103,7 +104,10 @@ def urdf(kind: str) -> str:
     for k, step in enumerate(steps):
         parent, name, reach = "base" if k == 0 else f"{LINKS[k - 1]}_link", f"{LINKS[k]}_link", 0.0
         if k == 3:
-            lines += [f'  <link name="{END}"/>', _joint(END, "fixed", parent, END, se3.translation([step[0, 3], 0, 0]))]
+            lines += [
+                f'  <link name="{END}"/>',
+                _joint(f"{END}_joint", "fixed", parent, END, se3.translation([step[0, 3], 0, 0])),
+            ]
             parent, step = END, se3.translation([0, 0, step[2, 3]])
         lines.append(f'  <link name="{name}">')
         if k in (1, 2):
@@ -162,17 +166,16 @@ def frame_model(chain: pp.Chain, law: Law | None = None) -> pp.ErrorModel:
 
 
 def read_units(folder: Path, chains: Mapping[str, pp.Chain]) -> list[Unit]:
-    """Return the robots of a folder, each once: a file with the checksum of another is left out."""
+    """Return the robots of a folder, each once."""
     known = {kind.lower().replace(" ", ""): kind for kind in MODELS}
-    units, seen = [], set()
+    units: list[Unit] = []
     for path in sorted(folder.glob("*.yaml")):
         kind = known[path.name.partition("-")[0]]
-        with_warnings = pp.ur_calibration(path, chains[kind])
-        if with_warnings.checksum in seen:
+        unit = fitted(kind, frame_model(chains[kind]), pp.ur_calibration(path, chains[kind]))
+        if any(one.kind == kind and np.abs(one.errors - unit.errors).max() < 1e-6 for one in units):
             print(f"{path.name}: the same robot as another file, left out")
-            continue
-        seen.add(with_warnings.checksum or path.name)
-        units.append(fitted(kind, frame_model(chains[kind]), with_warnings))
+        else:
+            units.append(unit)
     return units
 
 
@@ -203,7 +206,7 @@ def random_poses() -> Array:
     return np.random.default_rng(0).uniform(-np.pi, np.pi, (RANDOM, 6))
 
 
-def laws(values: Array, kinds: Sequence[str], draws: int = 3000) -> tuple[dict[str, Law], Array]:
+def laws(values: Array, kinds: Sequence[str]) -> tuple[dict[str, Law], Array]:
     """Return the law of each type for a robot yet to come, and an interval of each error's spread over all types.
 
     An error of a robot is m + s σ z: m the mean of its type, σ of this error over all types, s of this type over all errors,
@@ -223,7 +226,7 @@ def laws(values: Array, kinds: Sequence[str], draws: int = 3000) -> tuple[dict[s
     x = values / scale
     centre, between, spread, size = np.zeros(errors), np.ones(errors), np.ones(errors), np.ones(types)
     found_mean, found_std, found_spread = [], [], []
-    for draw in range(draws + 300):
+    for draw in range(DRAWS + 300):
         of_mean = size[:, None] * spread
         weight = count[:, None] / of_mean + 1 / between
         mean = (belongs.T @ x / of_mean + centre / between) / weight + rng.standard_normal((types, errors)) / np.sqrt(
@@ -276,9 +279,8 @@ def leave_out(units: Sequence[Unit], chains: Mapping[str, pp.Chain]) -> list[Lef
     result = []
     for one in units:
         others = [unit for unit in units if unit is not one]
-        # a type of which no robot is left has the law of a type yet to come, by a row of no robots
         kinds = [unit.kind for unit in others]
-        if one.kind not in kinds:
+        if one.kind not in kinds:  # the only one of its type
             continue
         law = laws(np.array([unit.errors[KEPT] for unit in others]), kinds)[0][one.kind]
         robots = forecast(chains[one.kind], law)
@@ -299,6 +301,10 @@ def share_inside(found: Sequence[LeftOut]) -> str:
     return f"{count} of {total} ({100 * low:.0f} to {100 * high:.0f} %), {100 * poses:.0f} % of the poses"
 
 
+def _side(one: LeftOut) -> str:
+    return "" if one.inside else ", better" if one.share_of_robots < 0.05 else ", worse"
+
+
 def draw(found: Sequence[LeftOut], path: Path) -> None:
     """Draw each robot left out: the distances of its tip over the poses in order, and the forecast's 90 % band."""
     shown = [one for kind in SHIPPED for one in found if one.unit.kind == kind]
@@ -310,7 +316,7 @@ def draw(found: Sequence[LeftOut], path: Path) -> None:
         place.fill_between(share, 1e3 * one.low, 1e3 * one.high, color="#4878b0", alpha=0.3, lw=0)
         place.plot(share, 1e3 * one.middle, color="#2a5a94", lw=1)
         place.plot(share, 1e3 * np.sort(one.unit.distances), color="#c03028", lw=1.5)
-        place.set_title(f"{one.unit.kind}{'' if one.inside else ', outside'}", fontsize=9)
+        place.set_title(f"{one.unit.kind}{_side(one)}", fontsize=9)
     for place in axes.flat[len(shown) :]:
         place.set_axis_off()
     figure.supxlabel("% of random poses with less", fontsize=9)
@@ -339,18 +345,9 @@ ASSUMED = {  # encoder step, bearings, wrist bearings, tubes of upper arm and fo
     "UR5e": ("9 arcsec", "2e5", "4e4", "90 mm", "75 mm", "1 kg", "0.03"),
     "UR10e": ("10 arcsec", "4e5", "8e4", "120 mm", "95 mm", "2 kg", "0.05"),
 }
-WORDS = (
-    "axis 2: height over the base, distance from axis 1, twist",
-    "axis 3: length of the upper arm, twist and tilt to axis 2",
-    "axis 4: length of the forearm, twist and tilt to axis 3",
-    "axis 5: place along axis 4, distance from it, twist",
-    "axis 6: place along axis 5, distance from it, twist",
-    "flange along axis 6",
-)
-SIZE = {"x": ("mm", 1e3), "y": ("mm", 1e3), "z": ("mm", 1e3), "rx": ("mrad", 1e3), "ry": ("mrad", 1e3)}
 
 
-def sheet(kind: str, law: Law, units: Sequence[Unit], chain: pp.Chain, left: str, head: Mapping[str, str]) -> str:
+def sheet(kind: str, law: Law, units: Sequence[Unit], left: str, head: Mapping[str, str]) -> str:
     """Return the sheet of a type: its measured errors, and assumptions like those of the UR5's sheet."""
     step, bearing, wrist, upper, fore, payload, repeatability = ASSUMED[kind]
     own = [unit for unit in units if unit.kind == kind]
@@ -369,10 +366,11 @@ def sheet(kind: str, law: Law, units: Sequence[Unit], chain: pp.Chain, left: str
         f"{repeatability} mm.",
         "#",
         f"# [1] Factory calibrations of {len(own)} {kind}, as ur_calibration of the Universal Robots ROS driver reads them from",
-        f"#     a controller, found in public GitHub repositories in 2026: {FOUND_IN[kind]}.",
-        f"# [2] The same of {', '.join(others)}, 2026; scripts/ur_sheets.py has the repositories. Spread pooled over all",
-        "#     types, up to a factor for each type; means are drawn towards those of all types (variance components). A standard",
-        "#     deviation has what is not known of the mean. Gravity is in the calibrations.",
+        "#     a controller, found in public GitHub repositories in 2026:",
+        f"#     {FOUND_IN[kind]}.",
+        f"# [2] The same of {', '.join(others)}, 2026: see scripts/ur_sheets.py.",
+        "#     Spread pooled over all types, up to a factor for each type; means drawn towards those of all types (variance",
+        "#     components). A standard deviation has in it what is not known of the mean. Gravity is in the calibrations.",
         f"# [3] Universal Robots, data sheet of the {kind} (an arm of 2018): repeatability {repeatability} mm.",
         "# [4] EN 1999-1-1, 2007: aluminium expands by 23 ppm/K.",
         "precision-pin: 1",
@@ -386,18 +384,20 @@ def sheet(kind: str, law: Law, units: Sequence[Unit], chain: pp.Chain, left: str
         f'  frame*: {{measured: "factory calibrations of {len(own)} {kind}, spread pooled over {len(units)} UR robots"}}',
         "",
         "sources:",
-        "  # Places and directions of the axes [1], [2]. The zeros of the joints are within 0.01 mrad in [1].",
+        "  # Places and directions of the axes [1], [2]. y of axis 2: its height; of axes 5, 6: places along axes 4, 5.",
+        "  # x of axes 3 and 4: lengths of upper arm and forearm; of the others: how far they miss the axis before. rx: twists,",
+        "  # ry: tilts. z: the flange along axis 6. The zeros of the joints are within 0.01 mrad in [1].",
     ]
     numbers = iter(zip(law.mean, law.std, strict=True))
-    for (place, names), words in zip(PLACES, WORDS, strict=True):
+    for place, names in PLACES:
         settings = []
         for name in names.split():
             if (place, name) not in ZEROS:
-                unit, factor = SIZE[name]
-                mean, std = (f"{factor * float(value):.2g} {unit}" for value in next(numbers))
+                unit = "mrad" if name.startswith("r") else "mm"
+                mean, std = (f"{1e3 * float(value):.2g} {unit}" for value in next(numbers))
                 settings.append(f"{name}: {{normal: {{std: {std}}}, mean: {mean}}}")
         where = "joint" if place.endswith("joint") else "frame"
-        lines.append(f"  - frame: {{{where}: {place}, {', '.join(settings)}}}  # {words}")
+        lines.append(f"  - frame: {{{where}: {place}, {', '.join(settings)}}}")
     joints = [f"{name}_joint" for name in JOINTS]
     lines += [
         "",
@@ -433,7 +433,7 @@ def header(model: pp.ErrorModel) -> dict[str, str]:
     """Return the forecast at the named poses and of the repeatability, as the head of a sheet says them."""
     texts, repeats = {}, []
     for pose in POSES:
-        norm = pp.monte_carlo(model, pose, samples=100_000).position.norm
+        norm = pp.monte_carlo(model, pose, samples=SAMPLES).position.norm
         median, most = (1e3 * (norm.quantile(share) or np.nan) for share in (0.5, 0.95))
         texts[pose] = f"median {median:.1f} mm, 95 % {most:.1f} mm"
         jacobian = model.at(pose).jacobian[:3]
@@ -462,7 +462,7 @@ def main(folder: Path, out: Path) -> None:
     found = leave_out(units, chains)
     law, spread = laws(np.array([unit.errors[KEPT] for unit in units]), [unit.kind for unit in units])
     for (place, name), (low, high) in zip([one for one in NUMBERS if one not in ZEROS], spread, strict=True):
-        print(f"{place} {name}: standard deviation {1e3 * low:.2g} to {1e3 * high:.2g} {SIZE[name][0]}, 95 %")
+        print(f"{place} {name}: standard deviation {1e3 * low:.2g} to {1e3 * high:.2g} (mm, mrad; 95 %)")
     for kind in dict.fromkeys(one.unit.kind for one in found):
         print(f"{kind}: {share_inside([one for one in found if one.unit.kind == kind])} inside")
     print(f"all: {share_inside(found)} inside")
@@ -470,10 +470,9 @@ def main(folder: Path, out: Path) -> None:
     for kind in SHIPPED:
         if kind in law:
             left = share_inside([one for one in found if one.unit.kind == kind])
-            path, head = out / f"{kind.lower()}.errors.yaml", dict.fromkeys((*POSES, "repeatability"), "")
-            for _ in range(2):  # the second time with the forecast of the first
-                write_text(path, sheet(kind, law[kind], units, chains[kind], left, head))
-                head = header(pp.ErrorModel.load(path))
+            path = out / f"{kind.lower()}.errors.yaml"
+            write_text(path, sheet(kind, law[kind], units, left, dict.fromkeys((*POSES, "repeatability"), "")))
+            write_text(path, sheet(kind, law[kind], units, left, header(pp.ErrorModel.load(path))))
             print(f"wrote {path}")
     draw(found, out / "ur-left-out.png")
 
