@@ -13,6 +13,7 @@ import zipfile
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parent.parent
@@ -70,6 +71,56 @@ def test_view_poses(tmp_path, monkeypatch, capsys):
     assert sorted(pages) == ["view_folded.html", "view_paper.html"]
     assert all(text.lstrip().lower().startswith("<!doctype html") for text in pages.values())
     assert capsys.readouterr().out.count("half of the units miss by more than") == 2
+
+
+def test_ur_sheets_finds_the_spread_that_was_planted():
+    """Three robots each of six types, with known means, spreads and sizes, three times over; then robots yet to come."""
+    laws = runpy.run_path(str(SCRIPTS / "ur_sheets.py"))["laws"]
+    laws.__globals__["DRAWS"] = 600
+    rng = np.random.default_rng(0)
+    spread, size = np.geomspace(0.05e-3, 5e-3, 16), np.array([0.7, 1.4, 1.02, 0.83, 1.2, 1.0])[:, None]  # middle 1
+    kinds = [k for k in range(6) for _ in range(3)]
+    held, inside = 0, []
+    for _ in range(3):
+        means = rng.normal(0, 1, (6, 16)) * spread
+        built = means + rng.normal(0, 1, (3, 6, 16)) * spread * size
+        found, interval = laws(built.swapaxes(0, 1).reshape(18, 16), kinds)
+        held += int(((interval[:, 0] < spread) & (spread < interval[:, 1])).sum())
+        new = means + rng.normal(0, 1, (200, 6, 16)) * spread * size
+        inside += [(np.abs(new[:, k] - found[k].mean) < 1.645 * found[k].std).mean() for k in range(6)]
+    assert held >= 40  # of 48 at 95 %: fewer with probability 0.001
+    assert 0.82 < np.mean(inside) < 0.95  # means are estimated from three
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
+def test_ur_sheets(tmp_path, capsys):
+    """Simulated robots of three types, one of them in two files."""
+    source = tmp_path / "files"
+    source.mkdir()
+    rng, text = np.random.default_rng(0), ""
+    for name in ("ur3e-0", "ur3e-1", "ur3e-2", "ur10-3", "ur10-4", "ur5-5", "ur5-6"):
+        if name != "ur5-6":
+            rows = (
+                rng.normal(0, 5e-4, (4, 6)) * np.array([0, 1, 1, 1])[:, None]
+            )  # as calibration.conf has them, no zeros
+            rows[1:, 5] *= [0, 1, 0]
+            keys = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
+            text = "".join(f"{key} = {row.tolist()}\n" for key, row in zip(keys, rows, strict=True))
+        (source / f"{name}.yaml").write_text(text)
+    main = runpy.run_path(str(SCRIPTS / "ur_sheets.py"))["main"]
+    main.__globals__.update(RANDOM=20, ROBOTS=200, SAMPLES=2000, DRAWS=200)
+    main(source, tmp_path / "out")
+    out = capsys.readouterr().out
+    assert "ur5-6.yaml: the same robot as another file, left out" in out
+    assert re.search(r"^UR3e: \d of 3 \(\d+ to \d+ %\), \d+ % of the poses inside$", out, re.MULTILINE)
+    written = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert written == ["ur-left-out.png", "ur10e.urdf", "ur3e.errors.yaml", "ur3e.urdf", "ur5e.urdf"]
+    text = (tmp_path / "out" / "ur3e.errors.yaml").read_text(encoding="utf-8")
+    assert "factory calibrations of 3 UR3e, spread pooled over 6 UR robots" in text
+    own = SCRIPTS.parent / "robots"
+    for name in ("ur3e.urdf", "ur5e.urdf", "ur10e.urdf"):
+        assert (tmp_path / "out" / name).read_text() == (own / name).read_text()
 
 
 # set-up --------------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.input_files import noted_inputs
 from precision_pin.cli.notes import echo_note, echo_warning_lines, echo_warnings
 from precision_pin.cli.options import Options, describe_excess
-from precision_pin.robot.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
+from precision_pin.robot.examples import PAPER_SHEET, ROBOTS, resolve_robot, shipped_sheet, similar_file, starting_sheet
 
 if TYPE_CHECKING:
     import numpy as np
@@ -88,7 +88,7 @@ def _sheet_of(name: str, robot: Path) -> Path:
     if not os.path.isfile(robot):
         urdf.read(robot)
     beside, here = robot.with_suffix(".errors.yaml"), Path(starting_sheet(robot))
-    if os.path.isfile(beside):
+    if os.path.isfile(beside) and beside.parent != ROBOTS:
         if os.path.isfile(here) and not here.samefile(beside):
             echo_note(f"{name}: with the sheet beside it, {beside}, not {here} of this folder")
         return beside

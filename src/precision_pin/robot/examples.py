@@ -39,6 +39,11 @@ def example_urdfs() -> dict[str, Path]:
     return names
 
 
+def own_urdfs() -> dict[str, Path]:
+    """Return the URDFs that come with this package by short name (``4dof``, ``ur5e``, …)."""
+    return {path.stem: path for path in sorted(ROBOTS.glob(f"*{ROBOT_SUFFIXES[0]}"))}
+
+
 def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     """Return the path of a robot: a path relative to ``folder``, or ``example:NAME``.
 
@@ -57,6 +62,9 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
 
 
 def _example(name: str) -> Path:
+    own = own_urdfs()
+    if name in own:
+        return own[name]
     known = example_urdfs()
     if not known:
         raise InputError(
@@ -64,6 +72,7 @@ def _example(name: str) -> Path:
         )
     if name in known:
         return known[name]
+    known = own | known
     if not name:
         raise InputError([Finding("error", "E_NAME", f"no example robot named ''; valid: {', '.join(known)}")])
     folded = name.casefold()

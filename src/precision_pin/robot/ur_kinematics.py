@@ -11,6 +11,7 @@ Only the axes at zero and the flange matter, so both are turned into these.
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 from dataclasses import dataclass
@@ -53,12 +54,14 @@ class UrKinematics:
     """A six-joint arm at zero: frames of its joints ``(6, 4, 4)``, z along the axes, and of its flange ``(4, 4)``, in the base.
 
     ``checksum`` is what the file has as ``hash``. ``is_whole``: the file has the arm itself and not differences to a model.
+    ``was_folded``: the file has the forearm turned back, which was undone.
     """
 
     joints: Array
     flange: Array
     checksum: str = ""
     is_whole: bool = False
+    was_folded: bool = False
 
     def pose(self, q: Array) -> Array:
         """Return the flange in the base, ``(…, 4, 4)``, at joint values ``(…, 6)``."""
@@ -144,19 +147,53 @@ def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
         raise _wrong(
             file, "this is no factory calibration: neither delta_theta = [...] as in calibration.conf nor kinematics:"
         )
-    frames, frame = [], np.eye(4)
+    steps = []
     for link in _LINKS:
         entry = kinematics.get(link)
         values = [entry.get(number) for number in _NUMBERS] if isinstance(entry, dict) else []
         numbers = [float(value) for value in values if isinstance(value, int | float) and np.isfinite(value)]
         if len(numbers) != len(_NUMBERS):
             raise _wrong(file, f"kinematics: {link} needs the numbers {', '.join(_NUMBERS)}")
-        x, y, z, roll, pitch, yaw = numbers
-        about_x, about_y, about_z = map(se3.exp_rotation, np.diag([roll, pitch, yaw]))
+        steps.append(numbers)
+    placed = _placed(steps, x_y_z=x_y_z)
+    folded = _is_folded(placed)
+    if folded:
+        placed = _unfolded(_placed(steps, x_y_z=True))
+    frames = np.array(list(itertools.accumulate(placed, np.matmul)))
+    return UrKinematics(frames, frames[-1], str(kinematics.get("hash") or ""), is_whole=True, was_folded=folded)
+
+
+def _placed(steps: list[list[float]], *, x_y_z: bool) -> Array:
+    """Return the frame of each joint in that of the joint before, ``(6, 4, 4)``."""
+    frames = []
+    for x, y, z, *angles in steps:
+        about_x, about_y, about_z = map(se3.exp_rotation, np.diag(angles))
         rotation = about_x @ about_y @ about_z if x_y_z else about_z @ about_y @ about_x
-        frame = frame @ se3.pose(rotation, np.array([x, y, z]))
-        frames.append(frame)
-    return UrKinematics(np.array(frames), frame, str(kinematics.get("hash") or ""), is_whole=True)
+        frames.append(se3.pose(rotation, np.array([x, y, z])))
+    return np.array(frames)
+
+
+def _is_folded(placed: Array) -> bool:
+    """Return whether wrist 1 lies back along the upper arm at zero; a UR is stretched there."""
+    forearm = placed[2, :3, :3] @ placed[3, :3, 3]
+    return bool(placed[2, :2, 3] @ forearm[:2] < 0)
+
+
+def _unfolded(placed: Array) -> Array:
+    """Return the frames without the half turns of elbow and wrist 1 that older tools give a robot.
+
+    ``ur_calibration`` before June 2024 takes the arctangent of y/x for the direction from the elbow to the axis of wrist 1. Where
+    |θ_2 + Δθ_2| is beyond π/2 that is the opposite one. The elbow is then turned by π about its axis, wrist 1 turned back, and
+    the axis of wrist 1 lies on the other side of the elbow. Wrist 1 is d along its axis from where this meets the elbow's plane;
+    turning that part with it gives the robot that the controller has.
+    """
+    half = _turn(np.pi)
+    elbow, wrist = placed[2] @ half, placed[3].copy()
+    axis = wrist[:3, 2]
+    along = axis * wrist[2, 3] / axis[2]
+    wrist[:3, :3] = half[:3, :3] @ wrist[:3, :3]
+    wrist[:3, 3] += half[:3, :3] @ along - along
+    return np.array([*placed[:2], elbow, wrist, *placed[4:]])
 
 
 def _turn(angle: float) -> Array:

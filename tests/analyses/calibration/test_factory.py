@@ -208,6 +208,63 @@ def test_the_yaml_of_the_ros_driver_is_read_as_urdf_readers_do(tmp_path: Path) -
     assert finding.code == "W_FACTORY_ANGLES"
 
 
+# of a UR10e whose second joint starts beyond 90 degrees, from the documentation of ur_calibration
+BEYOND = (
+    (-2.4147806894359e-07, 1.60233952386695, -1.68607190752171, 0.0837331147700119, -1.01260355871158e-07,
+     3.91986209186124e-08),
+    (2.12234865571206e-05, 0.0193171326277006, -0.569251663611088, -4.61409023720934e-05, -6.39280053471802e-05, 0.0),
+    (0.180539811714259, 439.140974079901, -446.027059806332, 7.0603368964236, 0.119811341150314, 0.115670917257426),
+    (1.57014608044242, 0.0013941666682559, 0.00693818880325995, 1.56998468543761, -1.57038520649543, 0.0),
+)  # fmt: skip
+
+
+def extracted(*, folded: bool) -> list[np.ndarray]:
+    """Return the frames that ``ur_calibration`` makes of parameters: arms drawn in along their axes, then six steps."""
+    theta, a, d, alpha = (list(row) for row in BEYOND)
+    moves = []
+    for k in range(6):
+        moves += [dh_matrix(theta[k], 0, d[k], 0), dh_matrix(0, a[k], 0, alpha[k])]
+    for k in (1, 2):
+        start = moves[2 * k] @ moves[2 * k + 1]
+        way = (start @ moves[2 * k + 2])[:3, 3] - start[:3, 3]
+        way /= np.linalg.norm(way)
+        along = -start[2, 3] / way[2]
+        x, y, _ = start[:3, 3] + along * way
+        turn = np.arctan(y / x) if folded else np.arctan2(y, x) - np.pi
+        moves[2 * k] = dh_matrix(turn, 0, 0, 0)
+        bent = dh_matrix(theta[k] - turn, 0, 0, alpha[k])
+        bent[:3, 3] = -np.hypot(x, y), 0, 0
+        moves[2 * k + 1] = bent
+        moves[2 * k + 2][2, 3] -= along * np.sign(way[2])
+    return [moves[0], *(moves[k] @ moves[k + 1] for k in range(1, 11, 2))]
+
+
+@pytest.mark.parametrize("written", ["straight", "folded", "frames turned"])
+def test_a_half_turned_elbow_is_the_same_robot(written: str, tmp_path: Path) -> None:
+    """The tool's arctangent of y/x turns the forearm back, which is undone and said; turned frames alone change nothing."""
+    steps = extracted(folded=written == "folded")
+    half = dh_matrix(np.pi, 0, 0, 0)
+    if written == "frames turned":
+        steps[2], steps[3] = steps[2] @ half, half @ steps[3]
+    # stretched, the tip is 1.18 m from the shoulder, folded 0.04 m
+    assert (abs(np.linalg.multi_dot(steps)[0, 3]) < 0.1) == (written == "folded")
+    lines = ["kinematics:"]
+    for name, step in zip(NAMES, steps, strict=True):
+        angles = Rotation.from_matrix(step[:3, :3]).as_euler("XYZ" if written == "folded" else "xyz")
+        numbers = zip(("x", "y", "z", "roll", "pitch", "yaw"), map(float, [*step[:3, 3], *angles]), strict=True)
+        lines.append(f"  {name}: {{{', '.join(f'{key}: {value!r}' for key, value in numbers)}}}")
+    path = tmp_path / "kinematics.yaml"
+    path.write_text("\n".join(lines))
+    found = pp.ur_calibration(path, chain_of("UR10e", tmp_path))
+    codes = [finding.code for finding in found.findings]
+    assert codes == ["W_FACTORY_FOLDED" if written == "folded" else "W_FACTORY_ANGLES"]
+    for q in np.random.default_rng(0).uniform(-3, 3, (20, 6)):
+        expected = np.linalg.multi_dot(
+            [dh_matrix(q[k] + BEYOND[0][k], *(row[k] for row in BEYOND[1:])) for k in range(6)]
+        )
+        np.testing.assert_allclose(found.predict(q), expected, rtol=0, atol=1e-9)
+
+
 def perturbed_yaml(folder: Path, kind: str, seed: int) -> Path:
     """Return the YAML of a robot of a model: every frame off by some tenths of a millimetre and of a milliradian.
 

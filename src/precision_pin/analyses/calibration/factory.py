@@ -168,7 +168,13 @@ def _refuse_other_model(file: str, kind: str, found: UrKinematics, q: Array) -> 
 
 
 def _remarks(file: str, kind: str, found: UrKinematics, q: Array) -> tuple[Finding, ...]:
-    """Return a warning where the two ways to read the angles of a YAML differ."""
+    """Return warnings of a forearm that was turned back, or of angles that the two ways to read a YAML take otherwise."""
+    if found.was_folded:
+        message = (
+            "the forearm points back at zero, as ur_calibration before June 2024 writes some robots; read as the robot that the "
+            "controller has; a ROS driver with this file is wrong by twice the forearm: extract it with a newer version"
+        )
+        return (Finding("warning", "W_FACTORY_FOLDED", message, file),)
     other = read_ur_calibration(file, kind, x_y_z=True)
     apart = float(np.linalg.norm(found.pose(q)[:, :3, 3] - other.pose(q)[:, :3, 3], axis=1).max())
     if apart <= _NOTED:
