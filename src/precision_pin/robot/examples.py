@@ -21,7 +21,6 @@ ELSEWHERE: Final = (PREFIX, DESCRIPTIONS)
 _ENDING: Final = "_description"
 ROBOTS: Final = Path(__file__).parents[1] / "robots"
 SUFFIX: Final = ".errors.yaml"
-_IS_XACRO: Final = "is written in xacro; precision-pin init {} [NAME:=VALUE]... writes it as a URDF"
 ROBOT_SUFFIXES: Final = (".urdf", ".xml")
 MOST_FILES: Final = 1000
 _EXAMPLES: Final = f"{os.sep}example-robot-data{os.sep}"
@@ -59,10 +58,9 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     if text.startswith(DESCRIPTIONS):
         found = description(text.removeprefix(DESCRIPTIONS))
         if not hasattr(found, "URDF_PATH"):
-            raise InputError([Finding("error", "E_XACRO", f"{text} {_IS_XACRO.format(text)}")])
+            message = f"{text} is written in xacro; precision-pin init {text} [NAME:=VALUE]... writes it as a URDF"
+            raise InputError([Finding("error", "E_XACRO", message)])
         return Path(found.URDF_PATH)
-    if text.endswith(".xacro"):
-        raise InputError([Finding("error", "E_XACRO", _IS_XACRO.format(text), text)])
     path = Path(folder) / text
     suggestion = None if os.path.lexists(path) or text.endswith(os.sep) else _suggest_robot(path)
     if suggestion is not None:
