@@ -266,7 +266,10 @@ def test_copied_rows_are_named(run, folder, rows) -> None:
         (("--forecast", "--criterion", "D"), "--criterion belongs to --plan"),
         (("--forecast", "data.csv"), "--forecast takes no data"),
         (("data.csv", "--random", "3"), "the measured poses are those of the data"),
-        (("--forecast", "--urdf", "x.urdf"), "--no-prior, --urdf and --sheet belong to a calibration with data"),
+        (
+            ("--forecast", "--urdf", "x.urdf"),
+            "--no-prior, --only, --urdf and --sheet belong to a calibration with data",
+        ),
         (("--forecast", "--std", "0.1"), "--std"),
         (("--forecast", "--point", "1 2 mm"), "--point"),
         (("--forecast", "--random", "0"), "the number of random poses must be a whole number from 1 to 10000"),

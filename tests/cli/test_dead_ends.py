@@ -171,7 +171,7 @@ def test_init_then_analyze_of_a_robot_in_another_folder(run, folder):
 
 def test_a_missing_sheet_of_an_arm_with_several_tips_names_them(run):
     line = error_of(run("analyze", "forked.urdf"))
-    assert line.endswith("precision-pin init forked.urdf --tip TIP, with TIP one of left, right")
+    assert line.endswith("precision-pin init forked.urdf --tip left (or another tip: right)")
     assert run("init", "forked.urdf", "--tip", "left").code == 0
     assert run("analyze", "forked.urdf", *FEW).code == 0
 

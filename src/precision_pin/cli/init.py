@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from precision_pin.base.errors import OutputError
+from precision_pin.base.errors import Finding, InputError, OutputError
 from precision_pin.base.files import write_text
 from precision_pin.base.input_files import noted_inputs
 from precision_pin.cli.headings import output_option
@@ -20,23 +20,39 @@ from precision_pin.cli.targets import Outputs
 
 @click.command("init", cls=Command)
 @click.argument("robot", metavar="ROBOT.urdf")
+@click.argument("arguments", nargs=-1, metavar="[NAME:=VALUE]...")
 @robot_options
 @output_option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
 @quiet_option
 @output_option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
 def command(
-    robot: str, tip: str | None, base: str | None, package_dirs: tuple[str, ...], out: str | None, force: bool
+    robot: str,
+    arguments: tuple[str, ...],
+    tip: str | None,
+    base: str | None,
+    package_dirs: tuple[str, ...],
+    out: str | None,
+    force: bool,
 ) -> None:
     """Write a commented sheet for a URDF: every joint and link of the chain, with starting tolerances to replace.
 
-    ROBOT may be example:NAME; where a sheet with sources comes with precision-pin for it, that one is written. The sheet runs
-    as it is: precision-pin analyze SHEET.
+    ROBOT may be example:NAME; where a sheet with sources comes with precision-pin for it, that one is written. It may be
+    robot_descriptions:NAME, or a xacro file, whose URDF is written beside the sheet, with its arguments as NAME:=VALUE. The
+    sheet runs as it is: precision-pin analyze SHEET.
     """
     from precision_pin.export.scaffold import scaffold
     from precision_pin.robot.chain import Chain, chain_findings
-    from precision_pin.robot.examples import PREFIX, example_urdfs, resolve_robot, shipped_sheet, starting_sheet
-    from precision_pin.robot.urdf import read
+    from precision_pin.robot.examples import (
+        ELSEWHERE,
+        PREFIX,
+        example_urdfs,
+        resolve_robot,
+        shipped_sheet,
+        starting_sheet,
+    )
+    from precision_pin.robot.urdf import ask_for_tip, draft_command, gripper_joint, likeliest_tip, read
 
+    robot = _expanded(robot, arguments, force=force)
     path = resolve_robot(robot)
     target = Path(out) if out is not None else Path(starting_sheet(path))
     to_stdout = out == "-"
@@ -49,10 +65,20 @@ def command(
     with noted_inputs() as inputs:
         text, what = _shipped(robot, tip, base)
         if text is None:
-            chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
-            named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
-            text = scaffold(chain, named)
+            read_robot = read(path, package_dirs=package_dirs)
+            if tip is None and len(read_robot.leaves) > 1:
+                raise InputError(f"{ask_for_tip(read_robot)}: {draft_command(robot, likeliest_tip(read_robot))}")
+            chain = Chain.from_robot(read_robot, tip, base)
+            is_named = robot.startswith(ELSEWHERE)
+            text = scaffold(chain, robot if is_named else os.path.relpath(path, Path() if to_stdout else target.parent))
             echo_warnings(chain_findings(chain))
+            grip = gripper_joint(chain.robot, chain.tip) if tip is None and base is None else None
+            if grip is not None:
+                message = (
+                    f"the only leaf, {chain.tip!r}, is a finger: the joint {grip.name!r} opens a gripper, and does not move "
+                    f"the tool; the last link before it is {grip.parent!r}: {draft_command(robot, grip.parent)}"
+                )
+                echo_warnings([Finding("warning", "W_GRIPPER", message, str(path), grip.line)])
             alike = f"{PREFIX}{chain.robot.name}"
             if shipped_sheet(alike) is not None and robot != alike and chain.robot.name in example_urdfs():
                 what += f" (with sources: precision-pin init {alike}, if this is such an arm)"
@@ -63,6 +89,29 @@ def command(
         return
     write_text(target, text)
     echo_note(f"wrote {target}{what}; now: precision-pin analyze {shlex.quote(str(target))}")
+
+
+def _expanded(robot: str, arguments: tuple[str, ...], *, force: bool) -> str:
+    """Return the robot; of one written in xacro the URDF, which is written into this folder."""
+    from precision_pin.robot.examples import DESCRIPTIONS
+    from precision_pin.robot.xacro import expand, read_arguments, xacro_source
+
+    given, source = read_arguments(arguments), xacro_source(robot)
+    if source is None:
+        if given:
+            raise InputError([Finding("error", "E_USAGE", f"{robot} is not written in xacro and takes no arguments")])
+        return robot
+    file, own, packages = source
+    named = robot.rpartition(":")[2] if robot.startswith(DESCRIPTIONS) else file.name
+    target = Path(named.removesuffix(".xacro").removesuffix(".urdf") + ".urdf")
+    if target.exists() and not force:
+        raise OutputError(
+            f"{target} exists; --force writes it anew, or run precision-pin init {shlex.quote(str(target))}"
+        )
+    Outputs({"--out": str(target)}).check()
+    write_text(target, expand(file, own | given, packages))
+    echo_note(f"wrote {target}, expanded from {file.name}")
+    return str(target)
 
 
 def _shipped(robot: str, tip: str | None, base: str | None) -> tuple[str | None, str]:

@@ -99,11 +99,14 @@ def _sheet_of(name: str, robot: Path) -> Path:
     if shipped is not None:
         echo_note(f"{name}: with the sheet that comes with precision-pin, {shipped.name}")
         return shipped
-    leaves = urdf.read(robot).leaves
-    branched = f" --tip TIP, with TIP one of {', '.join(leaves[:MOST_LEAVES])}" if len(leaves) > 1 else ""
+    read = urdf.read(robot)
+    leaves = read.leaves
+    command, others = f"precision-pin init {shlex.quote(name)}", ""
+    if len(leaves) > 1:
+        command = urdf.draft_command(name, tip := urdf.likeliest_tip(read))
+        others = f" (or another tip: {', '.join([leaf for leaf in leaves if leaf != tip][:MOST_LEAVES])})"
     raise InputError(
-        f"no sheet of error sources for {name}; write one, which is then found by itself: "
-        f"precision-pin init {shlex.quote(name)}{branched}"
+        f"no sheet of error sources for {name}; write one, which is then found by itself: {command}{others}"
     )
 
 

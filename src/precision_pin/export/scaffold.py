@@ -18,7 +18,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import spread_points
-from precision_pin.robot.urdf import Joint
+from precision_pin.robot.urdf import Joint, gripper_joint
 from precision_pin.sheet import catalogue
 from precision_pin.sheet.schema import ASSUMED
 from precision_pin.sheet.settings import law_options
@@ -56,7 +56,7 @@ _MARK: Final = f"{ASSUMED}: true"
 _MANY: Final = 12
 _WIDTH: Final = 110
 _PLAIN: Final = re.compile(r"(?:\.{0,2}/)?[A-Za-z_][A-Za-z0-9_./-]*")
-_PLAIN_EXAMPLE: Final = re.compile(r"example:[A-Za-z0-9_][A-Za-z0-9_.-]*")
+_PLAIN_EXAMPLE: Final = re.compile(r"(?:example|robot_descriptions):[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _WORDS: Final = frozenset(("true", "false", "yes", "no", "on", "off", "y", "n", "null"))
 
 
@@ -225,11 +225,21 @@ def _head(chain: Chain, robot_text: str) -> Lines:
         "# in hand writes {normal: {std: σ}}; {normal: σ} would make the robot three times too good.",
         "precision-pin: 1",
         f"robot: {quoted(robot_text)}",
+        *_gripper(chain),
         f"tip: {quoted(chain.tip)}" + (f"    # other leaves: {some}" if others else ""),
         f"base: {quoted(chain.base)}    # does not move",
         f"gravity: {' '.join(map(_number, chain.gravity))} m/s^2    # base axes; or earth, moon, none",
         "statics: nominal    # loads at the undeflected pose",
     ]
+
+
+def _gripper(chain: Chain) -> Lines:
+    """Return a comment on the joint of a gripper that ends the chain."""
+    joint = None if chain.robot.joints[0].reversed else gripper_joint(chain.robot, chain.tip)
+    if joint is None or joint.name not in chain.joint_names:
+        return []
+    text = f"The joint {joint.name} opens a gripper: the tip is a finger. The last link before it is {joint.parent}."
+    return _comment(_escaped(text))
 
 
 def _chain_table(chain: Chain) -> Lines:

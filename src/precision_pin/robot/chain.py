@@ -42,6 +42,7 @@ from precision_pin.render.notebook import Table, rendered
 from precision_pin.robot.approach import Approach
 from precision_pin.robot.collision import CollisionCheck, Obstacles
 from precision_pin.robot.configurations import Configurations
+from precision_pin.robot.examples import ELSEWHERE, resolve_robot
 from precision_pin.robot.loads import (
     Deflection,
     Factors,
@@ -53,10 +54,10 @@ from precision_pin.robot.loads import (
     wrench_basis,
     wrench_on,
 )
-from precision_pin.robot.pinocchio_model import PinocchioModel
+from precision_pin.robot.pinocchio_model import PinocchioModel, model_poses
 from precision_pin.robot.places import LinkFrame, Place, link_frames, locked_values
 from precision_pin.robot.postures import ChainConstants, Postures, alignment
-from precision_pin.robot.urdf import Joint, Robot, read, rerooted
+from precision_pin.robot.urdf import Joint, Robot, ask_for_tip, parse, read, rerooted
 
 FARTHEST_TARGET: Final = 1000.0
 """Largest coordinate of a target in the tip's axes, m."""
@@ -120,7 +121,7 @@ class Chain:
     @classmethod
     def from_urdf(
         cls,
-        path: str | os.PathLike[str],
+        source: object,
         tip: str | None = None,
         base: str | None = None,
         gravity: Sequence[float] = EARTH,
@@ -130,8 +131,9 @@ class Chain:
 
         Parameters
         ----------
-        path
-            The URDF.
+        source
+            The path of the URDF; ``example:NAME`` or ``robot_descriptions:NAME``; its text, which begins with ``<``; or a
+            ``yourdfpy.URDF``.
         tip
             The end-effector link; the only leaf if left out.
         base
@@ -152,7 +154,45 @@ class Chain:
         InputError
             Several leaves and no tip, no moving joint on the chain, or a mimic joint on it.
         """
-        return cls.from_robot(read(check_path("the path of the URDF", path)), tip, base, gravity, locked)
+        return cls.from_robot(_read(source), tip, base, gravity, locked)
+
+    @classmethod
+    def from_pinocchio(
+        cls,
+        model: object,
+        urdf: object,
+        tip: str | None = None,
+        base: str | None = None,
+        gravity: Sequence[float] | None = None,
+        locked: Mapping[str, float] | None = None,
+    ) -> Chain:
+        """Extract the chain of a ``pinocchio.Model`` and the URDF that it was built from, as for :meth:`from_urdf`.
+
+        The model may be reduced: joints that it lacks are locked, at zero unless ``locked`` says where. Gravity is the model's
+        if left out, at its neutral configuration. Masses are those of the URDF.
+
+        Raises
+        ------
+        InputError
+            As :meth:`from_urdf`; or the model has the tip at another place than the URDF.
+        """
+        robot = _read(urdf)
+        whole = cls.from_robot(robot, tip, base, EARTH, locked)
+        named = set(getattr(model, "names", ()))
+        lacking = {name: 0.0 for name in whole.joint_names if name not in named}
+        moving = [name for name in whole.joint_names if name in named]
+        down, places = model_poses(model, moving, whole.base, whole.tip)
+        held = lacking | dict(locked or {})
+        chain = cls.from_robot(robot, tip, base, down.tolist() if gravity is None else gravity, held)
+        for values, pose in places:
+            apart = float(np.abs(chain.at(values).pose - pose).max())
+            if apart > 1e-6:
+                held_at = f"; joints that the model lacks are locked at {held}, locked= changes that" if held else ""
+                raise InputError(
+                    f"the Pinocchio model has {whole.tip!r} {apart:.3g} away (m, or entries of a rotation) from where the URDF "
+                    f"has it{held_at}"
+                )
+        return chain
 
     @classmethod
     def from_robot(
@@ -175,10 +215,7 @@ class Chain:
             robot.link(check_text("the name of the base link", base))
         if tip is None:
             if len(robot.leaves) != 1:
-                raise InputError(
-                    f"{robot.file} has {len(robot.leaves)} leaves; name one as the tip: {', '.join(sorted(robot.leaves))} "
-                    "(--tip, or tip: in a sheet)"
-                )
+                raise InputError(ask_for_tip(robot))
             tip = robot.leaves[0]
         robot.link(check_text("the name of the tip link", tip))
         rooted = rerooted(robot, base) if base is not None and base != robot.root else robot
@@ -627,6 +664,17 @@ class Posture:
     @returns_read_only
     def _statics(self) -> tuple[Array, Array]:
         return self.chain.pinocchio.statics(self.q)
+
+
+def _read(source: object) -> Robot:
+    """Return a robot from a path, a name in another package, the text of a URDF, or a yourdfpy.URDF."""
+    write = getattr(source, "write_xml_string", None)
+    if write is not None:
+        return parse(write(), "yourdfpy.URDF")
+    if isinstance(source, str | bytes) and source.lstrip()[:1] in ("<", b"<"):
+        return parse(source.encode() if isinstance(source, str) else source, "the URDF's text")
+    path = check_path("the path of the URDF", source)
+    return read(resolve_robot(path) if path.startswith(ELSEWHERE) else path)
 
 
 def joint_table(joints: Sequence[Joint], placements: Array, tip: str) -> Table:

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import difflib
+import importlib
 import importlib.metadata
 import os
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 from typing import Final
 
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.base.text_escape import one_line
 
 PREFIX: Final = "example:"
+DESCRIPTIONS: Final = "robot_descriptions:"
+ELSEWHERE: Final = (PREFIX, DESCRIPTIONS)
+"""How robots of other packages are named, in place of a path."""
+_ENDING: Final = "_description"
 ROBOTS: Final = Path(__file__).parents[1] / "robots"
 SUFFIX: Final = ".errors.yaml"
 ROBOT_SUFFIXES: Final = (".urdf", ".xml")
@@ -45,7 +52,7 @@ def own_urdfs() -> dict[str, Path]:
 
 
 def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
-    """Return the path of a robot: a path relative to ``folder``, or ``example:NAME``.
+    """Return the path of a robot: a path relative to ``folder``, ``example:NAME`` or ``robot_descriptions:NAME``.
 
     `InputError` for a robot that is not there; the message suggests another one.
     """
@@ -53,6 +60,12 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
         raise InputError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
     if text.startswith(PREFIX):
         return _example(text.removeprefix(PREFIX))
+    if text.startswith(DESCRIPTIONS):
+        found = description(text.removeprefix(DESCRIPTIONS))
+        if not hasattr(found, "URDF_PATH"):
+            message = f"{text} is written in xacro; precision-pin init {text} [NAME:=VALUE]... writes it as a URDF"
+            raise InputError([Finding("error", "E_XACRO", message)])
+        return Path(found.URDF_PATH)
     path = Path(folder) / text
     suggestion = None if os.path.lexists(path) or text.endswith(os.sep) else _suggest_robot(path)
     if suggestion is not None:
@@ -81,6 +94,30 @@ def _example(name: str) -> Path:
         raise UnknownNameError("example robot", name, known)
     message = f"no example robot named {name!r}; did you mean one of {', '.join(PREFIX + other for other in longer)}?"
     raise InputError([Finding("error", "E_NAME", message)])
+
+
+def description(name: str) -> ModuleType:
+    """Return the module of the package robot_descriptions for a robot; at the first use the package downloads it.
+
+    `InputError` where the package is not installed, has no such URDF, or cannot download it.
+    """
+    try:
+        listed = importlib.import_module("robot_descriptions").DESCRIPTIONS
+    except ImportError:
+        raise InputError(
+            f"{DESCRIPTIONS}{name}: the package robot_descriptions is not installed (pip install 'precision-pin[robots]')"
+        ) from None
+    known = [each.removesuffix(_ENDING) for each, about in listed.items() if about.has_urdf]
+    short = name.removesuffix(_ENDING)
+    if short not in known:
+        raise UnknownNameError("robot of robot_descriptions", short, known)
+    try:
+        return importlib.import_module(f"robot_descriptions.{short}{_ENDING}")
+    except Exception as error:  # noqa: BLE001 - the package downloads with git, which can fail in many ways
+        reason = one_line(str(error))
+        raise InputError(
+            f"{DESCRIPTIONS}{short} cannot be downloaded by the package robot_descriptions: {reason}"
+        ) from None
 
 
 def _suggest_robot(path: Path) -> str | None:

@@ -6,7 +6,7 @@ from the file: it keeps links and joints in one list of frames and refuses a nam
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
@@ -15,7 +15,7 @@ import pinocchio
 from numpy.typing import ArrayLike
 
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InternalError
+from precision_pin.base.errors import InputError, InternalError
 from precision_pin.robot.urdf import Robot, canonical
 
 AGREEMENT = 1e-9
@@ -83,6 +83,43 @@ class PinocchioModel:
         for k, value in zip(self.joints, q, strict=True):
             values[self.model.joints[k].idx_q] = value
         return values
+
+
+def model_poses(
+    model: Any, joints: Collection[str], base: str, tip: str
+) -> tuple[Array, list[tuple[dict[str, float], Array]]]:
+    """Return the gravity (3,) of a user's Pinocchio model in the base's axes, and the tip in the base at two configurations.
+
+    These are the neutral one and one near it, each as the values of the joints by name, rad or m, and a pose ``(4, 4)``.
+
+    Raises
+    ------
+    InputError
+        No Pinocchio model, or one without these frames or with joints of more than one degree of freedom among these.
+    """
+    if not isinstance(model, pinocchio.Model):
+        raise InputError("the model must be a pinocchio.Model")
+    for name in (base, tip):
+        if not model.existFrame(name):
+            raise InputError(f"the Pinocchio model has no frame {name!r}")
+    numbers = {name: int(model.getJointId(name)) for name in joints}
+    wrong = [name for name, number in numbers.items() if model.nvs[number] != 1]
+    if wrong:
+        raise InputError(f"the joint {wrong[0]!r} of the Pinocchio model is none that turns or slides alone")
+    data, found = model.createData(), []
+    away = np.zeros(model.nv)
+    for rank, number in enumerate(numbers.values(), 1):
+        away[model.idx_vs[number]] = 0.1 * rank
+    neutral = pinocchio.neutral(model)
+    gravity = np.zeros(3)
+    for step in (np.zeros(model.nv), away):
+        q = pinocchio.integrate(model, neutral, step)
+        pinocchio.framesForwardKinematics(model, data, q)
+        place = data.oMf[model.getFrameId(base)]
+        gravity = place.rotation.T @ model.gravity.linear
+        values = {name: float(step[model.idx_vs[number]]) for name, number in numbers.items()}
+        found.append((values, np.array((place.inverse() * data.oMf[model.getFrameId(tip)]).homogeneous)))
+    return gravity, found
 
 
 def _replace_names(robot: Robot) -> Robot:

@@ -46,12 +46,12 @@ def _misuse(options: dict[str, Any], data: list[str]) -> str | None:
     ahead = ["--forecast"] * options["forecast"] + ["--plan"] * (count is not None)
     has_poses = is_given or options["random"] is not None
     is_factory, has_sheet = options["factory"] is not None, options["sheet_path"] is not None
-    of_fit = options["no_prior"] or options["urdf"] is not None
+    of_fit = options["no_prior"] or options["urdf"] is not None or bool(options["only"])
     asked = [*ahead, *["data"] * bool(data), *["poses"] * has_poses]
     both = [*ahead, *["--factory"] * is_factory]
     if options["population"]:
         if both or has_poses or of_fit or options["at_names"]:
-            return f"--population takes no {both[0] if both else 'poses, --at, --no-prior or --urdf'}"
+            return f"--population takes no {both[0] if both else 'poses, --at, --no-prior, --only or --urdf'}"
         return None
     if options["means_free"]:
         return "--means-free belongs to --population"
@@ -67,7 +67,7 @@ def _misuse(options: dict[str, Any], data: list[str]) -> str | None:
         "--csv belongs to --plan": options["csv_path"] is not None and count is None,
         "the measured poses are those of the data; --at names poses to judge": data and has_poses,
         "--random and given poses exclude each other": is_given and options["random"] is not None,
-        "--no-prior, --urdf and --sheet belong to a calibration with data": not data and (of_fit or has_sheet),
+        "--no-prior, --only, --urdf and --sheet belong to a calibration with data": not data and (of_fit or has_sheet),
         "--sheet writes the sheet as it is in its file; write what --set changes there first": has_sheet
         and options["changes"],
     }
@@ -198,7 +198,7 @@ def _fit(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[str
         return notes
 
     run = partial(
-        calibrate, model, options["robots"][0], measurement, prior=not options["no_prior"], at=at,
+        calibrate, model, options["robots"][0], measurement, prior=not options["no_prior"], only=options["only"], at=at,
         findings=asked.sheet.findings,
     )  # fmt: skip
     return _job(
@@ -277,6 +277,10 @@ DECLARATION = Declaration(
             metavar="N", group=_AHEAD,
         ),
         Option("--no-prior", "no_prior", "Maximum likelihood: the sheet's tolerances are no prior.", bool, group=_FIT),
+        Option(
+            "--only", "only", "Estimate the numbers of this kind of source alone, such as joint_offset; repeats.",
+            metavar="KIND", is_repeated=True, group=_FIT,
+        ),
         Option("--urdf", "urdf", "Write the calibrated robot as a URDF.", metavar="FILE", group=_FIT),
         Option(
             "--sheet", "sheet_path",

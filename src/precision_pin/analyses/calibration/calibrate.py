@@ -19,9 +19,7 @@ from precision_pin.analyses.calibration.data import (
     CalibrationData,
     SetUp,
     check_data,
-    first_guess,
     read_data,
-    readings_in_base,
 )
 from precision_pin.analyses.calibration.design import measurement_of, stations_of, task_poses
 from precision_pin.analyses.calibration.fit import (
@@ -56,9 +54,13 @@ from precision_pin.base.errors import Finding, InputError, SheetError
 from precision_pin.base.files import write_files
 from precision_pin.base.input_files import UnreadableFileError, read_text_file
 from precision_pin.base.record import Keys, Record
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.estimates import Estimates
+from precision_pin.draws.laws import JointNormal
+from precision_pin.draws.space import Space
 from precision_pin.export.as_built import AsBuilt
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import ELSEWHERE
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.sheet.text import read_text
 
@@ -246,6 +248,7 @@ def calibrate(
     measurement: Measurement | None = None,
     *,
     prior: bool = True,
+    only: Sequence[str] = (),
     at: object = None,
     findings: Sequence[Finding] = (),
 ) -> CalibrationResult:
@@ -263,6 +266,9 @@ def calibrate(
     prior
         Maximum a posteriori with the sheet as the prior; ``False``: maximum likelihood on the combinations that the
         readings determine, where all others keep their tolerances.
+    only
+        Kinds of source, such as ``joint_offset``, whose numbers are estimated; those of all others stay at their means, and
+        the errors before and after leave them out. All if empty.
     at
         Poses where the error that is left is computed; the model's named poses if left out, else the measured ones.
     findings
@@ -276,7 +282,8 @@ def calibrate(
     measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
-    given, base, whole = measured_problem(model, data, measurement)
+    fitted, held = _held(model, only)
+    given, base, whole = measured_problem(fitted, data, measurement)
     used, best, distances = without_gross_errors(whole, given, has_prior=prior)
     residuals = whole.residuals(best.z, best.nuisances)
     without = left_out_together(used, best, given.group) if given.group.size else best.left_out
@@ -306,7 +313,7 @@ def calibrate(
         left_out=left_out,
         gross_errors=gross,
         at_bounds=best.at_bounds,
-        poses=errors_left(task_poses(model, at, given.q), unit, estimator, measurement, model.space),
+        poses=errors_left(task_poses(fitted, at, given.q), unit, estimator, measurement, fitted.space),
         original=model,
         model=model.calibrated(Estimates(unit.names, mean, covariance)),
         data=given,
@@ -315,6 +322,7 @@ def calibrate(
             *findings,
             *check_data(model, given),
             *_remarks(given, best, gross),
+            *held,
             *remarks_on(seen),
             *(() if prior else rank_findings(seen)),
             *doubt_model(used, best, has_prior=prior),
@@ -322,23 +330,38 @@ def calibrate(
     )
 
 
+def _held(model: ErrorModel, only: Sequence[str]) -> tuple[ErrorModel, list[Finding]]:
+    """Return the model with the numbers of all but some kinds of source at their means, and a finding that says so."""
+    kinds = {label: source.kind() for source, label in zip(model.sources, model.labels, strict=True)}
+    wanted = {
+        check_name("kind of source", kind, sorted(set(kinds.values()))) for kind in check_items("only", only, str)
+    }
+    if not wanted:
+        return model, []
+    draws, count = [], 0
+    for draw, owners in zip(model.space.draws, model.owners, strict=True):
+        if draw.scope is Scope.UNIT and not wanted & {kinds[owner] for owner in owners}:
+            mean = tuple(draw.law.mean_vector.tolist())
+            still = JointNormal(tuple((0.0,) * len(mean) for _ in mean), mean)
+            draw, count = replace(draw, law=still, names=draw.components), count + len(mean)
+        draws.append(draw)
+    free = {draw.name for draw, other in zip(draws, model.space.draws, strict=True) if draw is other}
+    space = Space(tuple(draws), tuple(one for one in model.space.correlations if set(one.names) <= free))
+    message = (
+        f"only {', '.join(sorted(wanted))}: {count} numbers of other sources are held at their means; the errors before and "
+        "after leave them out"
+    )
+    return model.like(model.chain, space), [Finding("warning", "W_ONLY", message)] if count else []
+
+
 def measured_problem(
     model: ErrorModel, data: object, measurement: Measurement
 ) -> tuple[CalibrationData, Array, Problem]:
     """Return the data, the first guess of the base in the instrument's axes ``(4, 4)``, and the problem of all readings."""
     given = read_data(model, data, measurement)
-    stations = stations_of(model, given.q, measurement)
-    base, start = first_guess(given, stations, measurement)
-    readings = readings_in_base(given, stations, base, measurement)
-    whole = Problem(model, measurement, stations, readings, _deviations(given, measurement), start)
+    base, whole = Problem.of(model, given, measurement)
     refuse_far_readings(whole, given)
     return given, base, whole
-
-
-def _deviations(data: CalibrationData, measurement: Measurement) -> Array:
-    """Return the standard deviation of every number of every reading, ``(P, m)``; angles in proportion to lengths."""
-    deviations = np.tile(measurement.deviations, (len(data), 1))
-    return deviations * data.std[:, None] / measurement.std if data.std.size else deviations
 
 
 def without_gross_errors(
@@ -490,7 +513,7 @@ def calibrated_sheet(original: str, new: str) -> str:
                 raise InputError(
                     f"the calibrated sheet must be in the folder of {original}, which names tables beside it"
                 )
-            if not data["robot"].startswith("example:"):
+            if not data["robot"].startswith(ELSEWHERE):
                 data["robot"] = str(folder / data["robot"])
                 text = _ROBOT.sub(lambda _: f"robot: {json.dumps(data['robot'])}\n", text)
         data["calibrated"] = result_name(new)

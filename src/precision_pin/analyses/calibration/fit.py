@@ -16,8 +16,9 @@ import numpy as np
 import scipy.linalg
 from scipy import stats
 
-from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers
+from precision_pin.analyses.calibration.data import CalibrationData, first_guess, readings_in_base
+from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers, stations_of
+from precision_pin.analyses.calibration.zeros import describe_zeros, refuse_reversed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.draw import Scope
@@ -45,6 +46,17 @@ class Problem:
     readings: Array
     deviations: Array
     start: Array
+
+    @classmethod
+    def of(cls, model: ErrorModel, data: CalibrationData, measurement: Measurement) -> tuple[Array, Problem]:
+        """Return the first guess of the base in the instrument's axes ``(4, 4)``, and the problem of all readings."""
+        stations = stations_of(model, data.q, measurement)
+        base, start = first_guess(data, stations, measurement)
+        readings = readings_in_base(data, stations, base, measurement)
+        # angles in proportion to lengths
+        deviations = np.tile(measurement.deviations, (len(data), 1))
+        deviations = deviations * data.std[:, None] / measurement.std if data.std.size else deviations
+        return base, cls(model, measurement, stations, readings, deviations, start)
 
     @cached_property
     def unit(self) -> UnitNumbers:
@@ -258,6 +270,8 @@ def left_out_together(problem: Problem, best: Fit, groups: Array) -> Array:
 DOUBTFUL: Final = 1e-3
 """Probability of a larger chi-square below which the model does not explain the readings."""
 
+_TRIED_STEPS: Final = 8
+"""Steps of a fit that only shows whether far readings can be explained at all."""
 FARTHEST: Final = 50.0
 """Root mean square of the readings' distances, in standard deviations, beyond which data are refused."""
 
@@ -269,6 +283,7 @@ def probability(chi_square: float, degrees: int) -> float:
 
 def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     """Refuse readings that no robot within the tolerances, by far, can have given: columns are swapped, or units."""
+    zeros = refuse_reversed(problem.model.chain, data, problem.measurement)
     z = np.zeros(problem.unit.root.shape[1])
     values = problem.residuals(z, problem.start)
     estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
@@ -277,7 +292,7 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     nuisances = estimator.nuisances(white)
     left = white - estimator.by_nuisance @ nuisances
     squared = float(left @ hold @ left) / max(len(left), 1)
-    if squared <= FARTHEST**2:
+    if squared <= FARTHEST**2 or _settles(problem):
         return
     far = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
     free = " or the base is not known" if problem.measurement.base == "known" else ""
@@ -285,7 +300,21 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
         f"the readings are {1e3 * far:.3g} mm (median) from the nominal arm, {np.sqrt(squared):.3g} standard deviations of all "
         f"tolerances: columns or units are wrong, the target is another{free}"
     )
+    if zeros is not None and zeros.rms < far / 10:
+        message += (
+            f"; zeros of the joints alone would explain them to {1e3 * zeros.rms:.3g} mm rms "
+            f"({describe_zeros(problem.model.chain, zeros)}): give joint_offset wide tolerances"
+        )
     raise InputError([Finding("error", "E_DATA", message, data.file or None)])
+
+
+def _settles(problem: Problem) -> bool:
+    """Return whether a few steps of the exact model explain readings that its tangent at the means does not."""
+    try:
+        found = fit(problem, has_prior=True, steps=_TRIED_STEPS)
+    except InputError:
+        return False
+    return found.chi_square <= FARTHEST**2 * found.residuals.size
 
 
 def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Finding]:

@@ -20,6 +20,7 @@ from precision_pin.robot.urdf.robot import (
     Sphere,
     Vector,
 )
+from precision_pin.robot.urdf.tips import ask_for_tip, draft_command, gripper_joint, likeliest_tip
 from precision_pin.robot.urdf.transforms import canonical, rerooted, rpy_of, snapped
 
 __all__ = [
@@ -35,8 +36,12 @@ __all__ = [
     "Shape",
     "Sphere",
     "Vector",
+    "ask_for_tip",
     "canonical",
     "check",
+    "draft_command",
+    "gripper_joint",
+    "likeliest_tip",
     "locate_mesh",
     "parse",
     "read",

@@ -16,6 +16,7 @@ from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.findings import Findings, hint
 from precision_pin.robot.urdf.grammar import LONGEST_REACH
 from precision_pin.robot.urdf.robot import Inertial, Joint, Limits, Link, Robot
+from precision_pin.robot.urdf.tips import draft_command, likeliest_tip
 
 Named = TypeVar("Named", Link, Joint)
 
@@ -249,7 +250,10 @@ def check_size(robot: Robot, line: int, limits: Limits, findings: Findings) -> N
         )
         findings.add("W_UNITS", message, joint.line)
     if len(robot.leaves) > 1:
-        message = f"the robot has {len(robot.leaves)} tips: {_list_names(robot.leaves)}; name the one you mean"
+        message = (
+            f"the robot has {len(robot.leaves)} tips: {_list_names(robot.leaves)}; name the one you mean, likely "
+            f"{draft_command(robot.file, likeliest_tip(robot))}"
+        )
         findings.add("W_BRANCHED", message, robot.link(robot.root).line)
 
 

@@ -180,7 +180,7 @@ class _Builder:
         if self._xacro:
             line, what = self._xacro[0]
             more = f" (and {len(self._xacro) - 1} more)" if len(self._xacro) > 1 else ""
-            message = f"unprocessed xacro: {what}{more}; run `xacro FILE > robot.urdf` and give that file"
+            message = f"unprocessed xacro: {what}{more}; precision-pin init FILE.xacro writes it as a URDF"
             raise _Refused("E_XACRO", message, line)
         if self._wrong_name is not None:
             line, message = self._wrong_name

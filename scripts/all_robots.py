@@ -1,0 +1,87 @@
+"""Which robots of example-robot-data go through init, analyze, budget and map, and what comes out?
+
+    python scripts/all_robots.py [NAME]...
+
+Prints a row for each robot named; without names all of them are tried, and the table in docs/urdf.md is written anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import re
+import shlex
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from precision_pin.cli import main as precision_pin
+from precision_pin.robot.examples import example_urdfs
+
+PAGE = Path(__file__).parents[1] / "docs" / "urdf.md"
+TABLE = re.compile(r"(?<=<!-- robots -->\n).*?(?=<!-- end -->)", re.DOTALL)
+HEAD = "| robot | tip | joints | rms error, mm | time, s |\n| --- | --- | --- | --- | --- |\n"
+SAMPLES = "2000"
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    """Return the exit code of a command and what it prints on stderr."""
+    printed, sys.argv = io.StringIO(), ["precision-pin", *arguments]
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(printed):
+        try:
+            precision_pin()
+        except SystemExit as ended:
+            return int(ended.code or 0), printed.getvalue()
+    return 0, printed.getvalue()
+
+
+def draft(name: str) -> tuple[int, str]:
+    """Run ``init``, and where that proposes another tip the command that it proposes."""
+    code, printed = run("init", f"example:{name}", "--out", f"{name}.errors.yaml")
+    proposed = re.search(r"precision-pin (init \S+ --tip .+)", printed)
+    if proposed is None:
+        return code, printed
+    return run(*shlex.split(proposed[1]), "--out", f"{name}.errors.yaml", "--force")
+
+
+def row(name: str) -> str:
+    """Return the row of a robot: of each command the first that ends with an error says why not."""
+    sheet, start = f"{name}.errors.yaml", time.perf_counter()
+    code, printed = draft(name)
+    for command in (
+        ("analyze", sheet, "--samples", SAMPLES, "--json", f"{name}.json"),
+        ("budget", sheet, "--samples", "1024"),
+        ("map", sheet, "--all-poses"),
+    ):
+        if code not in (0, 1):
+            break
+        code, printed = run(*command)
+    if code not in (0, 1):
+        error = next(line for line in printed.splitlines() if re.search(r": error |internal", line))
+        return f"| `{name}` | {re.sub(r'^.*?: error ', '', error)} | | | |\n"
+    took = time.perf_counter() - start
+    result = json.loads(Path(f"{name}.json").read_text(encoding="utf-8"))
+    position = result["position"]["norm"]
+    rms = (position["mean"] ** 2 + position["std"] ** 2) ** 0.5
+    joints = len(result["pose"]["q"])
+    return f"| `{name}` | `{result['tip']}` | {joints} | {1e3 * rms:.2g} | {took:.1f} |\n"
+
+
+def main(names: Sequence[str]) -> None:
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        rows = []
+        for name in names or example_urdfs():
+            rows.append(row(name))
+            print(rows[-1], end="", flush=True)
+    if not names:
+        text = TABLE.sub(lambda _: HEAD + "".join(rows), PAGE.read_text(encoding="utf-8"))
+        PAGE.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("COLUMNS", "1000")
+    main(sys.argv[1:])
