@@ -28,7 +28,7 @@ from precision_pin.analyses.calibration.fit import (
     Problem,
     doubt_model,
     fit,
-    left_out_together,
+    leave_out,
     probability,
     refuse_far_readings,
 )
@@ -38,6 +38,7 @@ from precision_pin.analyses.calibration.identifiability import (
     refuse_where_nothing_is_seen,
     remarks_on,
 )
+from precision_pin.analyses.calibration.improvement import Improvement, doubt_improvement, groups_of, judge
 from precision_pin.analyses.calibration.posterior import (
     LEVEL,
     PosesOutcome,
@@ -104,8 +105,13 @@ class CalibrationResult(PosesOutcome):
         Reading less prediction of the calibrated arm, in base axes, ``(P, m)``; of the sheet's means, with the first guess of
         the set-up.
     left_out
-        Reading less the prediction of a fit without this reading, or without its group where the data have groups, ``(P, m)``,
-        first order.
+        Reading less the prediction of a fit without the readings at its pose, or without its group where the data have groups,
+        ``(P, m)``, first order.
+    std_left_out, std_predicted
+        Standard deviation of ``left_out``, and of a new reading at the pose from the calibrated arm's prediction: what is left of
+        arm and set-up, repeatability and instrument, ``(P, m)``.
+    improvement
+        Whether the calibration helps at poses left out of it; ``None`` where none can be predicted.
     gross_errors, at_bounds
         Readings that were given no weight, and numbers estimated at a bound of their law.
     original, model
@@ -119,7 +125,15 @@ class CalibrationResult(PosesOutcome):
         *("*head", "measurement", "prior=has_prior", "readings", "verdict", "chi_square", "degrees_of_freedom"),
         *("probability", "steps", "rms_residual", "gross_errors", "at_bounds", "set_up", "rank", "observability"),
         *("identifiability", "posterior", "intervals", "poses", "residuals", "residuals_before"),
-        *("residuals_left_out=left_out", "lines=data.lines", "data=given", "findings"),
+        *(
+            "residuals_left_out=left_out",
+            "std_left_out",
+            "std_predicted",
+            "improvement",
+            "lines=data.lines",
+            "data=given",
+            "findings",
+        ),
     )
 
     has_prior: bool
@@ -131,6 +145,9 @@ class CalibrationResult(PosesOutcome):
     residuals: Array
     residuals_before: Array
     left_out: Array
+    std_left_out: Array
+    std_predicted: Array
+    improvement: Improvement | None
     gross_errors: tuple[GrossError, ...]
     at_bounds: tuple[str, ...]
     original: ErrorModel
@@ -286,9 +303,12 @@ def calibrate(
     given, base, whole = measured_problem(fitted, data, measurement)
     used, best, distances = without_gross_errors(whole, given, has_prior=prior)
     residuals = whole.residuals(best.z, best.nuisances)
-    without = left_out_together(used, best, given.group) if given.group.size else best.left_out
-    left_out = np.where(np.isin(np.arange(len(given)), list(distances))[:, None], residuals, without)
+    groups = groups_of(given, np.array(model.chain.prismatic))
+    without = leave_out(used, best.estimator, best.local, best.residuals, groups)
+    improvement = judge(used, best, without, groups, of_column=bool(given.group.size))
     unit, estimator = whole.unit, best.estimator
+    predicted = whole.reading_deviations(best)
+    is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]
     seen = of_stack(
         unit.names, *used.slopes(best.z, best.nuisances, plain=True), measurement, len(given) - len(distances)
     )
@@ -310,7 +330,10 @@ def calibrate(
         degrees_of_freedom=best.degrees_of_freedom,
         residuals=residuals,
         residuals_before=whole.residuals(np.zeros_like(best.z), whole.start),
-        left_out=left_out,
+        left_out=np.where(is_gross, residuals, without.values),
+        std_left_out=np.where(is_gross, predicted, without.std),
+        std_predicted=predicted,
+        improvement=improvement,
         gross_errors=gross,
         at_bounds=best.at_bounds,
         poses=errors_left(task_poses(fitted, at, given.q), unit, estimator, measurement, fitted.space),
@@ -326,6 +349,7 @@ def calibrate(
             *remarks_on(seen),
             *(() if prior else rank_findings(seen)),
             *doubt_model(used, best, has_prior=prior),
+            *doubt_improvement(improvement),
         ),
     )
 
@@ -378,7 +402,7 @@ def without_gross_errors(
     middle = float(stats.chi2.median(size))
     while True:
         kept = np.array([row for row in range(len(data)) if row not in found])
-        distance = best.distance[kept]
+        distance = best.left_out.distance[kept]
         scale = max(1.0, float(np.median(distance)) / middle)
         worst = int(np.argmax(distance))
         if distance[worst] <= limit * scale:

@@ -308,14 +308,20 @@ class Estimator:
         found: Array = np.linalg.lstsq(self.by_nuisance / scale, readings, rcond=1e-9)[0] / scale
         return found
 
-    def leverage(self) -> Array:
-        """Return the share G ``(M, M)`` of whitened readings that the estimate follows: fitted = G readings."""
+    def leverage_root(self) -> Array:
+        """Return Q ``(M, k + r)``: the estimate follows the share Q Qᵀ of whitened readings, fitted = Q Qᵀ readings."""
         basis = np.zeros((len(self.by_z), 0))
         if self.by_nuisance.shape[1]:
             vectors, _, _ = np.linalg.svd(self.by_nuisance / _lengths(self.by_nuisance), full_matrices=False)
             basis = vectors[:, : self.nuisance_rank]
-        within = self.kept @ (self.kept.T @ self.covariance @ self.kept) @ self.kept.T
-        result: Array = basis @ basis.T + self.projected @ within @ self.projected.T
+        values, vectors = np.linalg.eigh(self.kept.T @ self.covariance @ self.kept)
+        root = self.kept @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        return np.hstack([basis, self.projected @ root])
+
+    def hold(self) -> Array:
+        """Return what the estimate leaves of whitened readings, ``(M, M)``: residuals = hold readings."""
+        root = self.leverage_root()
+        result: Array = np.eye(len(root)) - root @ root.T
         return result
 
     @cached_property

@@ -14,6 +14,8 @@ from typing import Final, final
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
+from numpy.typing import NDArray
 from scipy import stats
 
 from precision_pin.analyses.calibration.data import CalibrationData, first_guess, readings_in_base
@@ -33,6 +35,8 @@ _SETTLED: Final = 1e-8
 _SMALL: Final = 1e-5
 """Change of z below which the derivatives of the last step serve for the next ones: they cost more than residuals."""
 _HALVINGS: Final = 30
+_ALONE: Final = 1e-9
+"""Share of a group's readings that the others leave free, below which the group alone determines something."""
 
 
 @final
@@ -122,6 +126,39 @@ class Problem:
         white = self.whiten(whole)
         return white[:, :size], white[:, size:]
 
+    def reading_deviations(self, best: Fit) -> Array:
+        """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""
+        estimator, result, first = best.estimator, np.zeros_like(self.readings), 0
+        is_whole = len(estimator.by_z) == self.readings.size
+        white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(best.z, best.nuisances)
+        for station, root in zip(self.stations, self.roots, strict=True):
+            own = root @ np.hstack([part[first : first + len(root)] for part in white])
+            first += len(root)
+            variances = (root**2).sum(axis=1) + np.einsum("ij,jk,ik->i", own, estimator.joint_covariance, own)
+            result[list(station.rows)] = np.sqrt(variances).reshape(len(station.rows), -1)
+        return result
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Readings less the prediction of a fit without their group, first order.
+
+    Attributes
+    ----------
+    values, std
+        The difference and its standard deviation, what is left of the arm and set-up with the reading's noise, ``(P, m)``.
+    distance
+        Its size in units of its standard deviation, squared, ``(P,)``: chi-square of m degrees.
+    is_predicted
+        Whether the other groups determine the prediction, ``(P,)``.
+    """
+
+    values: Array
+    std: Array
+    distance: Array
+    is_predicted: NDArray[np.bool_]
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -134,9 +171,10 @@ class Fit:
         The estimate, ``(r,)`` and ``(k,)``; z where no law had bounds, first order.
     estimator, chi_square, degrees_of_freedom
         Derivatives there, sum of squares of whitened residuals (with a prior, and of z), and its expectation.
-    residuals, left_out, distance
-        Reading less prediction, ``(P, m)``; less that of a fit without it, first order; and the size of this in units of its
-        standard deviation, squared, ``(P,)``: chi-square of m degrees.
+    residuals, left_out
+        Reading less prediction, ``(P, m)``; less that of a fit without it.
+    local
+        The estimator without the numbers that stop at a bound.
     steps, at_bounds
         Gauss-Newton steps, and names of the numbers at a bound of their law.
     """
@@ -148,8 +186,8 @@ class Fit:
     chi_square: float
     degrees_of_freedom: int
     residuals: Array
-    left_out: Array
-    distance: Array
+    local: Estimator
+    left_out: LeftOut
     steps: int
     at_bounds: tuple[str, ...]
 
@@ -211,10 +249,13 @@ def _result(
     residuals = problem.residuals(z, nuisances)
     estimated = estimator.nuisance_rank + (0 if has_prior else estimator.kept.shape[1])
     at_bounds: tuple[str, ...] = ()
+    local = estimator
     if has_prior and problem.unit.is_independent:
         low, high = problem.bounds
         held = (z <= low) | (z >= high)
         at_bounds = tuple(name for name, is_held in zip(problem.unit.names, held, strict=True) if is_held)
+        if at_bounds:  # what stops at a bound does not follow the readings
+            local = Estimator.of(estimator.by_z[:, ~held], estimator.by_nuisance, has_prior=True)
     return Fit(
         z,
         nuisances,
@@ -223,48 +264,57 @@ def _result(
         _cost(white, z, has_prior),
         len(white) - estimated,
         residuals,
-        *_left_out(problem, estimator, residuals, white),
+        local,
+        leave_out(problem, estimator, local, residuals, np.arange(len(residuals))),
         steps,
         at_bounds,
     )
 
 
-def _left_out(problem: Problem, estimator: Estimator, values: Array, white: Array) -> tuple[Array, Array]:
-    """Return the residuals with those of each reading left out, from the precision of the residuals of each station."""
-    hold = np.eye(len(white)) - estimator.leverage()
-    left_out, distance = np.zeros_like(values), np.zeros(len(values))
-    size, first = values.shape[1], 0
-    for station, root in zip(problem.stations, problem.roots, strict=True):
-        rows = slice(first, first + len(root))
-        first += len(root)
-        inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True)
-        precision = inverse.T @ hold[rows, rows] @ inverse
-        pull = inverse.T @ white[rows]
-        for k, row in enumerate(station.rows):
-            own = slice(k * size, (k + 1) * size)
-            # a reading that alone determines something has no residual in that direction
-            left_out[row] = np.linalg.pinv(precision[own, own], rcond=1e-9, hermitian=True) @ pull[own]
-            distance[row] = max(float(pull[own] @ left_out[row]), 0.0)
-    return left_out, distance
+def leave_out(
+    problem: Problem, estimator: Estimator, local: Estimator, residuals: Array, groups: NDArray[np.intp]
+) -> LeftOut:
+    """Return readings less the prediction of a fit without their group, from residuals ``(P, m)`` and groups ``(P,)``.
 
-
-def left_out_together(problem: Problem, best: Fit, groups: Array) -> Array:
-    """Return each reading less the prediction of a fit without its group ``(P,)``, first order, ``(P, m)``."""
-    white = problem.whiten(best.residuals)
-    hold = np.eye(len(white)) - best.estimator.leverage()
-    inverse = scipy.linalg.block_diag(
-        *(scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True) for root in problem.roots)
+    With T = R^(-1/2)ᵀ Q and Q of :meth:`Estimator.leverage_root`, those of a group are the inverse of its block of R⁻¹ - T Tᵀ
+    times its rows of R⁻¹ r, and that inverse is their covariance. They are those of ``local``, their covariance that of
+    ``estimator``: a number that stops at a bound follows no reading, but is not known.
+    """
+    size, shape = problem.readings.shape[1], residuals.shape
+    inverse = scipy.sparse.block_diag(
+        [scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True) for root in problem.roots], format="csr"
     )
-    precision, pull = inverse.T @ hold @ inverse, inverse.T @ white
-    size = problem.readings.shape[1]
+    pull, noise = inverse.T @ problem.whiten(residuals), (inverse.T @ inverse).tocsr()
+    throughs = [inverse.T @ one.leverage_root() for one in (estimator, *([] if local is estimator else [local]))]
     rows = np.array([row for station in problem.stations for row in station.rows])
-    result = np.zeros_like(best.residuals)
+    found = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(len(residuals)), np.zeros(len(residuals), dtype=bool))
     for group in np.unique(groups[rows]):
         own = np.flatnonzero(groups[rows] == group)
         places = (own[:, None] * size + np.arange(size)).ravel()
-        inner = np.linalg.pinv(precision[np.ix_(places, places)], rcond=1e-9, hermitian=True)
-        result[rows[own]] = (inner @ pull[places]).reshape(-1, size)
-    return result
+        block = noise[places][:, places].toarray()
+        covariances, seen = zip(*(_of_group(block, through[places]) for through in throughs), strict=True)
+        scale = 1 / np.sqrt(np.diag(block))
+        for k, (row, left) in enumerate(
+            zip(rows[own], (covariances[-1] @ pull[places]).reshape(-1, size), strict=True)
+        ):
+            mine = slice(k * size, (k + 1) * size)
+            covariance, unit = covariances[0][mine, mine], scale[mine]
+            found.values[row], found.std[row] = left, np.sqrt(np.diag(covariance))
+            weighed = np.linalg.pinv(covariance / np.outer(unit, unit), rcond=1e-9, hermitian=True)
+            found.distance[row] = max(float((left / unit) @ weighed @ (left / unit)), 0.0)
+            found.is_predicted[row] = all(seen)
+    return found
+
+
+def _of_group(block: Array, through: Array) -> tuple[Array, bool]:
+    """Return the covariance of a group that is left out, and whether the others determine all of it."""
+    # lengths and angles side by side: in units of each number's own precision
+    scale = np.sqrt(np.diag(block))
+    values, vectors = np.linalg.eigh((block - through @ through.T) / np.outer(scale, scale))
+    # what a group alone determines has no residual
+    seen = values > _ALONE
+    vectors = vectors[:, seen] / scale[:, None]
+    return (vectors / values[seen]) @ vectors.T, bool(seen.all())
 
 
 DOUBTFUL: Final = 1e-3
@@ -287,7 +337,7 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     z = np.zeros(problem.unit.root.shape[1])
     values = problem.residuals(z, problem.start)
     estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
-    hold = np.eye(len(estimator.by_z)) - estimator.leverage()
+    hold = estimator.hold()
     white = problem.whiten(values)
     nuisances = estimator.nuisances(white)
     left = white - estimator.by_nuisance @ nuisances
@@ -362,7 +412,7 @@ def _pulled(problem: Problem, fit: Fit) -> Iterator[Finding]:
 def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     """Return the joint whose own error explains residuals best, and by how much its squares exceed those expected."""
     white = problem.whiten(problem.residuals(fit.z, fit.nuisances))
-    hold = np.eye(len(white)) - fit.estimator.leverage()
+    hold = fit.estimator.hold()
     values, first = np.zeros(len(problem.model.chain.joints)), 0
     expected = np.zeros_like(values)
     for station, root in zip(problem.stations, problem.roots, strict=True):

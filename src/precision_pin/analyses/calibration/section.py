@@ -38,9 +38,9 @@ _SHOWN: Final = (
 
 
 def calibration_chapter(result: CalibrationResult) -> Chapter:
-    """Return a calibration as a chapter; at the head whether the model explains the readings, what is left, and gross errors."""
+    """Return a calibration as a chapter; at its head whether it helps, whether the model fits, what is left, and gross errors."""
     said = headline(result)
-    answers = [said[0], *said[2:]]
+    answers = [*said[:2], *said[3:]]
     lines = tuple(f"Calibration: {line[:1].lower()}{line[1:]}" for line in answers)
     return Chapter("calibration", "Calibration", _section(result), lines, CalibrationLayer.of(result))
 

@@ -89,7 +89,9 @@ def calibration_table(result: CalibrationResult) -> str:
     """Return the verdict on model and data, the residuals, the estimates and the error left."""
     of = result.provenance
     lines = [
-        f"{_arm(of)}: {VERDICTS[result.verdict]}; {residuals_text(result)}",
+        f"{_arm(of)}: {improvement_text(result)}",
+        *share_lines(result),
+        f"{VERDICTS[result.verdict]}; {residuals_text(result)}",
         f"{measured_text(result)}; {chi_square_text(result)}",
         "" if result.has_prior else f"{NO_PRIOR}\n",
         *_poses(result.poses, result.measurement),
@@ -169,8 +171,10 @@ def headline(result: CalibrationResult) -> list[str]:
     entries = result.poses
     where = f"pose {shown(entries[0].name)}" if len(entries) == 1 else f"{len(entries):,} poses"
     lines = [
+        f"{_capital(improvement_text(result))}.",
         f"{_capital(VERDICTS[result.verdict])}: {chi_square_text(result)}.",
         f"{_capital(residuals_text(result))}.",
+        *(f"{_capital(line)}." for line in share_lines(result)),
         f"Position error of the tip at {where}: rms {_sizes(result)}.",
     ]
     if result.gross_errors:
@@ -204,6 +208,36 @@ def residuals_text(result: CalibrationResult) -> str:
         f"residuals: {milli(result.rms('before'), 3)} mm rms before, {milli(result.rms('after'), 3)} mm after; "
         f"left-out readings: {milli(result.rms('left out'), 3)} mm rms"
     )
+
+
+def improvement_text(result: CalibrationResult) -> str:
+    """Return whether the calibration helps at poses left out of it."""
+    found = result.improvement
+    if found is None:
+        return "the calibration is not shown to help: no reading follows from the others"
+    whole = "base and target alone" if result.measurement.nuisances else "the sheet's means"
+    facts = f"left-out error {milli(found.before, 3)} -> {milli(found.after, 3)} mm rms"
+    how = f"before: {whole}; {found.groups:,} {found.grouped_by} left out in turn"
+    if found.interval is None:
+        return f"the calibration is not shown to help: too few {found.grouped_by}; {facts}; {how}"
+    said = {
+        "helps": "the calibration helps",
+        "not shown to help": "the calibration is not shown to help",
+        "makes unseen poses worse": "the calibration makes unseen poses worse",
+    }[found.verdict]
+    low, high = (milli(end, 3) for end in found.interval)
+    return f"{said}: {facts}, gain {milli(found.gain, 3)} mm (95 %: {low} to {high}); {how}"
+
+
+def share_lines(result: CalibrationResult) -> list[str]:
+    """Return a line on how honest the standard deviations are; none where nothing is predicted."""
+    if result.improvement is None:
+        return []
+    share = result.improvement.share
+    low, high = (f"{100 * end:.3g}" for end in share.interval)
+    return [
+        f"{share.verdict}: {100 * share.within:.3g} % of left-out readings are within their 95 % (interval {low} to {high} %)"
+    ]
 
 
 def measured_text(result: CalibrationResult) -> str:

@@ -1,0 +1,122 @@
+"""Left-out readings against fits without them, what useless and wrong calibrations say, and coverage of the gain's interval."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import precision_pin as pp
+from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
+from precision_pin.analyses.calibration.design import UnitNumbers, stack_at_means, stations_of
+from precision_pin.analyses.calibration.improvement import LeftOutShare, gain_interval
+from precision_pin.draws.draw import Scope
+from precision_pin.sources import JointOffset
+
+NAMES = ("joint1", "joint2", "joint3", "joint4")
+
+
+def offsets(law: pp.Law, *more: pp.Source) -> pp.ErrorModel:
+    sources = [JointOffset(joint=name, offset=law) for name in NAMES]
+    return pp.ErrorModel(paper_model().chain, pp.Space(), [*sources, *more])
+
+
+@pytest.mark.parametrize("law", [pp.Normal(1e-3), pp.Uniform(0.4e-3)])
+def test_what_is_left_out_is_what_a_fit_without_it_leaves(law: pp.Law) -> None:
+    """Poses visited twice, repeatability, numbers at the ends of their laws: residual and deviation by other fits."""
+    repeat = JointOffset(joint="joint2", offset=pp.Draw("", pp.Normal(2e-5), Scope.VISIT))
+    model, real = offsets(law, repeat), offsets(pp.Normal(0.5e-3), repeat)
+    tip = pp.Measurement(std=20e-6)
+    q = np.repeat(random_poses(4, 6), 2, axis=1)
+    readings = readings_of(real, q, tip, seed=4)
+    found = pp.calibrate(model, (q, readings), tip)
+    assert bool(found.at_bounds) == isinstance(law, pp.Uniform)
+    for k in (0, 6):
+        rest = [row for row in range(12) if row // 2 != k // 2]
+        without = pp.calibrate(model, (q[:, rest], readings[rest]), tip, at=[q[:, k]])
+        np.testing.assert_allclose(
+            found.left_out[k], readings[k] - without.predict(q[:, k])[:3, 3], rtol=2e-2, atol=1e-6
+        )
+        if not found.at_bounds:
+            covariance = without.poses[0].covariance_after[:3, :3] + np.eye(3) * tip.std**2
+            np.testing.assert_allclose(found.std_left_out[k], np.sqrt(np.diag(covariance)), rtol=2e-2)
+    assert found.improvement is not None
+    assert (found.improvement.groups, found.improvement.readings) == (6, 12)
+    assert found.improvement.after == pytest.approx(found.rms("left out"), rel=1e-12)
+
+
+def test_a_calibration_helps_is_useless_or_harms() -> None:
+    model, tip = offsets(pp.Normal(1e-3)), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free")
+    q = random_poses(4, 15)
+    helped = pp.calibrate(model, (q, readings_of(model, q, tip)), tip)
+    nominal = offsets(pp.Normal(1e-12))
+    useless = pp.calibrate(model, (q, readings_of(nominal, q, tip)), tip)
+    # noise of 1 mm where the sheet says 60 µm, which 17 combinations without a prior follow
+    known, nearer = pp.Measurement(std=60e-6), random_poses(4, 16)
+    noisy = readings_of(nominal, nearer, known) + np.random.default_rng(1).normal(0, 1e-3, (16, 3))
+    harmed = pp.calibrate(pp.every_frame(model.chain), (nearer, noisy), known, prior=False)
+    found = {"helps": helped, "not shown to help": useless, "makes unseen poses worse": harmed}
+    assert [one.improvement.verdict for one in found.values() if one.improvement] == list(found)
+    assert useless.verdict == "agrees"
+    for verdict, one in found.items():
+        assert ("W_NO_GAIN" in {finding.code for finding in one.findings}) == (verdict != "helps")
+    assert helped.improvement is not None
+    assert helped.improvement.share.verdict == "honest"
+    assert harmed.improvement is not None
+    assert harmed.improvement.share.verdict == "over-confident"
+    assert "W_OVER_CONFIDENT" in {finding.code for finding in harmed.findings}
+
+
+def test_poses_that_differ_by_less_than_encoders_tell_are_left_out_together() -> None:
+    model, tip = offsets(pp.Normal(1e-3)), pp.Measurement(std=20e-6)
+    q = np.repeat(random_poses(4, 5), 2, axis=1) + 1e-4 * np.arange(10)[None] % 2e-4
+    found = pp.calibrate(model, (q, readings_of(model, q, tip)), tip)
+    assert found.improvement is not None
+    assert found.improvement.groups == 5
+
+
+def test_the_share_within_has_the_binomial_interval_of_its_groups() -> None:
+    share = LeftOutShare.of(np.arange(60) < 51, 60)
+    expected = stats.binomtest(51, 60).proportion_ci(0.95, method="exact")
+    assert share.interval == pytest.approx((expected.low, expected.high), rel=1e-9)
+    assert share.verdict == "over-confident"
+    assert LeftOutShare.of(np.arange(60) < 54, 60).verdict == "honest"
+    assert LeftOutShare.of(np.ones(80, dtype=bool), 80).verdict == "over-cautious"
+    assert LeftOutShare.of(np.arange(60) < 51, 6).verdict == "honest"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("noise", "size", "least"), [(1, 1, 0.91), (50, 1, 0.91), (150, 1, 0.91), (50, 0, 0.91)])
+def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size: float, least: float) -> None:
+    """Linear robots with a free base, 25 of 300 poses: the gain over all poses; where there is none, few "helps"."""
+    model, free = plain_model(), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
+    stations = stations_of(model, random_poses(4, 300), free)
+    every, set_up = stack_at_means(stations, UnitNumbers.of(model.space), free)
+    every, rng, held, helps = every / noise, np.random.default_rng(0), [], []
+    for _ in range(500):
+        chosen = rng.choice(300, 25, replace=False)
+        a, n = every[chosen].reshape(75, -1), set_up[chosen].reshape(75, -1)
+        z = size * rng.standard_normal(a.shape[1])
+        y = a @ z + rng.standard_normal(75)
+        squares, truths, taken = [], [], 0.0
+        for columns, prior in ((n, []), (np.hstack([a, n]), [1.0] * a.shape[1])):
+            penalty = np.zeros(columns.shape[1])
+            penalty[: len(prior)] = prior
+            inverse = np.linalg.pinv(columns.T @ columns + np.diag(penalty), rcond=1e-14, hermitian=True)
+            hat = columns @ inverse @ columns.T
+            left = y - hat @ y
+            rows = [slice(3 * k, 3 * k + 3) for k in range(25)]
+            squares.append(
+                np.array([(np.linalg.solve(np.eye(3) - hat[own, own], left[own]) ** 2).sum() for own in rows])
+            )
+            of_all = (
+                set_up.reshape(900, -1) if not prior else np.hstack([every.reshape(900, -1), set_up.reshape(900, -1)])
+            )
+            away = every.reshape(900, -1) @ z - of_all @ (inverse @ (columns.T @ y))
+            truths.append(np.sqrt((away**2).sum() / 300 + 3))
+            taken = float(np.trace(hat)) / 75
+        low, high = gain_interval(squares[0], squares[1], np.full(25, 1 / 25), taken)
+        held.append(low <= truths[0] - truths[1] <= high)
+        helps.append(low > 0)
+    assert np.mean(held) > least
+    assert size > 0 or np.mean(helps) < 0.05
