@@ -291,7 +291,7 @@ def test_bare_headers_need_units_and_take_names(tmp_path: Path) -> None:
     (tmp_path / "other.csv").write_text(text)
     named = pp.Measurement(std=20e-6, target=TARGETS[0], columns="px=x [m], y1=y [m], pz=z [m], q2=joint2, *=[rad]")
     assert same(whole, pp.calibrate(model(), str(tmp_path / "other.csv"), named))
-    with pytest.raises(InputError, match=r"the column 'px' is not expected.*--columns 'px=ignore'"):
+    with pytest.raises(InputError, match=r"the column 'q2' is not expected.*--columns 'q2=ignore'"):
         pp.calibrate(model(), str(tmp_path / "other.csv"), part)
     for wrong in ("px", "px=x [m], px=y", "x=[m"):
         with pytest.raises(InputError, match="is not of the form"):

@@ -396,30 +396,36 @@ def _dependent(
     targets: Sequence[_Target], read: Sequence[Array], usable: list[NDArray[np.bool_]], path: str
 ) -> Iterator[Finding]:
     """Yield warnings about targets that repeat each other, whose copies are left out, or that keep their distances."""
-    rigid: set[int] = set()
-    for i, j in combinations(range(len(targets)), 2):
-        one, other = targets[i][0], targets[j][0]
+    pairs = [
+        (i, j)
+        for i, j in combinations(range(len(targets)), 2)
+        if targets[i][0].kind == targets[j][0].kind in ("position", "pose")
+    ]
+    for i, j in pairs:
         both = usable[i] & usable[j]
-        if one.kind != other.kind or one.size < 3 or not both.any():
-            continue
-        names = f"{', '.join(targets[j][1])} repeat {', '.join(targets[i][1])} to the last digit in "
-        same = both & (read[i] == read[j]).all(axis=1)
-        if same.any():
-            is_copy = (same == both).all() and not (one.target_known or other.target_known)
-            usable[j] &= ~same
+        alike = both & (read[i] == read[j]).all(axis=1)
+        if alike.any():
+            is_copy = bool((alike == both).all()) and not (targets[i][0].target_known or targets[j][0].target_known)
+            usable[j] &= ~alike
             if not is_copy:
-                usable[i] &= ~same
-            message = f"{names}{int(same.sum()):,} of {int(both.sum()):,} rows; " + (
-                "the copy is left out"
-                if is_copy
-                else "which of the two was read is not known, and both are left out there"
+                usable[i] &= ~alike
+            message = (
+                f"{', '.join(targets[j][1])} repeat {', '.join(targets[i][1])} to the last digit in {int(alike.sum()):,} of "
+                f"{int(both.sum()):,} rows; "
+                + (
+                    "the copy is left out"
+                    if is_copy
+                    else "which of the two was read is not known, both are left out there"
+                )
             )
             yield Finding("warning", "W_NOT_INDEPENDENT", message, path)
-        both &= usable[i] & usable[j]
+    rigid, largest = set[int](), 0.0
+    for i, j in pairs:
+        both = usable[i] & usable[j]
         spread = np.linalg.norm((read[i] - read[j])[both, :3], axis=1).std() if both.sum() >= _FEW else np.inf
-        if spread < _RIGID * min(one.std, other.std):
+        if spread < _RIGID * min(targets[i][0].std, targets[j][0].std):
             rigid |= {i, j}
-            largest = spread
+            largest = max(largest, float(spread))
     if rigid:
         listed = " and ".join(", ".join(targets[k][1]) for k in sorted(rigid))
         message = (
@@ -495,4 +501,5 @@ def _short(value: float) -> str:
 def check_data(model: ErrorModel, data: CalibrationData) -> Iterator[Finding]:
     """Yield warnings about data: what was left out, and poses outside limits."""
     yield from data.findings
-    yield from limit_findings(model.chain, data.q)
+    _, first = np.unique(data.visit, return_index=True)
+    yield from limit_findings(model.chain, data.q[:, first], [f"row {data.lines[k]}" for k in first])

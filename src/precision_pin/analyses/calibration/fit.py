@@ -354,7 +354,8 @@ def _distance(problem: Problem) -> float:
     hold = np.eye(len(estimator.by_z)) - estimator.leverage()
     white = problem.whiten(problem.residuals(z, problem.start))
     left = white - estimator.by_nuisance @ estimator.nuisances(white)
-    return float(np.sqrt(max(left @ hold @ left, 0.0) / max(len(left), 1)))
+    squared = float(left @ hold @ left)
+    return float(np.sqrt(max(squared, 0.0) / max(len(left), 1)))
 
 
 def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
