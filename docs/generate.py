@@ -59,6 +59,8 @@ def _shape(hint: Any) -> str:
     """Return in words what a key takes."""
     bare = next(_options(hint))
     match typing.get_origin(bare) or bare:
+        case typing.Annotated:
+            return _shape(typing.get_args(bare)[0])
         case typing.Literal:
             return " or ".join(f"`{choice}`" for choice in typing.get_args(bare))
         case entry if issubclass(entry, BaseModel):

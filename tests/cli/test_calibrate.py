@@ -345,7 +345,7 @@ def test_in_python_the_set_up_of_the_sheet_is_the_default(folder) -> None:
         ("measurement: {std: 0.1}", "std: '0.1' has no unit; a length needs one of"),
         ("measurement: {std: 0 mm}", "std must be above zero, got '0 mm'"),
         ("measurement: {anchor: 1 2 3 mm}", "anchor belongs to the measurement of a distance, not of a position"),
-        ("measurement: {taget: 1 2 3 mm}", "unknown key 'taget': did you mean 'target'?"),
+        ("measurement: {taget: 1 2 3 mm}", "unknown key 'taget': did you mean 'target'"),
         ("measurement: {load: [{at: tol, mass: 1 kg}]}", "no link named 'tol'; did you mean 'tool'?"),
         ("measurement: {load: [{at: tool, mass: 1 mm}]}", "load.0.mass: "),
         ("measurement: {kind: socket, sockets: [1 2 mm]}", "sockets.0: '1 2 mm' has 2 numbers, expected 3"),

@@ -194,7 +194,14 @@ def test_many_readings_are_few_lines(case):
     scale = np.random.default_rng(0).uniform(0.1, 1.0, (count, 1))
     residuals = result.residuals[chosen] * scale
     data = CalibrationData(
-        few.q[:, chosen], few.readings[chosen], np.zeros(0), np.zeros(0), "", tuple(range(1, count + 1))
+        few.q[:, chosen],
+        few.readings[chosen],
+        np.zeros(0),
+        np.zeros(0),
+        "",
+        tuple(range(1, count + 1)),
+        few.measurements,
+        ("",),
     )
     many = replace(
         result,
@@ -203,7 +210,7 @@ def test_many_readings_are_few_lines(case):
         residuals_before=residuals,
         left_out=residuals,
         gross_errors=(),
-        set_up=replace(result.set_up, base=None),
+        set_ups=(replace(result.set_up, base=None),),
     )
     layer = CalibrationLayer.of(many)
     found = layer.settings(1.0)

@@ -102,8 +102,8 @@ class Asked(NamedTuple):
     read_poses, read_pose_set
         Functions of the largest number of poses that read those of the command line, as a list with names or as a
         :class:`precision_pin.robot.pose_set.PoseSet`; without poses in the options the first of the first sheet.
-    read_measurement
-        Function that returns the measurement of the options and the first sheet.
+    read_measurements
+        Function that returns the measurements of the options and the first sheet.
     """
 
     sheets: Mapping[str, Any]
@@ -111,7 +111,7 @@ class Asked(NamedTuple):
     chosen: Collection[str]
     read_poses: Callable[..., Any]
     read_pose_set: Callable[..., Any]
-    read_measurement: Callable[[], Any]
+    read_measurements: Callable[[], Any]
 
     @property
     def sheet(self) -> Any:

@@ -23,7 +23,7 @@ import numpy as np
 
 from precision_pin.base import units
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, UnitError, UnknownNameError
+from precision_pin.base.errors import InputError, UnitError, UnknownNameError, nearest
 from precision_pin.base.input_files import UnreadableFileError, read_text_file
 from precision_pin.base.text_escape import shown
 from precision_pin.base.units import Quantity
@@ -34,9 +34,65 @@ MOST_COLUMNS: Final = 1000
 """Columns of a file; a file with more has another form, such as all numbers in its first line."""
 
 _HEADING: Final = re.compile(r"([^\[\]]+)(?:\[([^\[\]]*)\])?")
+_COLUMN: Final = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 NUMBER: Final = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
 _NOT_PLAIN: Final = re.compile(r"[^0-9eE+\-., \t]")
 _LONGEST: Final = 40
+_MISSING: Final = ("", "nan", "na", "n/a", "null")
+"""Cells without a number, in any case of letters, where a reader allows them."""
+IGNORE: Final = "ignore"
+
+
+@final
+@dataclass(frozen=True)
+class ColumnNames:
+    """What the columns of a file are, where its own header does not say so.
+
+    Attributes
+    ----------
+    names
+        Name and unit, which may be empty, of columns by their names in the file; ``ignore`` for a name drops the column.
+    units
+        Units of the other columns that have none, one of each quantity.
+    """
+
+    names: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    units: tuple[str, ...] = ()
+
+    @classmethod
+    def parse(cls, text: str) -> ColumnNames:
+        """Return what ``x1=x [m], q1=joint1, t=ignore, *=[m rad]`` says, or raise an :class:`InputError`."""
+        names: dict[str, tuple[str, str]] = {}
+        units: tuple[str, ...] = ()
+        for entry in filter(None, map(str.strip, text.split(","))):
+            column, equals, what = (part.strip() for part in entry.partition("="))
+            match = _COLUMN.fullmatch(what)
+            if not (column and equals and match and what) or column in names:
+                raise InputError(
+                    f"columns: {shown(entry, _LONGEST)} is not of the form 'COLUMN=NAME [UNIT]', 'COLUMN=[UNIT]', "
+                    "'COLUMN=ignore' or '*=[m rad]', each column once"
+                )
+            name, unit = (match[1] or "").strip(), (match[2] or "").strip()
+            if column == "*":
+                units = tuple(unit.split())
+            else:
+                names[column] = (name or column, unit)
+        return cls(names, units)
+
+    def of(self, header: Mapping[str, str], where: str) -> list[tuple[str, str]]:
+        """Return names and units of the columns of a header."""
+        for column in self.names:
+            if column not in header:
+                raise InputError(f"{where}: there is no column {column!r}; {nearest(column, header)}")
+        found = []
+        for column, own in header.items():
+            name, unit = self.names.get(column, (column, ""))
+            found.append((name, unit or own))
+        names = [name for name, _ in found if name != IGNORE]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(f"{where}: two columns are named {shown(twice, _LONGEST)}")
+        return found
 
 
 @final
@@ -55,7 +111,11 @@ class Measured:
     rows
         The numbers as written in the file, not in SI, ``(R, C)``.
     texts
-        Columns of text, by name.
+        Columns of text, by name; those that are ignored by their names in the file.
+    usual
+        Units of columns that have none, one of each quantity.
+    lines
+        The line of each row in the file, ``(R,)``.
     """
 
     file: str
@@ -63,6 +123,8 @@ class Measured:
     units: tuple[str, ...]
     rows: Array
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    usual: tuple[str, ...] = ()
+    lines: tuple[int, ...] = ()
 
     def unit(self, name: str) -> str:
         """Return a column's unit as written.
@@ -76,15 +138,21 @@ class Measured:
             raise UnknownNameError(f"column in {self.file}", name, self.names)
         return self.units[self.names.index(name)]
 
+    def unit_of(self, name: str, *quantities: Quantity) -> str:
+        """Return a column's unit, the usual one of these quantities where it has none; empty where there is none either."""
+        return self.unit(name) or next(
+            (one for one in self.usual if any(one in quantity.units for quantity in quantities)), ""
+        )
+
     def column(self, name: str, *quantities: Quantity) -> tuple[float, ...]:
-        """Return a column's numbers in SI.
+        """Return a column's numbers in SI; NaN where the file has none.
 
         Raises
         ------
         InputError
             There is no such column, it has no unit or one of another quantity, or a number is too large.
         """
-        unit = self.unit(name)
+        unit = self.unit_of(name, *quantities)
         wanted = " or ".join(quantity.name for quantity in quantities)
         if not unit and not any("" in quantity.units for quantity in quantities):
             si = quantities[0].si
@@ -101,12 +169,19 @@ class Measured:
         position = self.names.index(name)
         with np.errstate(over="ignore"):
             values = self.rows[:, position] * factor
-        if not (np.abs(values) <= units.LARGEST).all():
+        if (np.abs(values) > units.LARGEST).any():
             raise InputError(f"{self.file}: the column {name!r} contains a number that is too large")
         return tuple(values.tolist())
 
 
-def read(path: str | os.PathLike[str], texts: Collection[str] = ()) -> Measured:
+def read(
+    path: str | os.PathLike[str],
+    texts: Collection[str] = (),
+    *,
+    columns: ColumnNames | None = None,
+    ignored: Collection[str] = (),
+    may_miss: bool = False,
+) -> Measured:
     """Read a file.
 
     Parameters
@@ -115,6 +190,12 @@ def read(path: str | os.PathLike[str], texts: Collection[str] = ()) -> Measured:
         The file.
     texts
         Names of columns of text, where the file has them; all others hold numbers.
+    columns
+        What the columns are, where the header does not say so.
+    ignored
+        Names, in small letters, of columns that are ignored.
+    may_miss
+        Whether a cell may be empty, nan or NA: NaN.
 
     Raises
     ------
@@ -130,20 +211,28 @@ def read(path: str | os.PathLike[str], texts: Collection[str] = ()) -> Measured:
         )
     number, line = lines[0]
     where = f"{file}, line {number}"
-    header = _header(_cells(line, where), where)
-    wordy = [column for column, (name, _) in enumerate(header) if name in texts]
+    named = columns or ColumnNames()
+    own = _header(_cells(line, where), where)
+    header = [
+        (column if is_ignored else name, unit, is_ignored or name in texts)
+        for column, (name, unit) in zip(own, named.of(own, where), strict=True)
+        for is_ignored in (name == IGNORE or name.casefold() in ignored,)
+    ]
+    wordy = [column for column, (_, _, is_text) in enumerate(header) if is_text]
     rows = None if wordy else numbers([line for _, line in lines[1:]], len(header))
     words: list[list[str]] = []
     if rows is None:
-        found = [_row(line, len(header), wordy, f"{file}, line {number}") for number, line in lines[1:]]
+        found = [_row(line, len(header), wordy, f"{file}, line {number}", may_miss) for number, line in lines[1:]]
         rows, words = np.array([row for row, _ in found]), [cells for _, cells in found]
     plain = [entry for column, entry in enumerate(header) if column not in wordy]
     return Measured(
         file,
-        tuple(name for name, _ in plain),
-        tuple(unit for _, unit in plain),
+        tuple(name for name, _, _ in plain),
+        tuple(unit for _, unit, _ in plain),
         rows,
         {header[column][0]: tuple(cells[k] for cells in words) for k, column in enumerate(wordy)},
+        named.units,
+        tuple(number for number, _ in lines[1:]),
     )
 
 
@@ -172,12 +261,16 @@ def _cells(line: str, where: str) -> list[str]:
         raise InputError(f"{where}: not a row of cells separated by commas: {error}") from None
 
 
-def _row(line: str, columns: int, wordy: Sequence[int], where: str) -> tuple[list[float], list[str]]:
+def _row(line: str, columns: int, wordy: Sequence[int], where: str, may_miss: bool) -> tuple[list[float], list[str]]:
     """Return the numbers of a line, and its texts in the columns ``wordy``."""
     cells = _cells(line, where)
     if len(cells) != columns:
         raise InputError(f"{where}: {len(cells)} cells, but the header has {columns}")
-    found = [_number(cell, where) for column, cell in enumerate(cells) if column not in wordy]
+    found = [
+        math.nan if may_miss and cell.casefold() in _MISSING else _number(cell, where)
+        for column, cell in enumerate(cells)
+        if column not in wordy
+    ]
     return found, [cells[column] for column in wordy]
 
 
@@ -192,7 +285,7 @@ def _is_comment(line: str) -> bool:
     return not line.strip() or line.lstrip().startswith("#")
 
 
-def _header(cells: list[str], where: str) -> list[tuple[str, str]]:
+def _header(cells: list[str], where: str) -> dict[str, str]:
     if len(cells) > MOST_COLUMNS:
         raise InputError(f"{where}: {len(cells):,} columns, at most {MOST_COLUMNS:,} are allowed")
     header: dict[str, str] = {}
@@ -207,7 +300,7 @@ def _header(cells: list[str], where: str) -> list[tuple[str, str]]:
         header[name] = (match[2] or "").strip()
     if all(map(NUMBER.fullmatch, header)):
         raise InputError(f"{where}: the first row must name the columns and their units, such as 'x [mm], y [mm]'")
-    return list(header.items())
+    return header
 
 
 def _number(cell: str, where: str) -> float:

@@ -19,7 +19,7 @@ from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.headings import HeadedOption, output_option
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.measurement import measurement_of, measurement_options
+from precision_pin.cli.measurement import measurement_options, measurements_of
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, echo_warnings, quiet_option
 from precision_pin.cli.options import (
     Command,
@@ -110,7 +110,7 @@ def _run(declaration: Declaration, options: dict[str, Any]) -> int:
         [name for name in options if source(name) is not ParameterSource.DEFAULT],
         partial(read_poses, first, options),
         partial(read_pose_set, first, options),
-        partial(measurement_of, first, options),
+        partial(measurements_of, first, options),
     )
     for option in declaration.own_options:
         if option.is_pose:

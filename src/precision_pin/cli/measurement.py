@@ -54,6 +54,11 @@ def measurement_options(command: Decorated) -> Decorated:
             metavar='"X Y Z mm"',
             help="Where the instrument stands, in base axes, if the target must face it: the tip's z, within 60°.",
         ),
+        _option(
+            "--columns",
+            metavar="TEXT",
+            help="What columns of a data file are: 'q1=joint1 [deg], t=ignore'; '*=[m rad]': units of those that have none.",
+        ),
         _option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes."),
     )
     for option in reversed(options):
@@ -62,23 +67,35 @@ def measurement_options(command: Decorated) -> Decorated:
 
 
 def measurement_of(sheet: Sheet, options: Options) -> Measurement:
-    """Return the measurement that the options and, where they say nothing, the sheet's ``measurement:`` describe.
+    """Return the only one of :func:`measurements_of`."""
+    from precision_pin.sheet.measurement import Measurement
+
+    return _changed(sheet.measurement or Measurement(), options)
+
+
+def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
+    """Return the measurements that the options and, where they say nothing, the sheet's ``measurement:`` describe.
 
     Raises
     ------
     InputError
         A number is wrong, or settings do not go together.
     """
+    from precision_pin.sheet.measurement import Measurement
+
+    if len(sheet.measurements) > 1 and options["kind"] is not None:
+        raise _usage("--kind: the sheet lists several measurements, each with its kind")
+    return tuple(_changed(one, options) for one in sheet.measurements or (Measurement(),))
+
+
+def _changed(stated: Measurement, options: Options) -> Measurement:
     from precision_pin.base import units
     from precision_pin.sheet.measurement import Measurement
 
-    stated = sheet.measurement
-    given: dict[str, Any] = (
-        {} if stated is None else {name: getattr(stated, name) for name in Measurement.__match_args__}
-    )
-    if options["kind"] is not None and options["kind"] != given.get("kind", "position"):
+    given: dict[str, Any] = {name: getattr(stated, name) for name in Measurement.__match_args__}
+    if options["kind"] is not None and options["kind"] != stated.kind:
         given = {name: value for name, value in given.items() if name not in _OF_KIND}
-    given |= {"kind": options["kind"]} if options["kind"] is not None else {}
+    given |= {name: options[name] for name in ("kind", "columns") if options[name] is not None}
     for name, quantity in (("std", units.LENGTH), ("attitude_std", units.ANGLE)):
         text = options[name]
         given |= {name: _number(name.replace("_", "-"), text, quantity)} if text is not None else {}
@@ -103,10 +120,10 @@ def calibration_of(sheet: Sheet, data: str) -> CalibrationResult:
     from precision_pin.analyses.calibration.calibrate import calibrate
     from precision_pin.model.error_model import ErrorModel
 
-    if sheet.measurement is None:
+    if not sheet.measurements:
         message = "the sheet has no measurement:, which says how the readings of --calibrate were measured"
         raise InputError([Finding("error", "E_MISSING_KEY", message, sheet.file)])
-    result = calibrate(ErrorModel.from_sheet(sheet), data, sheet.measurement, findings=sheet.findings)
+    result = calibrate(ErrorModel.from_sheet(sheet), data, sheet.measurements, findings=sheet.findings)
     echo_warnings(result.findings[len(sheet.findings) :])
     return result
 

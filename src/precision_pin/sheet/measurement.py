@@ -19,6 +19,7 @@ two tilts α, β: ``n ∝ n₀ + α t₁ + β t₂`` with unit vectors t in the 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, Literal, Protocol, final
@@ -27,8 +28,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from precision_pin.base import se3, units
-from precision_pin.base.arguments import check_choice, check_flag, check_items, check_numbers, shown
+from precision_pin.base.arguments import check_choice, check_flag, check_instance, check_items, check_numbers, shown
 from precision_pin.base.arrays import Array
+from precision_pin.base.csv_columns import ColumnNames
 from precision_pin.base.errors import InputError
 from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.base.units import ANGLE, LENGTH
@@ -165,6 +167,7 @@ KINDS: Final[tuple[Kind, ...]] = ("position", "pose", "distance", "plane", "sock
 _OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
 """Settings that belong to one kind."""
 
+_NAME: Final = re.compile(r"\w*")
 _LEVER: Final = 0.1
 """Distance (m) between the targets from which an attitude is measured, where no attitude's deviation is given."""
 
@@ -224,6 +227,12 @@ class Measurement:
     load
         What the arm carries while it is measured, in place of the sheet's payloads; left out: these; ``()``: nothing. Payloads
         of fixed numbers.
+    target_name, base_name
+        In a calibration with several measurements, what they share if it is estimated: the target of one name, and the base (or
+        place) of one name. ``target_name`` ``"2"`` reads the columns ``x2 y2 z2``.
+    columns
+        What the columns of a data file are, where its header does not say so: ``"q1=joint1 [deg], x1=x [m], note=ignore"``;
+        ``"*=[m rad]"`` gives the unit of all lengths and of all angles that have none.
 
     Raises
     ------
@@ -244,6 +253,9 @@ class Measurement:
     facing: tuple[float, float, float] | None = None
     cone: float = np.pi / 3
     load: tuple[Payload, ...] | None = None
+    target_name: str = ""
+    base_name: str = ""
+    columns: str = ""
 
     def __post_init__(self) -> None:
         check_choice("the kind of a measurement", self.kind, KINDS)
@@ -259,6 +271,12 @@ class Measurement:
         self._check_places()
         self._check_sight()
         self._check_load()
+        for name in ("target_name", "base_name"):
+            if not isinstance(value := getattr(self, name), str) or not _NAME.fullmatch(value):
+                raise InputError(f"{name} of a measurement must be letters and digits, got {shown(value)}")
+        ColumnNames.parse(
+            check_instance("columns of a measurement", self.columns, str, "such as 't=ignore, *=[m rad]'")
+        )
         for name, kind in _OWN.items():
             value = getattr(self, name)
             is_given = any(value) if isinstance(value, tuple) else value is not None
@@ -342,9 +360,11 @@ class Measurement:
         turns = tuple(f"r{axis}" for axis in _AXES)
         names: tuple[str, ...] = ()
         if self.base == "free":
-            names += tuple(f"base.{axis}" for axis in _AXES + turns) if self.place is None else self.place.names
+            own = tuple(f"base.{axis}" for axis in _AXES + turns) if self.place is None else self.place.names
+            names += _named(own, self.base_name)
         if not self.target_known:
-            names += tuple(f"target.{axis}" for axis in (_AXES + turns if self.kind == "pose" else _AXES))
+            own = tuple(f"target.{axis}" for axis in (_AXES + turns if self.kind == "pose" else _AXES))
+            names += _named(own, self.target_name)
         return names
 
     @property
@@ -366,7 +386,7 @@ class Measurement:
         """
         point, attitude = self._target(pose, errors, nuisances)
         if self.place is not None:
-            return self.place.read(point, self._split(nuisances)[0], self._nominal(pose))
+            return self.place.read(point, self.split(nuisances)[0], self._nominal(pose))
         if self.kind == "position":
             return point
         return np.concatenate([point, se3.log_rotation(np.einsum("ijn,kj->ikn", attitude, pose[:3, :3]))])
@@ -385,7 +405,7 @@ class Measurement:
 
     def _target(self, pose: Array, errors: Array, nuisances: Array) -> tuple[Array, Array]:
         """Return position ``(3, N)`` and attitude ``(3, 3, N)`` of the target as the instrument sees them."""
-        shift, turn, offset, own_turn = self._split(nuisances)
+        shift, turn, offset, own_turn = self.split(nuisances)
         attitude = np.einsum("ijn,jk->ikn", se3.exp_rotation(errors[3:]), pose[:3, :3])
         point = pose[:3, 3, None] + errors[:3] + np.einsum("ijn,jn->in", attitude, offset)
         if own_turn is not None:
@@ -395,7 +415,7 @@ class Measurement:
         rotation = se3.exp_rotation(turn)
         return np.einsum("ijn,jn->in", rotation, point) + shift, _product(rotation, attitude)
 
-    def _split(self, nuisances: Array) -> tuple[Array, Array | None, Array, Array | None]:
+    def split(self, nuisances: Array) -> tuple[Array, Array | None, Array, Array | None]:
         """Return shift and turn of the base (or the numbers of the place), target ``(3, N)`` and the target's own turn."""
         samples = nuisances.shape[1]
         first = 0 if self.place is None else len(self.place.names)
@@ -420,7 +440,7 @@ class Measurement:
         further turn.
         """
         columns = nuisances[:, None]
-        own_place, turn, offset, own_turn = self._split(columns)
+        own_place, turn, offset, own_turn = self.split(columns)
         attitude = se3.exp_rotation(error[3:]) @ pose[:3, :3]
         arm = attitude @ offset[:, 0]
         inner = pose[:3, 3] + error[:3] + arm
@@ -474,9 +494,16 @@ class Measurement:
             "visible_from": None if self.visible_from is None else list(self.visible_from),
             "facing": None if self.facing is None else list(self.facing),
             "cone": None if self.facing is None else self.cone,
+            "target_name": self.target_name,
+            "base_name": self.base_name,
             "load": None if self.load is None else [_load_entry(payload) for payload in self.load],
             "nuisances": list(self.nuisances),
         }
+
+
+def _named(numbers: tuple[str, ...], name: str) -> tuple[str, ...]:
+    """Return ``base.x`` as ``base[name].x``."""
+    return tuple(number.replace(".", f"[{name}].") for number in numbers) if name else numbers
 
 
 def _product(left: Array, right: Array) -> Array:
@@ -548,6 +575,11 @@ class MeasurementEntry(BaseModel):
     load: list[LoadEntry] | Literal["none"] | None = Field(
         None, description="What the arm carries while measured, in place of the payloads; none: nothing."
     )
+    target_name: str = Field("", description="Of several targets which: 2 reads the columns x2 y2 z2.")
+    base_name: str = Field("", description="Of several bases (or places) that are estimated which.")
+    columns: str = Field(
+        "", description="What the columns of a data file are, such as 'q1=joint1 [deg], t=ignore, *=[m rad]'."
+    )
 
 
 _QUANTITIES: Final = {
@@ -582,6 +614,9 @@ def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
         target_known=entry.target_known == "true",
         plane=plane,
         load=_read_load(entry, chain),
+        target_name=entry.target_name,
+        base_name=entry.base_name,
+        columns=entry.columns,
     )
 
 

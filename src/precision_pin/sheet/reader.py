@@ -72,8 +72,8 @@ class Sheet:
         What it was read from.
     estimates
         Those of a calibration, in place of tolerances.
-    measurement
-        Instrument and set-up of a calibration.
+    measurements
+        Instruments and set-ups of a calibration.
     origins
         Where numbers come from, by the label of a source, ``label.setting`` or ``parameters.name``.
     unchanged
@@ -95,11 +95,19 @@ class Sheet:
     approaches: Mapping[str, Approach] = field(default_factory=dict)
     contents: Contents | None = None
     estimates: Estimates | None = None
-    measurement: Measurement | None = None
+    measurements: tuple[Measurement, ...] = ()
     origins: Mapping[str, Origin] = field(default_factory=dict)
     unchanged: Sheet | None = None
     beyond_limits: bool = False
     accepted: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def measurement(self) -> Measurement | None:
+        """The only measurement, ``None`` without any; an :class:`InputError` where the sheet lists several."""
+        if len(self.measurements) > 1:
+            message = f"measurement: lists {len(self.measurements)}; only a fit to data takes several, this takes one"
+            raise InputError([Finding("error", "E_USAGE", message, self.file)])
+        return self.measurements[0] if self.measurements else None
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
@@ -234,7 +242,7 @@ def _read(contents: Contents) -> Sheet:
     names = labels(listed)
     extended, own = _try_terms(chain, space, sources, names, poses, approaches, findings)
     estimates = _estimates(document, space, listed, folder, findings)
-    measurement = _measurement(document, chain, findings)
+    measurements = _measurements(document, chain, findings)
     origins = {
         f"{label}.{setting}" if setting else label: origin
         for k, label in zip(sources, names, strict=True)
@@ -264,7 +272,7 @@ def _read(contents: Contents) -> Sheet:
         approaches=approaches,
         contents=contents,
         estimates=estimates,
-        measurement=measurement,
+        measurements=measurements,
         origins=origins,
         accepted=document.accept,
     )
@@ -274,14 +282,15 @@ def _kind(origin: Origin) -> str:
     return origin.kind
 
 
-def _measurement(document: Document, chain: Chain, findings: Findings) -> Measurement | None:
-    if document.measurement is None:
-        return None
-    try:
-        return read_measurement(document.measurement, chain)
-    except InputError as error:
-        findings.take(("measurement",), error)
-        return None
+def _measurements(document: Document, chain: Chain, findings: Findings) -> tuple[Measurement, ...]:
+    given, found = document.measurement, []
+    entries = given if isinstance(given, list) else [] if given is None else [given]
+    for k, entry in enumerate(entries):
+        try:
+            found.append(read_measurement(entry, chain))
+        except InputError as error:
+            findings.take(("measurement", k) if isinstance(given, list) else ("measurement",), error)
+    return tuple(found)
 
 
 def _estimates(

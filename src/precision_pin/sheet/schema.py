@@ -15,7 +15,9 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
+    Tag,
     ValidationInfo,
     WithJsonSchema,
     create_model,
@@ -45,6 +47,13 @@ PROVENANCE: Final = "provenance"
 _LAW: Final = {"title": "law"}
 _FLAG: Final = [True, False, "true", "false"]
 """Values of a flag, as any YAML reader reads them."""
+
+
+_Measurements = Annotated[
+    Annotated[MeasurementEntry, Tag("one")] | Annotated[list[MeasurementEntry], Tag("several")],
+    # the error of the one that was meant, not of both
+    Discriminator(lambda given: "several" if isinstance(given, list) else "one"),
+]
 
 
 @final
@@ -115,10 +124,11 @@ class Document(BaseModel):
     )
     sources: list[Any] = Field(default_factory=list, description="Error sources, each under its kind.")
     calibrated: str | None = Field(
-        None, description="JSON of calibrate, relative to the sheet, whose estimates take the place of tolerances; or none."
+        None,
+        description="JSON of calibrate, relative to the sheet, whose estimates take the place of tolerances; or none.",
     )
-    measurement: MeasurementEntry | None = Field(
-        None, description="Instrument and set-up of calibrate, where its options say nothing else."
+    measurement: _Measurements | None = Field(
+        None, description="Instrument and set-up of calibrate, or a list of several; its options go first."
     )
     provenance: dict[str, Any] = Field(
         default_factory=dict,

@@ -33,8 +33,6 @@ def check(options: dict[str, Any]) -> None:
     suffixes = (".csv", ".json") if several else (".csv",)
     data = [text for text in options["inputs"] if Path(text).suffix.lower() in suffixes]
     options["robots"], options["inputs"] = data, tuple(text for text in options["inputs"] if text not in data)
-    if len(data) > 1 and not several:
-        raise InputError(f"one file of data is expected, got {' '.join(data)}; several robots need --population")
     message = _misuse(options, data)
     if message is not None:
         raise InputError([Finding("error", "E_USAGE", message)])
@@ -87,15 +85,18 @@ def prepare(asked: Asked) -> Job:
     options, model = asked.options, ErrorModel.from_sheet(asked.sheet)
     if options["factory"] is not None:
         return _factory(asked, model)
-    measurement = asked.read_measurement()
+    measurements = asked.read_measurements()
     if options["population"]:
-        return _population(asked, model, measurement)
+        return _population(asked, model, measurements)
     for name in options["at_names"]:
         model.configuration(name)
     at = list(options["at_names"]) or None
-    if options["count"] is not None:
-        return _plan(asked, model, measurement, at)
-    return _forecast(asked, model, measurement, at) if options["forecast"] else _fit(asked, model, measurement, at)
+    if options["count"] is None and not options["forecast"]:
+        return _fit(asked, model, measurements, at)
+    if len(measurements) > 1:
+        raise InputError("the sheet lists several measurements; a forecast or plan is of one")
+    ahead = _forecast if options["count"] is None else _plan
+    return ahead(asked, model, measurements[0], at)
 
 
 def _job(run: Callable[..., Any], use: str, table: str, **settings: Any) -> Job:
@@ -125,7 +126,7 @@ def _factory(asked: Asked, model: ErrorModel) -> Job:
     return _job(run, "factory", "table:factory_table", files=lambda _: Files(), write=write, findings=())
 
 
-def _population(asked: Asked, model: ErrorModel, measurement: Measurement) -> Job:
+def _population(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...]) -> Job:
     from precision_pin.analyses.calibration.population import population, population_sheet
     from precision_pin.base.files import write_text
 
@@ -138,7 +139,7 @@ def _population(asked: Asked, model: ErrorModel, measurement: Measurement) -> Jo
         return (f"wrote {path}",)
 
     means: Literal["sheet", "estimated"] = "estimated" if asked.options["means_free"] else "sheet"
-    run = partial(population, model, robots, measurement, means=means, findings=asked.sheet.findings)
+    run = partial(population, model, robots, measurements, means=means, findings=asked.sheet.findings)
     steps = len(robots) + len(model.space.draws)
     return _job(
         run, "population", "table:population_table", write=write, steps=steps,
@@ -178,7 +179,7 @@ def _forecast(asked: Asked, model: ErrorModel, measurement: Measurement, at: lis
     return _job(run, "forecast", "table:forecast_table", findings=sheet.findings)
 
 
-def _fit(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
+def _fit(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...], at: list[str] | None) -> Job:
     from precision_pin.analyses.calibration.calibrate import calibrate, calibrated_sheet, result_name
     from precision_pin.base.files import write_files
     from precision_pin.export.as_built import describe_frozen
@@ -186,7 +187,7 @@ def _fit(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[str
     options, path = asked.options, asked.options["sheet_path"]
 
     def write(result: Any) -> list[str]:
-        notes = []
+        notes = [one.message for one in result.data.findings if one.severity == "note"]
         if path is not None:
             name = str(Path(path).with_name(result_name(path)))
             text = calibrated_sheet(asked.sheet.file, path)
@@ -198,7 +199,8 @@ def _fit(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[str
         return notes
 
     run = partial(
-        calibrate, model, options["robots"][0], measurement, prior=not options["no_prior"], only=options["only"], at=at,
+        calibrate, model, tuple(options["robots"]), measurements, prior=not options["no_prior"], only=options["only"],
+        at=at,
         findings=asked.sheet.findings,
     )  # fmt: skip
     return _job(
@@ -256,8 +258,9 @@ DECLARATION = Declaration(
 
     Before: poses, or candidates, are those given, or random ones. Fit: the exact model is fitted to the readings, with the
     sheet's tolerances as the prior; DATA.csv has a column for each joint and each measured number, with units:
-    "joint1 [deg], x [mm], y [mm], z [mm]". With --no-prior the exit code is 1 where the readings do not determine every
-    number.
+    "joint1 [deg], x [mm], y [mm], z [mm]", or "x1 [mm], …" of several targets; --columns says what other columns are. Several
+    files are one for each measurement that the sheet lists. With --no-prior the exit code is 1 where the
+    readings do not determine every number.
     """,
     options=(
         Option("--forecast", "forecast", "What measuring will buy, before anything is measured.", bool, group=_AHEAD),

@@ -15,13 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from precision_pin.analyses.calibration.data import (
-    CalibrationData,
-    SetUp,
-    check_data,
-    read_data,
-)
-from precision_pin.analyses.calibration.design import measurement_of, stations_of, task_poses
+from precision_pin.analyses.calibration.data import CalibrationData, check_data, read_data
+from precision_pin.analyses.calibration.design import measurements_of, task_poses
 from precision_pin.analyses.calibration.fit import (
     DOUBTFUL,
     Fit,
@@ -47,6 +42,7 @@ from precision_pin.analyses.calibration.posterior import (
     interval_after,
     normal_interval,
 )
+from precision_pin.analyses.calibration.set_up import SetUp, stations_of_data
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_flag, check_items, check_name, check_number, check_path
@@ -76,14 +72,18 @@ _FEW_STEPS: Final = 3
 @final
 @dataclass(frozen=True)
 class GrossError(Record):
-    """A reading without weight: its row, from 1, the length (m) of its residual in the fit without it, its size in std."""
+    """A reading without weight: its row, from 1, the length (m) of its residual in the fit without it, its size in std.
 
-    KEYS: ClassVar[Keys] = ("line", "size", "deviations", "weight")
+    ``reading`` is its number in the data, from 0.
+    """
+
+    KEYS: ClassVar[Keys] = ("line", "reading", "size", "deviations", "weight")
     weight: ClassVar[float] = 0.0
 
     line: int
     size: float
     deviations: float
+    reading: int
 
 
 @final
@@ -97,13 +97,13 @@ class CalibrationResult(PosesOutcome):
         Whether the sheet was the prior.
     posterior, without_bounds
         The numbers drawn once for each robot, and their estimates where no law had bounds, ``(U,)``.
-    set_up
-        The set-up as estimated.
+    set_ups
+        The set-up of each measurement of ``data.measurements`` as estimated; ``measurement`` and ``set_up`` are the first.
     chi_square, degrees_of_freedom
         Sum of squares of whitened residuals (with a prior, of the numbers' deviations too), and its expectation.
     residuals, residuals_before
         Reading less prediction of the calibrated arm, in base axes, ``(P, m)``; of the sheet's means, with the first guess of
-        the set-up.
+        the set-up. Zeros beyond the numbers of a reading that has fewer than others.
     left_out
         Reading less the prediction of a fit without the readings at its pose, or without its group where the data have groups,
         ``(P, m)``, first order.
@@ -122,24 +122,17 @@ class CalibrationResult(PosesOutcome):
 
     schema: ClassVar[str] = "precision-pin/calibration/1"
     KEYS: ClassVar[Keys] = (
-        *("*head", "measurement", "prior=has_prior", "readings", "verdict", "chi_square", "degrees_of_freedom"),
-        *("probability", "steps", "rms_residual", "gross_errors", "at_bounds", "set_up", "rank", "observability"),
-        *("identifiability", "posterior", "intervals", "poses", "residuals", "residuals_before"),
-        *(
-            "residuals_left_out=left_out",
-            "std_left_out",
-            "std_predicted",
-            "improvement",
-            "lines=data.lines",
-            "data=given",
-            "findings",
-        ),
+        *("*head", "measurement", "measurements=data.measurements", "prior=has_prior", "readings", "verdict"),
+        *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
+        *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "intervals", "poses"),
+        *("residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
+        *("improvement", "lines=data.lines", "data=given", "findings"),
     )
 
     has_prior: bool
     posterior: Posterior
     without_bounds: Array
-    set_up: SetUp
+    set_ups: tuple[SetUp, ...]
     chi_square: float
     degrees_of_freedom: int
     residuals: Array
@@ -154,6 +147,11 @@ class CalibrationResult(PosesOutcome):
     model: ErrorModel
     data: CalibrationData
     steps: int
+
+    @property
+    def set_up(self) -> SetUp:
+        """The set-up of the first measurement as estimated."""
+        return self.set_ups[0]
 
     @property
     def readings(self) -> int:
@@ -226,8 +224,8 @@ class CalibrationResult(PosesOutcome):
     def rms(self, which: Literal["before", "after", "left out"]) -> float:
         """Return the root mean square length (m) of the residuals of the readings that have weight."""
         values = {"before": self.residuals_before, "after": self.residuals, "left out": self.left_out}[which]
-        gross = {error.line for error in self.gross_errors}
-        used = [k for k, line in enumerate(self.data.lines) if line not in gross]
+        gross = {error.reading for error in self.gross_errors}
+        used = [k for k in range(len(self.data)) if k not in gross]
         return float(np.sqrt((values[used][:, :3] ** 2).sum(axis=1).mean()))
 
     @property
@@ -244,7 +242,8 @@ class CalibrationResult(PosesOutcome):
     def given(self) -> dict[str, Any]:
         """Joint values and readings as in the JSON, a row for each reading; ``std`` and ``group`` where they are given."""
         data = self.data
-        optional = {"std": data.std, "group": data.group}
+        several = {"measured_by": data.part, "visit": data.visit} if len(data.measurements) > 1 else {}
+        optional = {"std": data.std, "group": data.group, **several}
         return {
             "joints": self.original.chain.joint_names,
             "q": data.q.T,
@@ -262,7 +261,7 @@ class CalibrationResult(PosesOutcome):
 def calibrate(
     model: ErrorModel,
     data: object,
-    measurement: Measurement | None = None,
+    measurement: Measurement | Sequence[Measurement] | None = None,
     *,
     prior: bool = True,
     only: Sequence[str] = (),
@@ -277,9 +276,10 @@ def calibrate(
         The model, whose sheet is the prior.
     data
         Path of a CSV file, or a pair of poses (a list, or an array ``(n, P)``) and readings ``(P, m)`` in m and rad; of
-        poses ``(P, 4, 4)`` too.
+        poses ``(P, 4, 4)`` too. Several: a list, one for each measurement.
     measurement
-        Instrument and set-up; those of the sheet if left out.
+        Instrument and set-up, or a list of several; those of the sheet if left out. Of several that read one file each finds its
+        own columns.
     prior
         Maximum a posteriori with the sheet as the prior; ``False``: maximum likelihood on the combinations that the
         readings determine, where all others keep their tolerances.
@@ -296,11 +296,11 @@ def calibrate(
     InputError
         The data are wrong, nothing varies from robot to robot or no reading sees it, or the fit does not settle.
     """
-    measurement = measurement_of(model, measurement)
+    measurements = measurements_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
     fitted, held = _held(model, only)
-    given, base, whole = measured_problem(fitted, data, measurement)
+    given, bases, whole = measured_problem(fitted, data, measurements)
     used, best, distances = without_gross_errors(whole, given, has_prior=prior)
     residuals = whole.residuals(best.z, best.nuisances)
     groups = groups_of(given, np.array(model.chain.prismatic))
@@ -310,22 +310,28 @@ def calibrate(
     predicted = whole.reading_deviations(best)
     is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]
     seen = of_stack(
-        unit.names, *used.slopes(best.z, best.nuisances, plain=True), measurement, len(given) - len(distances)
+        unit.names,
+        *used.slopes(best.z, best.nuisances, plain=True),
+        used.instruments.nuisances,
+        len(given) - len(distances),
     )
     refuse_where_nothing_is_seen(seen)
     mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
     gross = tuple(
-        GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])))
+        GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])), row)
         for row in sorted(distances)
     )
     return CalibrationResult(
         provenance=Provenance.of(model, 0),
-        measurement=measurement,
+        measurement=given.measurements[0],
         has_prior=prior,
         posterior=Posterior.of(unit, mean, covariance),
         without_bounds=unit.values(best.without_bounds),
         identifiability=seen,
-        set_up=SetUp.of(measurement, base, best.nuisances, estimator.nuisance_covariance()),
+        set_ups=tuple(
+            SetUp.of(part, base, best.nuisances[columns], np.diag(estimator.nuisance_covariance())[columns])
+            for part, base, columns in zip(given.measurements, bases, used.instruments.columns, strict=True)
+        ),
         chi_square=best.chi_square,
         degrees_of_freedom=best.degrees_of_freedom,
         residuals=residuals,
@@ -336,7 +342,9 @@ def calibrate(
         improvement=improvement,
         gross_errors=gross,
         at_bounds=best.at_bounds,
-        poses=errors_left(task_poses(fitted, at, given.q), unit, estimator, measurement, fitted.space),
+        poses=errors_left(
+            task_poses(fitted, at, given.q), unit, estimator, used.instruments.displaces_base, fitted.space
+        ),
         original=model,
         model=model.calibrated(Estimates(unit.names, mean, covariance)),
         data=given,
@@ -379,13 +387,13 @@ def _held(model: ErrorModel, only: Sequence[str]) -> tuple[ErrorModel, list[Find
 
 
 def measured_problem(
-    model: ErrorModel, data: object, measurement: Measurement
-) -> tuple[CalibrationData, Array, Problem]:
-    """Return the data, the first guess of the base in the instrument's axes ``(4, 4)``, and the problem of all readings."""
-    given = read_data(model, data, measurement)
-    base, whole = Problem.of(model, given, measurement)
+    model: ErrorModel, data: object, measurements: tuple[Measurement, ...]
+) -> tuple[CalibrationData, tuple[Array, ...], Problem]:
+    """Return the data, for each measurement the first guess of the base ``(4, 4)``, and the problem of all readings."""
+    given = read_data(model, data, measurements)
+    whole, bases = Problem.of(model, given)
     refuse_far_readings(whole, given)
-    return given, base, whole
+    return given, bases, whole
 
 
 def without_gross_errors(
@@ -397,15 +405,14 @@ def without_gross_errors(
     the spread of the others.
     """
     best = fit(whole, has_prior=has_prior, steps=_FEW_STEPS)
-    used, size, found = whole, whole.readings.shape[1], dict[int, float]()
-    limit = float(stats.chi2.isf(_GROSS / len(data), size))
-    middle = float(stats.chi2.median(size))
+    used, found = whole, dict[int, float]()
+    limit, middle = stats.chi2.isf(_GROSS / len(data), whole.sizes), stats.chi2.median(whole.sizes)
     while True:
         kept = np.array([row for row in range(len(data)) if row not in found])
         distance = best.left_out.distance[kept]
-        scale = max(1.0, float(np.median(distance)) / middle)
-        worst = int(np.argmax(distance))
-        if distance[worst] <= limit * scale:
+        scale = max(1.0, float(np.median(distance / middle[kept])))
+        worst = int(np.argmax(distance / limit[kept]))
+        if distance[worst] <= limit[kept[worst]] * scale:
             return used, fit(used, has_prior=has_prior), found
         if len(found) + 1 > _MOST_GROSS * len(data):
             return whole, fit(whole, has_prior=has_prior), {}
@@ -419,7 +426,7 @@ def _remarks(data: CalibrationData, best: Fit, gross: tuple[GrossError, ...]) ->
         worst = max(gross, key=lambda error: error.deviations)
         listed = ", ".join(str(error.line) for error in gross)
         message = (
-            f"readings that fit no other and were given no weight: rows {listed}; the worst, row {worst.line}, is "
+            f"readings that fit no other and were given no weight: rows {listed}; the worst, {data.label(worst.reading)}, is "
             f"{worst.deviations:.3g} standard deviations off ({1e3 * worst.size:.3g} mm)"
         )
         yield Finding("warning", "W_GROSS_ERROR", message, data.file or None)
@@ -443,8 +450,8 @@ class WorstReadings:
 
     Attributes
     ----------
-    rows, lines
-        Their indices in the data, ``(K,)``, and their rows in the file, from 1.
+    rows, lines, labels
+        Their indices in the data, ``(K,)``, their rows in the file, from 1, and in words.
     points
         Place of the target where the calibrated arm predicts it, m, ``(3, K)``.
     after, before, sizes
@@ -454,11 +461,12 @@ class WorstReadings:
         Size of the whole residual in standard deviations of instrument and repeatability, of a gross error in the fit without
         it, ``(K,)``; whether it was given no weight.
     anchor
-        Where distances are measured from, m, ``(3,)``; ``None`` for other readings.
+        Where distances are measured from, m, ``(3,)``; ``None`` for other readings, and of several measurements.
     """
 
     rows: NDArray[np.intp]
     lines: tuple[int, ...]
+    labels: tuple[str, ...]
     points: Array
     after: Array
     before: Array
@@ -472,45 +480,54 @@ class WorstReadings:
         """Return the worst readings of a calibration, ``most`` of them or all."""
         sizes = np.linalg.norm(result.residuals[:, :3], axis=1)
         rows = np.argsort(-sizes, kind="stable")[:most]
-        given, data, found = result.measurement, result.data, result.set_up
-        known = _known(result)
+        data, known = result.data, _known(result)
         points, after, before = np.zeros((3, rows.size)), np.zeros((3, rows.size)), np.zeros((3, rows.size))
         deviations = np.zeros(rows.size)
-        for station in stations_of(result.original, data.q[:, rows], given):
+        chosen = replace(
+            data, q=data.q[:, rows], readings=data.readings[rows], part=data.part[rows], visit=np.arange(rows.size)
+        )
+        for station in stations_of_data(result.original, chosen):
             pose, error = station.at.posture.pose, station.at.exact(result.components[:, None])
-            point = Measurement(target=known.target).predict(pose, error, np.zeros((0, 1)))[:, 0]
-            slopes = known.slopes(pose, error[:, 0], np.zeros(0))
-            directions = np.eye(3)
-            if known.place is not None:
-                nominal = pose[:3, 3] + pose[:3, :3] @ given.target
-                directions = known.place.slopes(point, np.zeros(len(known.place.names)), nominal)[0]
             for k in station.rows:
                 row = int(rows[k])
+                given, own = data.measurements[data.part[row]], known[data.part[row]]
+                place = result.set_ups[data.part[row]].base
+                point = Measurement(target=own.target).predict(pose, error, np.zeros((0, 1)))[:, 0]
+                slopes = own.slopes(pose, error[:, 0], np.zeros(0))
+                directions = np.eye(3)
+                if own.place is not None:
+                    nominal = pose[:3, 3] + pose[:3, :3] @ given.target
+                    directions = own.place.slopes(point, np.zeros(len(own.place.names)), nominal)[0]
                 points[:, k] = point
                 after[:, k] = result.residuals[row, : len(directions)] @ directions
                 before[:, k] = result.residuals_before[row, : len(directions)] @ directions
-                if found.base is not None:
-                    place = found.base
+                if place is not None:
                     after[:, k] = (data.readings[row, :3] - place[:3, 3]) @ place[:3, :3] - point
                 scale = data.std[row] / given.std if data.std.size else 1.0
-                alone = replace(station, rows=(k,))
-                noise = alone.noise(slopes.error, (scale * given.deviations) ** 2)
-                residual = result.residuals[row].copy()
-                residual[:3] = after[:, k] if known.place is None else residual[:3]
+                noise = station.noise(
+                    slopes.error, (scale * given.deviations) ** 2, np.zeros(given.size, dtype=np.intp)
+                )
+                residual = result.residuals[row, : given.size].copy()
+                residual[:3] = after[:, k] if own.place is None else residual[:3]
                 deviations[k] = np.sqrt(residual @ np.linalg.solve(noise, residual))
-        gross = {error.line: error.deviations for error in result.gross_errors}
-        lines = tuple(data.lines[row] for row in rows)
-        is_gross = np.array([line in gross for line in lines], dtype=bool)
-        deviations = np.array([gross.get(line, own) for line, own in zip(lines, deviations.tolist(), strict=True)])
-        return cls(rows, lines, points, after, before, sizes[rows], deviations, is_gross, found.anchor)
+        gross = {error.reading: error.deviations for error in result.gross_errors}
+        lines, labels = tuple(data.lines[row] for row in rows), tuple(data.label(row) for row in rows)
+        is_gross = np.array([row in gross for row in rows.tolist()], dtype=bool)
+        deviations = np.array(
+            [gross.get(row, own) for row, own in zip(rows.tolist(), deviations.tolist(), strict=True)]
+        )
+        anchor = result.set_up.anchor if len(data.measurements) == 1 else None
+        return cls(rows, lines, labels, points, after, before, sizes[rows], deviations, is_gross, anchor)
 
 
-def _known(result: CalibrationResult) -> Measurement:
-    """Return the measurement with its set-up as estimated, in base axes."""
-    found = result.set_up
-    places = {name: getattr(found, name) for name in ("anchor", "plane", "sockets")}
-    given = {name: place.tolist() for name, place in {"target": found.target, **places}.items() if place is not None}
-    return replace(result.measurement, base="known", target_known=True, **given)
+def _known(result: CalibrationResult) -> list[Measurement]:
+    """Return the measurements with their set-ups as estimated, in base axes."""
+    known = []
+    for measurement, found in zip(result.data.measurements, result.set_ups, strict=True):
+        places = {name: getattr(found, name) for name in ("target", "anchor", "plane", "sockets")}
+        given = {name: place.tolist() for name, place in places.items() if place is not None}
+        known.append(replace(measurement, base="known", target_known=True, **given))
+    return known
 
 
 _LARGEST: Final = 4 * 2**20

@@ -1,4 +1,4 @@
-"""Measured poses of one robot: joint values and readings, from arrays or a CSV file, and the first guess of the set-up.
+"""Measured poses of one robot: joint values and readings, from arrays or CSV files.
 
     joint1 [deg], joint2 [deg], x [mm], y [mm], z [mm], std [mm], group
     10, -35, 812.31, 143.02, 455.80, 0.02, 1
@@ -6,19 +6,22 @@
 A column for each joint and each number of a reading, with its unit in brackets: ``x y z`` of a position; ``rx ry rz`` too of
 a pose, the rotation vector of the measured attitude; ``distance`` of a distance. ``std`` is the standard deviation of the
 row's lengths, ``group`` a whole number for rows that are left out together. At contact nothing need be read: ``height`` over a
-plane, and ``x y z`` from the socket, are zero if left out.
+plane, and ``x y z`` from the socket, are zero if left out. ``x1 y1 z1 x2 …`` are several targets on the tool. Times are
+ignored; a cell that is empty, nan or NA is a missing reading.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import Any, Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from precision_pin.analyses.calibration.design import Station
-from precision_pin.base import csv_columns, se3, units
+from precision_pin.base import csv_columns, units
 from precision_pin.base.arguments import check_numbers, check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, nearest
@@ -28,7 +31,7 @@ from precision_pin.base.se3 import log_rotation
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, pose_findings
 from precision_pin.robot.trajectory import joint_columns
-from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Sockets
+from precision_pin.sheet.measurement import Measurement
 
 COLUMNS: Final = {
     "position": ("x", "y", "z"),
@@ -45,21 +48,36 @@ _FAR: Final = 10.0
 """Joint values this many times beyond their limits, in units of the range, are taken for a wrong unit."""
 
 
+_TIMES: Final = ("t", "time", "timestamp", "stamp")
+"""Columns, in any case of letters, that are ignored."""
+_FEW: Final = 8
+"""Rows from which distances between targets are judged."""
+_RIGID: Final = 0.01
+"""Spread of the distance between two targets, in standard deviations of the instrument, that its own errors would exceed."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class CalibrationData(Record):
-    """Readings at P poses.
+    """P readings.
 
     Attributes
     ----------
     q
         Joint values in chain order, rad and m, ``(n, P)``.
     readings
-        ``(P, m)``, m and rad: a position, a position and rotation vector, a distance, a height or an offset from a socket.
+        ``(P, m)``, m and rad: a position, a position and rotation vector, a distance, a height or an offset from a socket; NaN
+        beyond the numbers of a reading that has fewer than others.
     std, group
         Standard deviation of each reading's lengths, m, and number of its group, ``(P,)``; empty for the instrument's, for none.
     file, lines
         Where the data were read, and the rows of the file or of the arrays, from 1, ``(P,)``.
+    measurements, files
+        The measurements, one for each target in each file, and the file of each.
+    part, visit
+        The number of each reading's measurement, ``(P,)``; readings of one visit were taken together, ``(P,)``.
+    findings
+        What was left out.
     """
 
     q: Array
@@ -68,18 +86,91 @@ class CalibrationData(Record):
     group: Array
     file: str
     lines: tuple[int, ...]
+    measurements: tuple[Measurement, ...] = ()
+    files: tuple[str, ...] = ()
+    part: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    visit: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.part.size:
+            object.__setattr__(self, "part", np.zeros(len(self), dtype=np.intp))
+            object.__setattr__(self, "visit", np.arange(len(self)))
+        super().__post_init__()
 
     def __len__(self) -> int:
         return len(self.readings)
 
+    def label(self, reading: int) -> str:
+        """Return a reading in words: its row, and its target and file where there are several."""
+        part = int(self.part[reading])
+        names = {one.target_name for one in self.measurements}
+        target = f", target {self.measurements[part].target_name}" if len(names) > 1 else ""
+        return f"row {self.lines[reading]}{target}{f' of {self.files[part]}' if len(set(self.files)) > 1 else ''}"
 
-def read_data(model: ErrorModel, data: object, measurement: Measurement) -> CalibrationData:
-    """Return data given as the path of a CSV file, as :class:`CalibrationData`, or as a pair of poses and readings."""
+
+def read_data(model: ErrorModel, data: object, measurements: tuple[Measurement, ...]) -> CalibrationData:
+    """Return data given as :class:`CalibrationData`, or as paths of CSV files or pairs of poses and readings.
+
+    There is one for each measurement, or one file for all.
+    """
     if isinstance(data, CalibrationData):
-        return data
-    if isinstance(data, tuple | list) and len(data) == 2:
-        return _of_arrays(model, data[0], data[1], measurement)
-    return _of_file(model, check_path("the data", data), measurement)
+        return data if data.measurements else replace(data, measurements=measurements, files=(data.file,))
+    given: list[Any] = [data]
+    if isinstance(data, tuple | list) and (
+        len(measurements) > 1 or all(isinstance(one, str | os.PathLike) for one in data)
+    ):
+        given = list(data)
+    if len(given) not in (1, len(measurements)):
+        raise InputError(
+            f"{len(given)} files or arrays of data and {len(measurements)} measurement{'s' * (len(measurements) > 1)}: list one "
+            "for each (in the sheet, measurement: [{...}, ...]); several robots need --population"
+        )
+    wanted = [measurements] if len(given) == 1 else [(one,) for one in measurements]
+    parts = []
+    for one, own in zip(given, wanted, strict=True):
+        if isinstance(one, tuple | list) and len(one) == 2 and len(own) == 1:
+            parts.append(_of_arrays(model, one[0], one[1], own[0]))
+        else:
+            parts.append(_of_file(model, check_path("the data", one), own))
+    return parts[0] if len(parts) == 1 else _together(parts)
+
+
+def _together(parts: Sequence[CalibrationData]) -> CalibrationData:
+    """Return several data as one."""
+    width = max(part.readings.shape[1] for part in parts)
+    std, group = np.zeros(0), np.zeros(0)
+    if any(part.std.size for part in parts):
+        usual = [np.array([one.std for one in part.measurements])[part.part] for part in parts]
+        std = np.concatenate([part.std if part.std.size else own for part, own in zip(parts, usual, strict=True)])
+    if any(part.group.size for part in parts):
+        # a reading without a group is one of its own
+        free = 1 + max(part.group.max() for part in parts if part.group.size)
+        group = np.concatenate([part.group if part.group.size else free + part.visit for part in parts])
+        start = 0
+        for part in parts:
+            if not part.group.size:
+                group[start : start + len(part)] += start
+            start += len(part)
+    first = np.cumsum([0, *(len(part.measurements) for part in parts)])
+    visits = np.cumsum([0, *(int(part.visit.max(initial=-1)) + 1 for part in parts)])
+    return CalibrationData(
+        np.ascontiguousarray(np.hstack([part.q for part in parts])),
+        np.concatenate([_padded(part.readings, width) for part in parts]),
+        std,
+        group,
+        parts[0].file,
+        tuple(line for part in parts for line in part.lines),
+        tuple(one for part in parts for one in part.measurements),
+        tuple(file for part in parts for file in part.files),
+        np.concatenate([part.part + k for part, k in zip(parts, first, strict=False)]),
+        np.concatenate([part.visit + k for part, k in zip(parts, visits, strict=False)]),
+        tuple(finding for part in parts for finding in part.findings),
+    )
+
+
+def _padded(readings: Array, width: int) -> Array:
+    return np.hstack([readings, np.full((len(readings), width - readings.shape[1]), np.nan)])
 
 
 def _of_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Measurement) -> CalibrationData:
@@ -87,50 +178,267 @@ def _of_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Measur
     count = q.shape[1]
     is_contact = readings is None and measurement.kind in _CONTACT
     given = np.zeros((count, measurement.size)) if is_contact else np.asarray(readings)
+    findings: list[Finding] = []
+    kept = np.arange(count)
+    if given.dtype.kind == "f" and len(given) == count:
+        is_read = np.asarray(~np.isnan(given.reshape(count, -1)).any(axis=1))
+        kept = np.flatnonzero(is_read)
+        findings += _missing("the reading", ~is_read, tuple(range(1, count + 1)), "")
+        given = given[kept]
+    rows = len(kept)
     if measurement.kind == "pose" and given.ndim == 3 and given.shape[1:] == (4, 4):
-        matrices = check_numbers("the readings", readings, (count, 4, 4))
+        matrices = check_numbers("the readings", given, (rows, 4, 4))
         turns = log_rotation(np.moveaxis(matrices[:, :3, :3], 0, -1)).T
         values = np.concatenate([matrices[:, :3, 3], turns], axis=1)
     else:
         if given.ndim == 1 and measurement.size == 1:
             given = given[:, None]
         needs = f"a row of {measurement.size} numbers for each of {count} poses, m and rad"
-        values = check_numbers("the readings", given, (count, measurement.size), needs)
-    return CalibrationData(q, values, np.zeros(0), np.zeros(0), "", tuple(range(1, count + 1)))
+        values = check_numbers("the readings", given, (rows, measurement.size), needs)
+    if not is_contact:
+        own = [row.tobytes() for row in np.hstack([q[:, kept].T, values])]
+        first, again = _without_copies(own, [int(k) + 1 for k in kept], "")
+        findings += again
+        kept, values = kept[first], values[first]
+    _refuse_nothing(len(kept), "")
+    lines = tuple(int(k) + 1 for k in kept)
+    columns = np.ascontiguousarray(q[:, kept])
+    return CalibrationData(
+        columns, values, np.zeros(0), np.zeros(0), "", lines, (measurement,), ("",), findings=tuple(findings)
+    )
 
 
-def _of_file(model: ErrorModel, path: str, measurement: Measurement) -> CalibrationData:
-    table = csv_columns.read(path)
-    chain, wanted = model.chain, COLUMNS[measurement.kind]
-    known = (*chain.joint_names, *wanted, "std", "group")
+def _refuse_nothing(count: int, path: str) -> None:
+    if not count:
+        raise _wrong(path, "no reading is left")
+
+
+def _missing(what: str, is_missing: NDArray[np.bool_], lines: Sequence[int], path: str) -> list[Finding]:
+    """Return a warning about readings that are missing, if any."""
+    where = np.flatnonzero(is_missing)
+    if not where.size:
+        return []
+    message = f"{what} is missing in {where.size:,} of {len(lines):,} rows, which are left out"
+    return [Finding("warning", "W_MISSING_READING", message, path or None, lines[int(where[0])] if path else None)]
+
+
+def _without_copies(rows: Sequence[object], lines: Sequence[int], path: str) -> tuple[list[int], list[Finding]]:
+    """Return the rows that repeat none before them, and a warning if others do."""
+    first: dict[object, int] = {}
+    copies = []
+    for k, row in enumerate(rows):
+        if first.setdefault(row, k) != k:
+            copies.append((k, first[row]))
+    if not copies:
+        return list(range(len(rows))), []
+    copy, original = copies[0]
+    message = (
+        f"{len(copies):,} of {len(rows):,} rows repeat another to the last digit and are left out, the first of them row "
+        f"{lines[copy]}, which is row {lines[original]} again; a column such as t tells apart what was read twice"
+    )
+    found = Finding("warning", "W_REPEATED_READING", message, path or None, lines[copy] if path else None)
+    return list(first.values()), [found]
+
+
+def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]) -> CalibrationData:
+    joints = model.chain.joint_names
+    given = ", ".join(dict.fromkeys(one.columns for one in measurements if one.columns))
+    table = csv_columns.read(
+        path,
+        columns=csv_columns.ColumnNames.parse(given),
+        ignored=[name for name in _TIMES if name not in joints],
+        may_miss=True,
+    )
+    targets = [target for one in measurements for target in _targets(table, joints, one, path, len(measurements) == 1)]
+    _check_columns(model.chain, table, targets, path)
+    turning = [joint.kind != "prismatic" for joint in model.chain.joints]
+    q = np.array(
+        [
+            table.column(name, units.ANGLE if turns else units.LENGTH)
+            for name, turns in zip(joints, turning, strict=True)
+        ]
+    )
+    std = np.array(table.column("std", units.LENGTH)) if "std" in table.names else np.zeros(0)
+    if (std <= 0).any():
+        raise _wrong(path, "std must be above zero", table.lines[int(np.nanargmin(std))])
+    group = table.rows[:, table.names.index("group")] if "group" in table.names else np.zeros(0)
+    _check_joint_values(model.chain, q, path, table)
+    others = [values for values in (std, group) if values.size]
+    has_pose = np.isfinite(np.vstack([q, *others])).all(axis=0)
+    findings = [
+        Finding("note", "N_COLUMN", f"the column {name} is not read", path, 1) for name in table.texts
+    ] + _missing("a joint value, std or group", ~has_pose, table.lines, path)
+    kept, again = list(range(q.shape[1])), list[Finding]()
+    if any(columns for _, columns in targets):
+        texts = list(zip(*table.texts.values(), strict=True)) if table.texts else [()] * q.shape[1]
+        whole = [(row.tobytes(), text) for row, text in zip(table.rows, texts, strict=True)]
+        kept, again = _without_copies(whole, table.lines, path)
+    is_new = np.isin(np.arange(q.shape[1]), kept) & has_pose
+    read = [_values(table, columns, one) for one, columns in targets]
+    usable: list[NDArray[np.bool_]] = []
+    for (_, columns), values in zip(targets, read, strict=True):
+        is_there = np.asarray(np.isfinite(values).all(axis=1))
+        findings += _missing(" or ".join(columns), ~is_there & is_new, table.lines, path)
+        usable.append(is_there & is_new)
+    findings += [*again, *_dependent(targets, read, usable, path)]
+    width = max(one.size for one, _ in targets)
+    present = [k for k in range(len(targets)) if usable[k].any()]
+    rows = [np.flatnonzero(usable[k]) for k in present]
+    chosen = np.concatenate([*rows, np.zeros(0, dtype=np.intp)]).astype(np.intp)
+    part = np.repeat(np.arange(len(present)), [len(own) for own in rows])
+    # row by row, so that the targets of a row follow each other
+    order = np.lexsort((part, chosen))
+    chosen, part = chosen[order], part[order]
+    _refuse_nothing(chosen.size, path)
+    readings = np.concatenate([_padded(read[k][own], width) for k, own in zip(present, rows, strict=True)])[order]
+    return CalibrationData(
+        np.ascontiguousarray(q[:, chosen]),
+        readings,
+        std[chosen] if std.size else std,
+        group[chosen] if group.size else group,
+        path,
+        tuple(table.lines[row] for row in chosen),
+        tuple(targets[k][0] for k in present),
+        (path,) * len(present),
+        part,
+        chosen,
+        tuple(findings),
+    )
+
+
+_Target = tuple[Measurement, tuple[str, ...]]
+"""A measurement of one target, and its columns; none at contact."""
+
+
+def _targets(
+    table: csv_columns.Measured, joints: Sequence[str], measurement: Measurement, path: str, is_alone: bool
+) -> list[_Target]:
+    """Return the targets of a measurement whose columns a file has."""
+    wanted, own = COLUMNS[measurement.kind], measurement.target_name
+    free = [name for name in table.names if name not in joints]
+
+    def columns(name: str) -> tuple[str, ...]:
+        return tuple(f"{one}{name}" for one in wanted)
+
+    if own:
+        name = next((name for name in (own, f"_{own}") if set(columns(name)) & set(free)), "")
+        return [(measurement, columns(name))]
+    if set(wanted) & set(free):
+        return [(measurement, wanted)]
+    numbers = dict.fromkeys(
+        name.removeprefix(one)
+        for name in free
+        for one in wanted
+        if name.startswith(one) and name.removeprefix(one).isdecimal()
+    )
+    if measurement.kind in _CONTACT and not numbers:
+        if not is_alone:
+            raise _wrong(
+                path,
+                f"no column for {', '.join(wanted)}, so that nothing says which rows are of the {measurement.kind}",
+                1,
+            )
+        return [(measurement, ())]
+    if len(numbers) > 1 and measurement.target_known:
+        message = (
+            f"the file has the targets {', '.join(numbers)} and one known target is given; let them be estimated "
+            "(--point-free, target_known: false), or list a measurement with target and target_name for each"
+        )
+        raise _wrong(path, message, 1)
+    if len(numbers) > 1:
+        return [(replace(measurement, target_name=number), columns(number)) for number in numbers]
+    return [(measurement, columns(*numbers) if numbers else wanted)]
+
+
+def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[_Target], path: str) -> None:
+    """Refuse columns that are missing, that nothing explains, or that have no unit."""
+    read = tuple(dict.fromkeys(name for _, columns in targets for name in columns))
+    known = (*chain.joint_names, *read, "std", "group")
     for name in table.names:
         if name not in known:
-            raise _wrong(path, f"the column {name!r} is not expected; {nearest(name, known)}", 1)
-    if measurement.kind in _CONTACT and not set(wanted) & set(table.names):
-        wanted = ()
-    missing = [name for name in (*chain.joint_names, *wanted) if name not in table.names]
+            hint = f"or it is to be ignored: --columns '{name}=ignore'"
+            raise _wrong(path, f"the column {name!r} is not expected; {nearest(name, known)}; {hint}", 1)
+    missing = [name for name in (*chain.joint_names, *read) if name not in table.names]
     if missing:
-        raise _wrong(path, f"no column for {', '.join(missing)}; a {measurement.kind} needs {', '.join(wanted)}", 1)
-    joints = [
-        table.column(joint.name, units.LENGTH if joint.kind == "prismatic" else units.ANGLE) for joint in chain.joints
+        kind, wanted = targets[0][0].kind, targets[0][1]
+        message = (
+            f"no column for {', '.join(missing)}; a {kind} needs {', '.join(wanted)}; where the file calls it otherwise: "
+            f"--columns 'NAME={missing[0]}'"
+        )
+        raise _wrong(path, message, 1)
+    quantities = {name: units.LENGTH for name in (*read, "std") if name in table.names and not name.startswith("r")}
+    quantities |= {name: units.ANGLE for name in read if name.startswith("r")}
+    quantities |= {joint.name: units.LENGTH if joint.kind == "prismatic" else units.ANGLE for joint in chain.joints}
+    bare = [name for name, quantity in quantities.items() if not table.unit_of(name, quantity)]
+    if bare:
+        needed = [("m", "lengths", units.LENGTH), ("rad", "angles", units.ANGLE)]
+        needed = [one for one in needed if any(quantities[name] == one[2] for name in bare)]
+        example, words = (
+            " ".join(si for si, _, _ in needed),
+            " and ".join(f"{what} are in {si}" for si, what, _ in needed),
+        )
+        listed = f"column {bare[0]!r} has" if len(bare) == 1 else f"columns {', '.join(bare)} have"
+        message = (
+            f"the {listed} no unit; if {words} add --columns '*=[{example}]' (in a sheet and in Python the setting columns), "
+            "else with the units that they have"
+        )
+        raise _wrong(path, message, 1)
+
+
+def _values(table: csv_columns.Measured, columns: Sequence[str], measurement: Measurement) -> Array:
+    """Return the readings of one target, ``(R, m)``."""
+    if not columns:
+        return np.zeros((len(table.rows), measurement.size))
+    return np.array([table.column(name, units.ANGLE if name.startswith("r") else units.LENGTH) for name in columns]).T
+
+
+def _dependent(
+    targets: Sequence[_Target], read: Sequence[Array], usable: list[NDArray[np.bool_]], path: str
+) -> Iterator[Finding]:
+    """Yield warnings about targets that repeat each other, whose copies are left out, or that keep their distances."""
+    pairs = [
+        (i, j)
+        for i, j in combinations(range(len(targets)), 2)
+        if targets[i][0].kind == targets[j][0].kind in ("position", "pose")
     ]
-    q = np.array(joints)
-    lengths = [name for name in wanted if not name.startswith("r")]
-    columns = [table.column(name, units.LENGTH if name in lengths else units.ANGLE) for name in wanted]
-    readings = np.array(columns).T if wanted else np.zeros((q.shape[1], measurement.size))
-    std = np.array(table.column("std", units.LENGTH)) if "std" in table.names else np.zeros(0)
-    if std.size and not (std > 0).all():
-        raise _wrong(path, "std must be above zero", int(np.argmin(std)) + 2)
-    group = table.rows[:, table.names.index("group")] if "group" in table.names else np.zeros(0)
-    _check_joint_values(chain, q, path, table)
-    lines = tuple(range(2, q.shape[1] + 2))
-    return CalibrationData(q, readings, std, group, path, lines)
+    for i, j in pairs:
+        both = usable[i] & usable[j]
+        alike = both & (read[i] == read[j]).all(axis=1)
+        if alike.any():
+            is_copy = bool((alike == both).all()) and not (targets[i][0].target_known or targets[j][0].target_known)
+            usable[j] &= ~alike
+            if not is_copy:
+                usable[i] &= ~alike
+            message = (
+                f"{', '.join(targets[j][1])} repeat {', '.join(targets[i][1])} to the last digit in {int(alike.sum()):,} of "
+                f"{int(both.sum()):,} rows; "
+                + (
+                    "the copy is left out"
+                    if is_copy
+                    else "which of the two was read is not known, both are left out there"
+                )
+            )
+            yield Finding("warning", "W_NOT_INDEPENDENT", message, path)
+    rigid, largest = set[int](), 0.0
+    for i, j in pairs:
+        both = usable[i] & usable[j]
+        spread = np.linalg.norm((read[i] - read[j])[both, :3], axis=1).std() if both.sum() >= _FEW else np.inf
+        if spread < _RIGID * min(targets[i][0].std, targets[j][0].std):
+            rigid |= {i, j}
+            largest = max(largest, float(spread))
+    if rigid:
+        listed = " and ".join(", ".join(targets[k][1]) for k in sorted(rigid))
+        message = (
+            f"{listed} keep their distances to {1e6 * largest:.2g} µm, far better than std: the instrument computed them from "
+            "one pose, so that their errors are common and all intervals too narrow"
+        )
+        yield Finding("warning", "W_NOT_INDEPENDENT", message, path)
 
 
 def _check_joint_values(chain: Chain, q: Array, path: str, table: csv_columns.Measured) -> None:
     low, high = chain.configurations.limits
     for k, joint in enumerate(chain.joints):
-        unit = table.unit(joint.name)
+        unit = table.unit_of(joint.name, units.LENGTH if joint.kind == "prismatic" else units.ANGLE)
         span = high[k] - low[k] if np.isfinite(high[k] - low[k]) else 2 * np.pi
         middle = (high[k] + low[k]) / 2 if np.isfinite(high[k] - low[k]) else 0.0
         beyond = np.abs(q[k] - middle) > (0.5 + _FAR) * span
@@ -140,7 +448,7 @@ def _check_joint_values(chain: Chain, q: Array, path: str, table: csv_columns.Me
             row = int(np.argmax(beyond))
             value = table.rows[row, table.names.index(joint.name)]
             hint = "; are these degrees?" if unit == "rad" and joint.kind != "prismatic" else ""
-            raise _wrong(path, f"{joint.name} = {value:g} {unit} is far outside its limits{hint}", row + 2)
+            raise _wrong(path, f"{joint.name} = {value:g} {unit} is far outside its limits{hint}", table.lines[row])
 
 
 def _wrong(path: str, message: str, line: int | None = None) -> InputError:
@@ -190,121 +498,8 @@ def _short(value: float) -> str:
     return f"{value:.6f}"
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class SetUp(Record):
-    """Set-up of the instrument as estimated; what does not belong to the readings is ``None``.
-
-    Attributes
-    ----------
-    base
-        The robot's base in the instrument's axes, ``(4, 4)``; ``None`` where it is known.
-    target, anchor, plane, sockets
-        In tool axes, ``(3,)``; in base axes ``(3,)``, point and unit normal ``(2, 3)``, and ``(S, 3)``; m.
-    std
-        Standard deviation of each unknown number, m and rad.
-    """
-
-    base: Array | None
-    target: Array
-    anchor: Array | None
-    plane: Array | None
-    sockets: Array | None
-    std: dict[str, float]
-
-    @classmethod
-    def of(cls, measurement: Measurement, base: Array, nuisances: Array, covariance: Array) -> SetUp:
-        """Return the set-up of estimated nuisances ``(k,)`` beside a first guess of the base."""
-        value = dict(zip(measurement.nuisances, nuisances.tolist(), strict=True))
-        axes = ("x", "y", "z")
-        target = np.array(measurement.target) + [value.get(f"target.{axis}", 0.0) for axis in axes]
-        anchor, placed, plane, sockets = None, None, None, None
-        place = measurement.place
-        own = np.zeros(0) if place is None else np.array([value.get(name, 0.0) for name in place.names])
-        if isinstance(place, Anchor):
-            anchor = np.array(place.place) + own
-        elif isinstance(place, Plane):
-            plane = np.array(place.tilted(own))
-        elif isinstance(place, Sockets):
-            sockets = np.array(place.places) + own.reshape(-1, 3)
-        elif measurement.base == "free":
-            placed = base @ se3.displacement(nuisances[:6])
-        deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-        return cls(placed, target, anchor, plane, sockets, dict(zip(measurement.nuisances, deviations, strict=True)))
-
-
-def first_guess(data: CalibrationData, stations: Sequence[Station], measurement: Measurement) -> tuple[Array, Array]:
-    """Return the base in the instrument's axes, ``(4, 4)``, that fits the nominal arm best, and the nuisances beside it."""
-    nuisances = np.zeros(len(measurement.nuisances))
-    if measurement.base == "known" or measurement.kind in ("plane", "socket"):
-        return np.eye(4), nuisances
-    nominal, turns = np.zeros((len(data), 3)), np.zeros((3, 3))
-    plain = Measurement("pose", target=measurement.target)
-    for station in stations:
-        pose = station.at.posture.pose
-        predicted = plain.predict(pose, station.at.error_at_means[:, None], np.zeros((0, 1)))[:, 0]
-        nominal[list(station.rows)] = predicted[:3]
-        for row in station.rows if measurement.kind == "pose" else ():
-            expected = se3.exp_rotation(predicted[3:]) @ pose[:3, :3]
-            turns += se3.exp_rotation(data.readings[row, 3:]) @ expected.T
-    if measurement.kind == "distance":
-        nuisances[:3] = _anchor(nominal, data.readings[:, 0]) - measurement.anchor
-        return np.eye(4), nuisances
-    measured = data.readings[:, :3]
-    centre, other = nominal.mean(axis=0), measured.mean(axis=0)
-    if measurement.kind == "position":
-        turns = (measured - other).T @ (nominal - centre)
-        values = np.linalg.svd(turns, compute_uv=False)
-        if len(nominal) < 3 or values[1] < 1e-6 * values[0]:
-            raise InputError("a free base needs at least three positions that do not lie on one line")
-    left, _, right = np.linalg.svd(turns)
-    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    return se3.pose(rotation, other - rotation @ centre), nuisances
-
-
-def _anchor(points: Array, distances: Array) -> Array:
-    """Return the anchor ``(3,)`` from which points ``(P, 3)`` have these distances best: ``|p|² - d² = 2 p·a - |a|²``."""
-    centre = points.mean(axis=0)
-    near = points - centre
-    rows = np.hstack([2 * near, -np.ones((len(near), 1))])
-    if len(near) < 4 or np.linalg.svd(near, compute_uv=False)[2] < 1e-6 * np.abs(near).max():
-        raise InputError("a free anchor needs distances of at least four points that do not lie in one plane")
-    found = np.linalg.lstsq(rows, (near**2).sum(axis=1) - distances**2, rcond=None)[0]
-    anchor: Array = centre + found[:3]
-    return anchor
-
-
-def readings_in_base(
-    data: CalibrationData, stations: Sequence[Station], base: Array, measurement: Measurement
-) -> Array:
-    """Return readings ``(P, m)`` as :meth:`Measurement.predict` returns them: in base axes, turns from the nominal attitude."""
-    if measurement.place is not None:
-        return data.readings
-    rotation = base[:3, :3]
-    result = data.readings.copy()
-    result[:, :3] = (data.readings[:, :3] - base[:3, 3]) @ rotation
-    if measurement.kind == "pose":
-        for station in stations:
-            nominal = station.at.posture.pose[:3, :3]
-            for row in station.rows:
-                attitude = rotation.T @ se3.exp_rotation(data.readings[row, 3:])
-                result[row, 3:] = se3.log_rotation(attitude @ nominal.T)
-    return result
-
-
 def check_data(model: ErrorModel, data: CalibrationData) -> Iterator[Finding]:
-    """Yield warnings about data: poses outside limits, and rows that are given twice."""
-    yield from pose_findings(model.chain, data.q)
-    rows = np.hstack([data.q.T, data.readings])
-    _, first, counts = np.unique(rows, axis=0, return_index=True, return_counts=True)
-    twice = np.sort(first[counts > 1])
-    if twice.size:
-        row = int(twice[0])
-        again = int(np.flatnonzero((rows == rows[row]).all(axis=1))[1])
-        message = (
-            f"the rows {data.lines[row]} and {data.lines[again]} are the same to the last digit, and so are "
-            f"{int(counts.sum() - len(counts))} in all; a reading copied is no second reading, leave it out"
-        )
-        yield Finding(
-            "warning", "W_REPEATED_READING", message, data.file or None, data.lines[again] if data.file else None
-        )
+    """Yield warnings about data: what was left out, and poses outside limits."""
+    yield from data.findings
+    _, first = np.unique(data.visit, return_index=True)
+    yield from pose_findings(model.chain, data.q[:, first], [f"row {data.lines[k]}" for k in first])

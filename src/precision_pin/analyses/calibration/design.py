@@ -112,22 +112,20 @@ class Station:
     at: PoseModel
     rows: tuple[int, ...]
 
-    def noise(self, by_error: Array, variances: Array) -> Array:
-        """Return the covariance of its V readings, ``(V m, V m)``.
+    def noise(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
+        """Return the covariance of the numbers read here, ``(M, M)``.
 
-        ``by_error`` ``(m, 6)`` are the derivatives by the tip's error, ``variances`` ``(V, m)`` those of the instrument.
+        ``by_error`` ``(M, 6)`` are their derivatives by the tip's error, ``variances`` ``(M,)`` those of the instrument, and
+        numbers of one visit ``(M,)`` were read together.
         """
-        visits = len(self.rows)
         each = by_error @ _scope_covariance(self.at, Scope.VISIT) @ by_error.T
         common = by_error @ _scope_covariance(self.at, Scope.POSE) @ by_error.T
-        result: Array = (
-            np.diag(variances.ravel()) + np.kron(np.eye(visits), each) + np.kron(np.ones((visits, visits)), common)
-        )
+        result: Array = np.diag(variances) + each * (visits[:, None] == visits) + common
         return result
 
-    def noise_root(self, by_error: Array, variances: Array) -> Array:
+    def noise_root(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
         """Return the lower triangular root of :meth:`noise`; refuse an instrument that is lost in rounding beside it."""
-        noise = self.noise(by_error, variances)
+        noise = self.noise(by_error, variances, visits)
         try:
             return np.asarray(np.linalg.cholesky(noise), dtype=float)
         except np.linalg.LinAlgError:
@@ -156,11 +154,22 @@ def measurement_of(model: ErrorModel, measurement: Measurement | None) -> Measur
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if measurement is not None:
         return check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
-    if model.sheet is None or model.sheet.measurement is None:
+    found = None if model.sheet is None else model.sheet.measurement
+    if found is None:
         raise InputError(
             "nothing says what is measured; give pp.Measurement(kind=..., std=...), or measurement: in the sheet"
         )
-    return model.sheet.measurement
+    return found
+
+
+def measurements_of(model: ErrorModel, given: Measurement | Sequence[Measurement] | None) -> tuple[Measurement, ...]:
+    """Return the measurement or measurements given, or those of the model's sheet."""
+    if isinstance(given, list | tuple) and given:
+        return tuple(measurement_of(model, one) for one in given)
+    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
+    if given is None and model.sheet is not None and model.sheet.measurements:
+        return model.sheet.measurements
+    return (measurement_of(model, given),)  # type: ignore[arg-type]
 
 
 def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
@@ -207,7 +216,10 @@ def stack_at_means(
         rows = list(station.rows)
         slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
         own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
-        root = station.noise_root(slopes.error, given[rows] ** 2)
+        visits = len(rows)
+        root = station.noise_root(
+            np.tile(slopes.error, (visits, 1)), given[rows].ravel() ** 2, np.repeat(np.arange(visits), measurement.size)
+        )
         white = scipy.linalg.solve_triangular(root, np.tile(own, (len(rows), 1)), lower=True)
         white = white.reshape(len(rows), measurement.size, -1)
         by_z[rows], by_nuisance[rows] = np.split(white, [unit.root.shape[1]], axis=2)

@@ -121,7 +121,7 @@ def calibration_figure(result: CalibrationResult) -> Figure:
         axes = made.subplots()
         for (label, values), colour, marker in zip(sizes.items(), (BLACK, BLUE, SKY), ("_", "o", "x"), strict=True):
             axes.plot(rows, 1e3 * np.maximum(values, 1e-12), marker, color=colour, markersize=3, label=label)
-        gross = [k for k, line in enumerate(result.data.lines) if line in {error.line for error in result.gross_errors}]
+        gross = [error.reading for error in result.gross_errors]
         if gross:
             after = 1e3 * sizes["after"][gross]
             axes.plot(rows[gross], after, "o", ms=7, mfc="none", color=VERMILION, label="no weight")

@@ -7,7 +7,7 @@ current estimate. The noise R is that at the means.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, final
@@ -18,8 +18,9 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy import stats
 
-from precision_pin.analyses.calibration.data import CalibrationData, first_guess, readings_in_base
-from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers, stations_of
+from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers
+from precision_pin.analyses.calibration.set_up import Instruments, first_guess, readings_in_base, stations_of_data
 from precision_pin.analyses.calibration.zeros import describe_zeros, refuse_reversed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
@@ -27,7 +28,7 @@ from precision_pin.draws.draw import Scope
 from precision_pin.draws.estimates import bounds_of
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.sheet.measurement import Measurement
+from precision_pin.sheet.measurement import Slopes
 
 STEPS: Final = 60
 _SETTLED: Final = 1e-8
@@ -42,25 +43,42 @@ _ALONE: Final = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Readings ``(P, m)`` to fit, as :meth:`Measurement.predict` returns them, their deviations, and first nuisances ``(k,)``."""
+    """Readings ``(P, m)`` to fit, as :meth:`Measurement.predict` returns them, and where the fit begins.
+
+    Attributes
+    ----------
+    instruments, part
+        The measurements, and the number of that of each reading, ``(P,)``.
+    readings, deviations
+        ``(P, m)`` each; a reading of fewer numbers has zeros beyond them, as its residuals have.
+    visit
+        Readings of one visit were taken together, ``(P,)``.
+    start
+        First nuisances, ``(k,)``.
+    """
 
     model: ErrorModel
-    measurement: Measurement
+    instruments: Instruments
     stations: tuple[Station, ...]
     readings: Array
     deviations: Array
+    part: NDArray[np.intp]
+    visit: NDArray[np.intp]
     start: Array
 
     @classmethod
-    def of(cls, model: ErrorModel, data: CalibrationData, measurement: Measurement) -> tuple[Array, Problem]:
-        """Return the first guess of the base in the instrument's axes ``(4, 4)``, and the problem of all readings."""
-        stations = stations_of(model, data.q, measurement)
-        base, start = first_guess(data, stations, measurement)
-        readings = readings_in_base(data, stations, base, measurement)
-        # angles in proportion to lengths
-        deviations = np.tile(measurement.deviations, (len(data), 1))
-        deviations = deviations * data.std[:, None] / measurement.std if data.std.size else deviations
-        return base, cls(model, measurement, stations, readings, deviations, start)
+    def of(cls, model: ErrorModel, data: CalibrationData) -> tuple[Problem, tuple[Array, ...]]:
+        """Return the problem of all readings, and of each measurement the first guess of the base in its axes, ``(4, 4)``."""
+        instruments = Instruments(data.measurements)
+        stations = stations_of_data(model, data)
+        bases, start = first_guess(data, stations, instruments)
+        deviations = np.ones(data.readings.shape)
+        for row, part in enumerate(data.part):
+            own = data.measurements[part]
+            scale = data.std[row] / own.std if data.std.size else 1.0
+            deviations[row, : own.size] = own.deviations * scale
+        readings = readings_in_base(data, stations, bases)
+        return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start), bases
 
     @cached_property
     def unit(self) -> UnitNumbers:
@@ -68,13 +86,37 @@ class Problem:
         return UnitNumbers.of(self.model.space)
 
     @cached_property
+    def sizes(self) -> NDArray[np.intp]:
+        """How many numbers each reading has, ``(P,)``."""
+        return np.array([part.size for part in self.instruments.parts])[self.part]
+
+    @cached_property
+    def places(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
+        """Row and column in the readings of every number read at a station, in the order of its whitened numbers."""
+        listed = (np.array(station.rows, dtype=np.intp) for station in self.stations)
+        return tuple(
+            (np.repeat(rows, self.sizes[rows]), np.concatenate([np.arange(size) for size in self.sizes[rows]]))
+            for rows in listed
+        )
+
+    @cached_property
     def roots(self) -> tuple[Array, ...]:
         """Lower root of the noise of each station's readings."""
         roots: list[Array] = []
-        for station in self.stations:
-            slopes = self.measurement.slopes(station.at.posture.pose, station.at.error_at_means, self.start)
-            roots.append(station.noise_root(slopes.error, self.deviations[list(station.rows)] ** 2))
+        for station, places in zip(self.stations, self.places, strict=True):
+            slopes = self.slopes_at(station, station.at.error_at_means, self.start)
+            roots.append(station.noise_root(slopes.error, self.deviations[places] ** 2, self.visit[places[0]]))
         return tuple(roots)
+
+    def slopes_at(self, station: Station, error: Array, nuisances: Array) -> Slopes:
+        """Return the derivatives of all numbers read at a station, ``(M, 6)`` and ``(M, k)``, where the tip's error is given."""
+        parts = self.part[list(station.rows)].tolist()
+        pose = station.at.posture.pose
+        found = {part: self.instruments.slopes(part, pose, error, nuisances) for part in dict.fromkeys(parts)}
+        return Slopes(
+            np.concatenate([found[part].error for part in parts]),
+            np.concatenate([found[part].nuisances for part in parts]),
+        )
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
@@ -94,20 +136,29 @@ class Problem:
 
     def residuals(self, z: Array, nuisances: Array) -> Array:
         """Return readings less predictions, ``(P, m)``."""
-        result = np.zeros_like(self.readings)
         x = self.unit.components(self.model.space, z[:, None])
-        for station in self.stations:
-            error = station.at.exact(x)
-            predicted = self.measurement.predict(station.at.posture.pose, error, nuisances[:, None])
+        return self.residuals_of([station.at.exact(x) for station in self.stations], nuisances)
+
+    def residuals_of(self, errors: Sequence[Array], nuisances: Array) -> Array:
+        """Return readings less predictions, ``(P, m)``, for the error ``(6, 1)`` at each station."""
+        result = np.zeros_like(self.readings)
+        for station, error in zip(self.stations, errors, strict=True):
+            pose = station.at.posture.pose
+            predicted: dict[int, Array] = {}
             for row in station.rows:
-                result[row] = self.measurement.residual(self.readings[row, :, None], predicted)[:, 0]
+                part = int(self.part[row])
+                measurement, own = self.instruments.parts[part], nuisances[self.instruments.columns[part], None]
+                if part not in predicted:
+                    predicted[part] = measurement.predict(pose, error, own)
+                reading = self.readings[row, : measurement.size, None]
+                result[row, : measurement.size] = measurement.residual(reading, predicted[part])[:, 0]
         return result
 
     def whiten(self, values: Array) -> Array:
         """Return ``R^(-1/2)`` times ``(P, m, …)``, as ``(M, …)`` with the rows of each station together."""
         parts = []
-        for station, root in zip(self.stations, self.roots, strict=True):
-            own = values[list(station.rows)]
+        for places, root in zip(self.places, self.roots, strict=True):
+            own = values[places]
             parts.append(scipy.linalg.solve_triangular(root, own.reshape(root.shape[0], -1), lower=True))
         stacked = np.concatenate(parts)
         return stacked[:, 0] if values.ndim == 2 else stacked
@@ -118,24 +169,23 @@ class Problem:
         x = self.unit.components(self.model.space, z[:, None])[:, 0]
         size = root.shape[1]
         whole = np.zeros((*self.readings.shape, size + nuisances.size))
-        for station in self.stations:
+        for station, places in zip(self.stations, self.places, strict=True):
             error, jacobian = station.at.tangent_at(x)
-            found = self.measurement.slopes(station.at.posture.pose, error, nuisances)
-            own = np.hstack([found.error @ jacobian[:, self.unit.columns] @ root, found.nuisances])
-            whole[list(station.rows)] = own
+            found = self.slopes_at(station, error, nuisances)
+            whole[places] = np.hstack([found.error @ jacobian[:, self.unit.columns] @ root, found.nuisances])
         white = self.whiten(whole)
         return white[:, :size], white[:, size:]
 
     def reading_deviations(self, best: Fit) -> Array:
         """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""
         estimator, result, first = best.estimator, np.zeros_like(self.readings), 0
-        is_whole = len(estimator.by_z) == self.readings.size
+        is_whole = len(estimator.by_z) == sum(map(len, self.roots))
         white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(best.z, best.nuisances)
-        for station, root in zip(self.stations, self.roots, strict=True):
+        for places, root in zip(self.places, self.roots, strict=True):
             own = root @ np.hstack([part[first : first + len(root)] for part in white])
             first += len(root)
             variances = (root**2).sum(axis=1) + np.einsum("ij,jk,ik->i", own, estimator.joint_covariance, own)
-            result[list(station.rows)] = np.sqrt(variances).reshape(len(station.rows), -1)
+            result[places] = np.sqrt(variances)
         return result
 
 
@@ -280,28 +330,27 @@ def leave_out(
     times its rows of R⁻¹ r, and that inverse is their covariance. They are those of ``local``, their covariance that of
     ``estimator``: a number that stops at a bound follows no reading, but is not known.
     """
-    size, shape = problem.readings.shape[1], residuals.shape
+    shape = residuals.shape
     inverse = scipy.sparse.block_diag(
         [scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True) for root in problem.roots], format="csr"
     )
     pull, noise = inverse.T @ problem.whiten(residuals), (inverse.T @ inverse).tocsr()
     throughs = [inverse.T @ one.leverage_root() for one in (estimator, *([] if local is estimator else [local]))]
-    rows = np.array([row for station in problem.stations for row in station.rows])
+    rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
     found = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(len(residuals)), np.zeros(len(residuals), dtype=bool))
     for group in np.unique(groups[rows]):
         own = np.flatnonzero(groups[rows] == group)
-        places = (own[:, None] * size + np.arange(size)).ravel()
-        block = noise[places][:, places].toarray()
-        covariances, seen = zip(*(_of_group(block, through[places]) for through in throughs), strict=True)
-        scale = 1 / np.sqrt(np.diag(block))
-        for k, (row, left) in enumerate(
-            zip(rows[own], (covariances[-1] @ pull[places]).reshape(-1, size), strict=True)
-        ):
-            mine = slice(k * size, (k + 1) * size)
-            covariance, unit = covariances[0][mine, mine], scale[mine]
-            found.values[row], found.std[row] = left, np.sqrt(np.diag(covariance))
-            weighed = np.linalg.pinv(covariance / np.outer(unit, unit), rcond=1e-9, hermitian=True)
-            found.distance[row] = max(float((left / unit) @ weighed @ (left / unit)), 0.0)
+        block = noise[own][:, own].toarray()
+        covariances, seen = zip(*(_of_group(block, through[own]) for through in throughs), strict=True)
+        left, scale = covariances[-1] @ pull[own], 1 / np.sqrt(np.diag(block))
+        found.values[rows[own], columns[own]] = left
+        found.std[rows[own], columns[own]] = np.sqrt(np.diag(covariances[0]))
+        for row in np.unique(rows[own]):
+            mine = rows[own] == row
+            unit, white = scale[mine], left[mine] / scale[mine]
+            covariance = covariances[0][np.ix_(mine, mine)] / np.outer(unit, unit)
+            weighed = np.linalg.pinv(covariance, rcond=1e-9, hermitian=True)
+            found.distance[row] = max(float(white @ weighed @ white), 0.0)
             found.is_predicted[row] = all(seen)
     return found
 
@@ -324,6 +373,12 @@ _TRIED_STEPS: Final = 8
 """Steps of a fit that only shows whether far readings can be explained at all."""
 FARTHEST: Final = 50.0
 """Root mean square of the readings' distances, in standard deviations, beyond which data are refused."""
+ODD: Final = 5.0
+"""The same beyond which another unit of the joint values is tried."""
+_FEW: Final = 24
+"""Readings with which it is tried."""
+_BETTER: Final = 5.0
+"""How many times smaller distances must be for a unit to be called wrong."""
 
 
 def probability(chi_square: float, degrees: int) -> float:
@@ -333,24 +388,21 @@ def probability(chi_square: float, degrees: int) -> float:
 
 def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     """Refuse readings that no robot within the tolerances, by far, can have given: columns are swapped, or units."""
-    zeros = refuse_reversed(problem.model.chain, data, problem.measurement)
-    z = np.zeros(problem.unit.root.shape[1])
-    values = problem.residuals(z, problem.start)
-    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
-    hold = estimator.hold()
-    white = problem.whiten(values)
-    nuisances = estimator.nuisances(white)
-    left = white - estimator.by_nuisance @ nuisances
-    squared = float(left @ hold @ left) / max(len(left), 1)
-    if squared <= FARTHEST**2 or _settles(problem):
+    far = _distance(problem)
+    if far > ODD:
+        _refuse_other_unit(problem.model, data)
+    is_one = len(data.measurements) == 1
+    zeros = refuse_reversed(problem.model.chain, data, data.measurements[0]) if is_one else None
+    if far <= FARTHEST or _settles(problem):
         return
-    far = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
-    free = " or the base is not known" if problem.measurement.base == "known" else ""
+    values = problem.residuals(np.zeros(problem.unit.root.shape[1]), problem.start)
+    median = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
+    free = " or the base is not known" if any(part.base == "known" for part in problem.instruments.parts) else ""
     message = (
-        f"the readings are {1e3 * far:.3g} mm (median) from the nominal arm, {np.sqrt(squared):.3g} standard deviations of all "
-        f"tolerances: columns or units are wrong, the target is another{free}"
+        f"the readings are {1e3 * median:.3g} mm (median) from the nominal arm, "
+        f"{far:.3g} standard deviations of all tolerances: columns or units are wrong, the target is another{free}"
     )
-    if zeros is not None and zeros.rms < far / 10:
+    if zeros is not None and zeros.rms < median / 10:
         message += (
             f"; zeros of the joints alone would explain them to {1e3 * zeros.rms:.3g} mm rms "
             f"({describe_zeros(problem.model.chain, zeros)}): give joint_offset wide tolerances"
@@ -365,6 +417,47 @@ def _settles(problem: Problem) -> bool:
     except InputError:
         return False
     return found.chi_square <= FARTHEST**2 * found.residuals.size
+
+
+def _distance(problem: Problem) -> float:
+    """Return the root mean square of the readings' distances from the nominal arm, in standard deviations."""
+    z = np.zeros(problem.unit.root.shape[1])
+    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
+    hold = estimator.hold()
+    white = problem.whiten(problem.residuals(z, problem.start))
+    left = white - estimator.by_nuisance @ estimator.nuisances(white)
+    squared = float(left @ hold @ left)
+    return float(np.sqrt(max(squared, 0.0) / max(len(left), 1)))
+
+
+def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
+    """Refuse joint values that fit far better in degrees than in radians or the other way, all of them or those of one joint."""
+    chosen = np.unique(np.linspace(0, len(data) - 1, _FEW).astype(int))
+    few = replace(
+        data, q=np.ascontiguousarray(data.q[:, chosen]), readings=data.readings[chosen], part=data.part[chosen],
+        visit=data.visit[chosen], std=data.std[chosen] if data.std.size else data.std, lines=tuple(data.lines[k] for k in chosen),
+    )  # fmt: skip
+    turning = np.array([joint.kind != "prismatic" for joint in model.chain.joints])
+    each = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
+    found: list[tuple[float, bool, str]] = [(np.inf, False, "")]
+    for is_other in each:
+        for factor in (180 / np.pi, np.pi / 180):
+            scaled = few.q * np.where(is_other, factor, 1.0)[:, None]
+            try:
+                distance = _distance(Problem.of(model, replace(few, q=scaled))[0])
+            except InputError:
+                continue
+            joints = ", ".join(name for name, is_one in zip(model.chain.joint_names, is_other, strict=True) if is_one)
+            found.append((distance, factor > 1, joints))
+    distance, is_small, joints = min(found, key=lambda one: one[0])
+    before = _distance(Problem.of(model, few)[0])
+    if distance < before / _BETTER:
+        units = ("radians", "degrees") if is_small else ("degrees", "radians")
+        message = (
+            f"the readings fit {before / distance:.3g} times better if the values of {joints} are {units[0]}, not {units[1]} "
+            "(a factor of 57.3): correct their unit"
+        )
+        raise InputError([Finding("error", "E_DATA", message, data.file or None)])
 
 
 def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Finding]:
@@ -415,15 +508,12 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     hold = fit.estimator.hold()
     values, first = np.zeros(len(problem.model.chain.joints)), 0
     expected = np.zeros_like(values)
-    for station, root in zip(problem.stations, problem.roots, strict=True):
+    for station, places, root in zip(problem.stations, problem.places, problem.roots, strict=True):
         rows = slice(first, first + len(root))
         first += len(root)
-        slopes = problem.measurement.slopes(station.at.posture.pose, station.at.error_at_means, fit.nuisances)
-        moved = slopes.error @ _joint_jacobian(station.at)
-        size = len(moved)
-        for k in range(len(station.rows)):
-            own = np.zeros((len(root), moved.shape[1]))
-            own[k * size : (k + 1) * size] = moved
+        moved = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error @ _joint_jacobian(station.at)
+        for visit in np.unique(problem.visit[places[0]]):
+            own = np.where((problem.visit[places[0]] == visit)[:, None], moved, 0.0)
             along = np.linalg.solve(root, own)
             values += (along.T @ white[rows]) ** 2
             expected += np.einsum("ij,ik,kj->j", along, hold[rows, rows], along)

@@ -135,7 +135,7 @@ def forecast_calibration(
     by_z, by_nuisance = stack_at_means(stations, unit, measurement)
     estimator = Estimator.of(flat(by_z), flat(by_nuisance), has_prior=True)
     tasks = task_poses(model, at, values)
-    entries = errors_left(tasks, unit, estimator, measurement, model.space)
+    entries = errors_left(tasks, unit, estimator, measurement.displaces_base, model.space)
     found = determined_by(stations, unit, measurement)
     slopes = np.concatenate([one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks])
     nominal = np.array([station.at.posture.pose for station in stations])

@@ -163,11 +163,11 @@ def determined_by(stations: Sequence[Station], unit: UnitNumbers, measurement: M
     # a number that another one fixes is a combination too, so the columns are numbers and not independent ones
     plain = replace(unit, root=np.diag(unit.std))
     by_number, by_nuisance = stack_at_means(stations, plain, measurement)
-    return of_stack(unit.names, flat(by_number), flat(by_nuisance), measurement, len(by_number))
+    return of_stack(unit.names, flat(by_number), flat(by_nuisance), measurement.nuisances, len(by_number))
 
 
 def of_stack(
-    names: tuple[str, ...], by_z: Array, by_nuisance: Array, measurement: Measurement, poses: int
+    names: tuple[str, ...], by_z: Array, by_nuisance: Array, nuisances: tuple[str, ...], poses: int
 ) -> Identifiability:
     """Return what whitened derivatives ``(M, U)`` and ``(M, k)`` determine."""
     projected, nuisance_rank = project_out(by_z, by_nuisance)
@@ -184,7 +184,7 @@ def of_stack(
         rank,
         values,
         null.T @ null,
-        measurement.nuisances,
+        nuisances,
         nuisance_rank,
         observability(found[:rank], poses),
     )

@@ -135,7 +135,7 @@ def judge(
     if count >= FEWEST and means[0] > 0 and means[1] > 0:
         root = best.local.leverage_root()
         interval = gain_interval(squares[0], squares[1], weights, float((root**2).sum()) / len(root))
-    limit = stats.chi2.ppf(LEVEL, problem.readings.shape[1])
+    limit = stats.chi2.ppf(LEVEL, problem.sizes[used])
     share = LeftOutShare.of(after.distance[used] <= limit, count)
     roots = [float(np.sqrt(mean)) for mean in means]
     by: Literal["poses", "groups"] = "groups" if of_column else "poses"
@@ -180,16 +180,12 @@ def _base_and_target(problem: Problem, groups: NDArray[np.intp]) -> tuple[Array,
     """Return the residuals of a fit of the nuisances alone, the arm at its means, ``(P, m)``, and of one without each group."""
     means = problem.model.space.mean[:, None]
     errors = [station.at.exact(means) for station in problem.stations]
-    nuisances, used = problem.start, [row for station in problem.stations for row in station.rows]
+    nuisances = problem.start
     for _ in range(STEPS):
-        residuals, slopes = np.zeros_like(problem.readings), np.zeros((*problem.readings.shape, nuisances.size))
-        for station, error in zip(problem.stations, errors, strict=True):
-            pose, rows = station.at.posture.pose, list(station.rows)
-            predicted = problem.measurement.predict(pose, error, nuisances[:, None])
-            for row in rows:
-                residuals[row] = problem.measurement.residual(problem.readings[row, :, None], predicted)[:, 0]
-            slopes[rows] = problem.measurement.slopes(pose, error[:, 0], nuisances).nuisances
-        by_nuisance = problem.whiten(slopes) if nuisances.size else np.zeros((residuals[used].size, 0))
+        residuals, slopes = problem.residuals_of(errors, nuisances), np.zeros((*problem.readings.shape, nuisances.size))
+        for station, places, error in zip(problem.stations, problem.places, errors, strict=True):
+            slopes[places] = problem.slopes_at(station, error[:, 0], nuisances).nuisances
+        by_nuisance = problem.whiten(slopes)
         nothing = np.zeros((len(by_nuisance), 0))
         alone = Estimator.of(nothing, by_nuisance, has_prior=False, kept=np.zeros((0, 0)))
         step = alone.nuisances(problem.whiten(residuals))

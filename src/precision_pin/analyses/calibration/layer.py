@@ -84,7 +84,7 @@ class CalibrationLayer:
         count, drawn = len(result.data), len(worst.lines)
         which = f"the worst {drawn:,} of {count:,} readings" if drawn < count else _counted(count)
         before = " checked" if drawn <= _FEW else ""
-        limited = _LIMITED.get(result.measurement.kind, "")
+        limited = " ".join(dict.fromkeys(_LIMITED.get(one.kind, "") for one in result.data.measurements))
         return (
             f'<section aria-label="Calibration"><h2>Calibration: readings against predictions</h2>{said}'
             '<div class="controls"><p>The worst readings first, in mm and in standard deviations (std); press one to mark it:</p>'
@@ -108,7 +108,7 @@ class CalibrationLayer:
         for k in range(min(MOST_READINGS, len(worst.lines))):
             unweighted = ", no weight" if worst.is_gross[k] else ""
             size, deviations = milli(float(worst.sizes[k]), 3), deviations_text(worst.deviations[k])
-            text = f"row {worst.lines[k]}: {size} mm, {deviations} std{unweighted}"
+            text = f"{worst.labels[k]}: {size} mm, {deviations} std{unweighted}"
             pressed = "false" if k else "true"
             entries.append(
                 f'<li><button type="button" data-reading="{k}" aria-pressed="{pressed}">{escaped(text)}</button></li>'

@@ -198,7 +198,7 @@ def plan_calibration(
         for k, one in enumerate(measured_model(model, measurement).at_columns(np.ascontiguousarray(values)))
     )
     by_z, by_nuisance = stack_at_means(stations, unit, measurement)
-    refuse_where_nothing_is_seen(of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement, total))
+    refuse_where_nothing_is_seen(of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement.nuisances, total))
     tasks = task_poses(model, at, values)
     slopes = [one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks]
     goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
@@ -239,7 +239,7 @@ def plan_calibration(
         efficiency=efficiency,
         random_efficiency=design.efficiency(float(np.median(random)), bound),
         identifiability=found,
-        poses=errors_left(tasks, unit, estimator, measurement, model.space),
+        poses=errors_left(tasks, unit, estimator, measurement.displaces_base, model.space),
         findings=(*findings, *_remarks(found, efficiency, hidden, hit), *doubt_contact(measurement, nominal)),
     )
 

@@ -6,7 +6,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, final
@@ -17,7 +17,7 @@ from scipy import stats
 
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, measured_problem, without_gross_errors
 from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, measurement_of, project_out
+from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, measurements_of, project_out
 from precision_pin.analyses.calibration.identifiability import Group, some, subspaces
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import Outcome
@@ -119,7 +119,7 @@ class Population(Outcome):
 def population(
     model: ErrorModel,
     robots: Sequence[object],
-    measurement: Measurement | None = None,
+    measurement: Measurement | Sequence[Measurement] | None = None,
     *,
     means: Literal["sheet", "estimated"] = "sheet",
     confidence: float = 0.95,
@@ -140,7 +140,7 @@ def population(
         Of each robot its readings (path of a CSV file, or a pair of poses and readings, as for :func:`calibrate`) or its
         calibration with the prior of this model (the result, or the path of its JSON).
     measurement
-        Instrument and set-up of the readings; those of the sheet if left out.
+        Instrument and set-up of the readings, or several as for :func:`calibrate`; those of the sheet if left out.
     means
         ``"sheet"``: the means are those of the sheet. ``"estimated"``: they are estimated too, and tolerances by the restricted
         likelihood.
@@ -238,7 +238,7 @@ def _block(correlation: Array, rows: list[int]) -> Array:
 
 
 def _evidence(
-    model: ErrorModel, unit: UnitNumbers, robot: object, measurement: Measurement | None
+    model: ErrorModel, unit: UnitNumbers, robot: object, measurement: Measurement | Sequence[Measurement] | None
 ) -> tuple[Array, Array]:
     """Return A ``(U, U)`` and b ``(U,)`` of one robot."""
     found, file = None, "a calibration"
@@ -250,9 +250,9 @@ def _evidence(
     if found is not None:
         if "data" not in found or (found.get("prior") and not found.get("at_bounds")):
             return _of_calibration(model, unit, found, file)
-        robot = _readings(found, file, measurement_of(model, measurement))
+        robot = _readings(found, file, measurements_of(model, measurement))
 
-    given, _, whole = measured_problem(model, robot, measurement_of(model, measurement))
+    given, _, whole = measured_problem(model, robot, measurements_of(model, measurement))
     used, best, _ = without_gross_errors(whole, given, has_prior=True)
     by_number, by_nuisance = used.slopes(best.z, best.nuisances, plain=True)
     numbers = (unit.values(best.z) - unit.mean) / unit.std
@@ -274,21 +274,33 @@ def _read(file: str) -> dict[str, Any]:
     return data
 
 
-def _readings(data: dict[str, Any], file: str, measurement: Measurement) -> CalibrationData:
+def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, ...]) -> CalibrationData:
     """Return the readings that a calibration keeps, of one whose estimates do not say what they show."""
-    if data.get("measurement") != measurement.to_dict():
+    own = {json.dumps(_set_up(one.to_dict()), sort_keys=True): one for one in measurements}
+    try:
+        stored = data.get("measurements", [data["measurement"]])
+        parts = [(own.get(json.dumps(_set_up(one), sort_keys=True)), one.get("target_name", "")) for one in stored]
+        given = data["data"]
+        q, readings = (np.array(given[name], dtype=float) for name in ("q", "readings"))
+        std, group = (np.array(given.get(name, ()), dtype=float) for name in ("std", "group"))
+        part, visit = (np.array(given.get(name, ()), dtype=np.intp) for name in ("measured_by", "visit"))
+        lines = tuple(map(int, data["lines"]))
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise InputError(f"{file}: the readings are not complete; let calibrate write it again") from None
+    known = tuple(replace(one, target_name=name) for one, name in parts if one is not None)
+    if len(known) < len(parts):
         raise InputError(
             f"{file}: estimated at a bound or without prior, so that its readings are fitted again, and they were measured in "
             "another way; give the options of that calibration"
         )
-    try:
-        given = data["data"]
-        q, readings = (np.array(given[name], dtype=float) for name in ("q", "readings"))
-        std, group = (np.array(given.get(name, ()), dtype=float) for name in ("std", "group"))
-        lines = tuple(map(int, data["lines"]))
-    except (KeyError, TypeError, ValueError):
-        raise InputError(f"{file}: the readings are not complete; let calibrate write it again") from None
-    return CalibrationData(np.ascontiguousarray(q.T), readings, std, group, file, lines)
+    return CalibrationData(
+        np.ascontiguousarray(q.T), readings, std, group, file, lines, known, (file,) * len(known), part, visit
+    )
+
+
+def _set_up(measurement: dict[str, Any]) -> dict[str, Any]:
+    """Return a measurement in the JSON without the name of its target, which a file of several targets gives."""
+    return {"base_name": "", **measurement, "target_name": "", "nuisances": []}
 
 
 def _of_calibration(model: ErrorModel, unit: UnitNumbers, data: dict[str, Any], file: str) -> tuple[Array, Array]:

@@ -239,12 +239,12 @@ def errors_left(
     tasks: Iterable[tuple[str, PoseModel]],
     unit: UnitNumbers,
     estimator: Estimator,
-    measurement: Measurement,
+    displaces_base: bool,
     space: Space,
 ) -> tuple[ErrorLeft, ...]:
-    """Return the error at each named pose before and after a calibration."""
+    """Return the error at each named pose before and after a calibration; the first six nuisances may displace the base."""
     robots = SampledRobots.of(space, unit, estimator)
-    return tuple(_error_left(at, name, unit, estimator, measurement, robots) for name, at in tasks)
+    return tuple(_error_left(at, name, unit, estimator, displaces_base, robots) for name, at in tasks)
 
 
 def _error_left(
@@ -252,7 +252,7 @@ def _error_left(
     name: str,
     unit: UnitNumbers,
     estimator: Estimator,
-    measurement: Measurement,
+    displaces_base: bool,
     robots: SampledRobots | None,
 ) -> ErrorLeft:
     slopes = at.jacobian[:, unit.columns] @ unit.root
@@ -260,7 +260,7 @@ def _error_left(
     chain = at.posture.chain
     after = slopes @ estimator.covariance @ slopes.T + floor
     seen, together = after, slopes
-    if measurement.displaces_base:
+    if displaces_base:
         base = np.eye(6)
         base[:3, 3:] = -se3.skew(at.posture.pose[:3, 3] + at.error_at_means[:3])
         together = np.hstack([slopes, base])

@@ -66,7 +66,7 @@ def _section(result: CalibrationResult) -> Html:
         *_poses(result),
         *_numbers(result),
         *_list("What the readings determine", identifiability_lines(result.identifiability)),
-        *_list("Set-up as estimated", set_up_lines(result.set_up)),
+        *_list("Set-up as estimated", set_up_lines(result.set_ups)),
         *_list("Warnings of the calibration", warnings),
     ]
     return section("calibration", "Calibration", *parts)

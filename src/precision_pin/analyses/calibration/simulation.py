@@ -20,6 +20,7 @@ from precision_pin.analyses.calibration.design import (
     task_poses,
 )
 from precision_pin.analyses.calibration.fit import Problem
+from precision_pin.analyses.calibration.set_up import Instruments
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Array
@@ -87,7 +88,9 @@ def simulate_calibrations(
     by_z, by_nuisance = map(flat, stack_at_means(stations, unit, measurement))
     estimator = Estimator.of(by_z, by_nuisance, has_prior=True)
     deviations = np.tile(measurement.deviations, (len(readings), 1))
-    roots = Problem(model, measurement, stations, readings, deviations, np.zeros(by_nuisance.shape[1])).roots
+    alone = np.zeros(len(readings), dtype=np.intp), np.arange(len(readings))
+    instruments, start = Instruments((measurement,)), np.zeros(by_nuisance.shape[1])
+    roots = Problem(model, instruments, stations, readings, deviations, *alone, start).roots
     z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
     for _ in range(_STEPS):
         residuals = _residuals(stations, roots, measurement, unit, readings, z, nuisances)

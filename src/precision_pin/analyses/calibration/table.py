@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, WorstReadings
-from precision_pin.analyses.calibration.data import SetUp
 from precision_pin.analyses.calibration.factory import FactoryCalibration
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.identifiability import Identifiability, some
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
 from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, PosesOutcome, Posterior
+from precision_pin.analyses.calibration.set_up import SetUp
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import milli, resting_on
@@ -102,7 +105,7 @@ def calibration_table(result: CalibrationResult) -> str:
         "",
         *aligned(_spaced(reading_rows(result))),
         LEFT_OUT,
-        *set_up_lines(result.set_up),
+        *set_up_lines(result.set_ups),
         "",
         *identifiability_lines(result.identifiability),
         "",
@@ -181,7 +184,7 @@ def headline(result: CalibrationResult) -> list[str]:
         worst = max(result.gross_errors, key=lambda error: error.deviations)
         count = len(result.gross_errors)
         what = "1 reading was" if count == 1 else f"{count:,} readings were"
-        which = f"row {worst.line}" if count == 1 else f"the worst is row {worst.line}"
+        which = f"{'' if count == 1 else 'the worst is '}{result.data.label(worst.reading)}"
         lines.append(
             f"{what} given no weight: {which}, {milli(worst.size, 3)} mm or {worst.deviations:.3g} standard deviations off."
         )
@@ -242,7 +245,18 @@ def share_lines(result: CalibrationResult) -> list[str]:
 
 def measured_text(result: CalibrationResult) -> str:
     """Return how many readings there are, and of what."""
-    return f"{len(result.data):,} readings of {describe_measurement(result.measurement)}"
+    data = result.data
+    # targets of one kind, and files of one measurement, in one
+    alike: dict[Measurement, list[int]] = {}
+    for k, one in enumerate(data.measurements):
+        alike.setdefault(replace(one, target_name=""), []).append(k)
+    parts = []
+    for one, numbers in alike.items():
+        targets = len({data.measurements[k].target_name for k in numbers})
+        several = f" of {targets} targets" if targets > 1 else ""
+        count = int(np.isin(data.part, numbers).sum())
+        parts.append(f"{count:,} readings{several} of {describe_measurement(one)}")
+    return "; ".join(parts)
 
 
 def chi_square_text(result: CalibrationResult) -> str:
@@ -355,7 +369,7 @@ def reading_rows(result: CalibrationResult) -> list[list[str]]:
         left_out = float((result.left_out[row, :3] ** 2).sum() ** 0.5)
         weight = "0" if worst.is_gross[k] else "1"
         cells = [milli(float(worst.sizes[k]), 3), deviations_text(worst.deviations[k]), milli(left_out, 3), weight]
-        rows.append([f"row {worst.lines[k]}", *cells])
+        rows.append([worst.labels[k], *cells])
     return rows
 
 
@@ -367,13 +381,17 @@ def deviations_text(value: float) -> str:
 def gross_rows(result: CalibrationResult) -> list[list[str]]:
     """Return a header and a row for each reading that was given no weight, the worst first."""
     worst = sorted(result.gross_errors, key=lambda error: -error.deviations)
-    rows = [[f"row {error.line}", milli(error.size, 3), f"{error.deviations:.3g}"] for error in worst]
+    rows = [[result.data.label(error.reading), milli(error.size, 3), f"{error.deviations:.3g}"] for error in worst]
     return [["reading", "residual, mm", "std"], *rows]
 
 
-def set_up_lines(found: SetUp) -> list[str]:
-    """Return a line for each part of the set-up that was estimated, mm."""
+def set_up_lines(set_ups: Sequence[SetUp]) -> list[str]:
+    """Return a line for each part of the set-ups that was estimated, mm."""
+    lines = [line for found in set_ups for line in _set_up_lines(found)]
+    return list(dict.fromkeys(lines))
 
+
+def _set_up_lines(found: SetUp) -> list[str]:
     def is_estimated(part: str) -> bool:
         return any(name.startswith(part) for name in found.std)
 
@@ -381,7 +399,8 @@ def set_up_lines(found: SetUp) -> list[str]:
     if found.base is not None:
         lines.append(f"base of the robot in the instrument's axes, estimated: {_point(found.base[:3, 3])} mm")
     if is_estimated("target"):
-        lines.append(f"target in tool axes, estimated: {_point(found.target)} mm")
+        name = next(name for name in found.std if name.startswith("target")).partition(".")[0]
+        lines.append(f"{name} in tool axes, estimated: {_point(found.target)} mm")
     if found.plane is not None and is_estimated("plane"):
         height, normal = 1e3 * float(found.plane[0] @ found.plane[1]), " ".join(f"{x:.6f}" for x in found.plane[1])
         lines.append(f"plane in base axes, estimated: normal {normal}, {height:.6g} mm from the base's origin")
