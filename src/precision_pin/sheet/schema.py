@@ -96,7 +96,8 @@ class Document(BaseModel):
     )
     sources: list[Any] = Field(default_factory=list, description="Error sources, each under its kind.")
     calibrated: str | None = Field(
-        None, description="JSON of calibrate, relative to the sheet, whose estimates take the place of tolerances; or none."
+        None,
+        description="JSON of calibrate, relative to the sheet, whose estimates take the place of tolerances; or none.",
     )
     measurement: MeasurementEntry | None = Field(
         None, description="Instrument and set-up of calibrate, where its options say nothing else."
