@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -495,3 +496,17 @@ def test_command(tmp_path, monkeypatch, capsys):
 def test_a_spread_that_is_lost_in_rounding_is_refused():
     with pytest.raises(InputError, match="its spread is lost in rounding"):
         NormalNorm(np.array([0.0, 0.0, 2e13]), np.diag([1e-8, 1e-8, 0.0])).quantile(0.5)
+
+
+def test_density_of_a_small_norm_is_that_of_the_closed_form_in_little_memory() -> None:
+    """|v|²/σ² has the noncentral chi-square law; the spread of a robot in m is far below 1."""
+    std, centre = 1e-5, 1e-5 * np.array([3.0, -8.0, 5.0])
+    law = NormalNorm(centre, std**2 * np.diag([1, 1 + 1e-7, 1 - 1e-7]))
+    r = np.linspace(3, 17, 400) * std
+    tracemalloc.start()
+    found = law.density(r)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    exact = 2 * r / std**2 * stats.ncx2.pdf((r / std) ** 2, 3, float(centre @ centre) / std**2)
+    np.testing.assert_allclose(found * std, exact * std, atol=1e-6)
+    assert peak < 400e6

@@ -620,7 +620,8 @@ class NormalNorm:
     def density(self, r: Array) -> Array:
         """Return the density of |v|, ``(N,)``."""
         inner = np.sqrt(np.maximum(r**2 - self._axes[2] ** 2, 0.0))
-        return self._evaluate(_sphere, inner, self._axes[0][0]) * r / np.where(inner > 0, inner, np.inf)
+        # a density is exact to a share of its height, which is about 1/σ
+        return self._evaluate(_sphere, inner, float(self._axes[0][0])) * r / np.where(inner > 0, inner, np.inf)
 
     def quantile(self, p: float) -> float:
         """Return the radius of the ball with this probability, by Brent's method.
@@ -660,24 +661,24 @@ class NormalNorm:
         return mean, math.sqrt(max(square - mean**2, 0.0))
 
     def _evaluate(
-        self, function: Callable[[Array, Array, Array, int], Array], radii: Array, unit: float = 1.0
+        self, function: Callable[[Array, Array, Array, int], Array], radii: Array, scale: float = 1.0
     ) -> Array:
-        """Return a function of radii, with the nodes of each doubled until value times unit is stationary."""
+        """Return a function of radii, with the nodes of each doubled until the value times ``scale`` is stationary."""
         stds, means, _ = self._axes
-        step = max(1, _AT_ONCE // (2 * _NODES) ** (stds.size - 1))
-        if radii.size > step:
-            parts = [
-                self._evaluate(function, radii[first : first + step], unit) for first in range(0, radii.size, step)
-            ]
-            return np.concatenate(parts)
+
+        def at(r: Array, nodes: int) -> Array:
+            step = max(1, _AT_ONCE // nodes ** (stds.size - 1))
+            parts = [function(r[first : first + step], stds, means, nodes) for first in range(0, r.size, step)]
+            return np.concatenate(parts) if parts else r
+
         nodes = _NODES
-        values = function(radii, stds, means, nodes)
+        values = at(radii, nodes)
         open_ones = np.arange(radii.size)
         while open_ones.size and nodes < _MOST_NODES and stds.size > 1:
             nodes *= 2
             before = values[open_ones]
-            values[open_ones] = now = function(radii[open_ones], stds, means, nodes)
-            open_ones = open_ones[unit * np.abs(now - before) > ERROR / 10 * np.maximum(1.0, unit * np.abs(now))]
+            values[open_ones] = now = at(radii[open_ones], nodes)
+            open_ones = open_ones[scale * np.abs(now - before) > ERROR / 10 * np.maximum(1.0, scale * np.abs(now))]
         return values
 
 
