@@ -287,6 +287,8 @@ def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
     below = grid.singular_below
     stated = f" (singular: smallest singular value below {below:g})" if "singular" in poses.status else ""
     echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}{stated}")
+    for note in sheet.chain.collision_notes if poses.obstructed else ():
+        echo_note(str(note))
     return poses
 
 

@@ -249,6 +249,12 @@ class Chain:
         """What tells whether the arm hits itself or its obstacles; None where nothing is checked."""
         return None if self.obstacles is None else CollisionCheck(self, self.obstacles)
 
+    @property
+    def collision_notes(self) -> tuple[Finding, ...]:
+        """What a check of poses assumes and leaves out."""
+        notes = () if self.collision_check is None else self.collision_check.notes
+        return tuple(Finding("note", "N_COLLISION", note, self.robot.file) for note in notes)
+
     @cached_property
     def configurations(self) -> Configurations:
         """Reader of joint values of the chain."""

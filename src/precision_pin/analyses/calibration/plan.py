@@ -240,7 +240,12 @@ def plan_calibration(
         random_efficiency=design.efficiency(float(np.median(random)), bound),
         identifiability=found,
         poses=errors_left(tasks, unit, estimator, measurement.displaces_base, model.space),
-        findings=(*findings, *_remarks(found, efficiency, hidden, hit), *doubt_contact(measurement, nominal)),
+        findings=(
+            *findings,
+            *(model.chain.collision_notes if left_out else ()),
+            *_remarks(found, efficiency, hidden, hit),
+            *doubt_contact(measurement, nominal),
+        ),
     )
 
 

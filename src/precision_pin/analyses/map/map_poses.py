@@ -146,6 +146,7 @@ def map_poses(
     known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
     approaches = None if given.approaches is None else given.approaches[:, given.known]
     found = (
+        *(error_model.chain.collision_notes if given.obstructed else ()),
         *pose_findings(error_model.chain, values, known_labels),
         *exact_findings(error_model, values, approaches),
     )
