@@ -94,7 +94,7 @@ def urdf(kind: str) -> str:
     """Return the nominal robot as a URDF: joints as in the ROS driver's description, axes z, and a frame at the forearm's end."""
     joints = nominal_ur(kind).joints
     steps = [joints[0], *(se3.inverse(one) @ other for one, other in itertools.pairwise(joints))]
-    thick = 0.02 + 0.07 * abs(MODELS[kind][1])
+    thick = 0.02 + 0.05 * abs(MODELS[kind][1])
     lines = [
         f"<!-- {kind}: the Denavit-Hartenberg parameters, masses and centres of mass that Universal Robots publishes, written by",
         "     scripts/ur_sheets.py. Shapes are for drawing only, and no inertias are published. -->",
@@ -114,7 +114,9 @@ def urdf(kind: str) -> str:
             reach = MODELS[kind][k]
             beside = 0.0 if k == 2 else MODELS[kind][3]
             lines.append(_cylinder(f"{reach / 2:.5g} 0 {beside:.5g}", "0 1.5707963267948966 0", thick, abs(reach)))
-        lines.append(_cylinder("0 0 0", "0 0 0", 1.2 * thick, 2.4 * thick))
+        # along the axis: a column, two housings as long as the arm is wide, three wrists
+        end, radius = ((-MODELS[kind][0], 1.2), (MODELS[kind][3], 1.1), (MODELS[kind][3], 1.1), *3 * [(0, 0.9)])[k]
+        lines.append(_cylinder(f"0 0 {end / 2:.5g}", "0 0 0", radius * thick, abs(end) + 2 * thick))
         if kind in MASSES:
             mass, *centre = MASSES[kind][k]
             place = np.array([reach, 0, 0]) + se3.exp_rotation(np.array([ALPHA[k], 0, 0])) @ np.array(centre) / 1e3
