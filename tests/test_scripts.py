@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 
 from precision_pin.robot.examples import example_urdfs
-from precision_pin.robot.urdf import check, gripper_joint, likeliest_tip, read
+from precision_pin.robot.urdf import check as findings_of
+from precision_pin.robot.urdf import gripper_joint, likeliest_tip, read
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = ROOT / "scripts"
@@ -78,7 +79,7 @@ def test_the_table_of_robots_has_them_all_with_the_tips_that_are_proposed(monkey
     rows = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:]]
     assert [row[0] for row in rows] == list(example_urdfs())
     for name, tip, joints, _ in rows:
-        found = [f"{one.code}: {one.message}" for one in check(example_urdfs()[name]) if one.severity == "error"]
+        found = [f"{one.code}: {one.message}" for one in findings_of(example_urdfs()[name]) if one.severity == "error"]
         assert bool(found) <= (tip in found), name
         if joints:
             robot = read(example_urdfs()[name])

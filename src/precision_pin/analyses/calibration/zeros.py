@@ -104,7 +104,7 @@ def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measuremen
             message = (
                 f"{names}: readings fit far better with the direction reversed (residuals {1e3 * rms:.3g} mm rms instead "
                 f"of {1e3 * plain.rms:.3g} mm, all zeros free); change the sign of the column, or turn the axis and its "
-                "limits around in the URDF"
+                "limits around in the URDF; or two columns of places are swapped"
             )
             raise InputError([Finding("error", "E_REVERSED", message, data.file or None)])
     return plain
