@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import re
 import shlex
 import sys
@@ -81,5 +80,4 @@ def main(names: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("COLUMNS", "1000")
     main(sys.argv[1:])

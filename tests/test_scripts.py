@@ -79,9 +79,12 @@ def test_the_table_of_robots_has_them_all_with_the_tips_that_are_proposed(monkey
     rows = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:]]
     assert [row[0] for row in rows] == list(example_urdfs())
     for name, tip, joints, _ in rows:
-        found = [f"{one.code}: {one.message}" for one in findings_of(example_urdfs()[name]) if one.severity == "error"]
-        assert bool(found) <= (tip in found), name
-        if joints:
+        if not joints:  # opening all meshes takes long, so only these are checked
+            found = [
+                f"{one.code}: {one.message}" for one in findings_of(example_urdfs()[name]) if one.severity == "error"
+            ]
+            assert tip in found, name
+        else:
             robot = read(example_urdfs()[name])
             end = likeliest_tip(robot) if len(robot.leaves) > 1 else robot.leaves[0]
             grip = gripper_joint(robot, end)
