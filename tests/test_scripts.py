@@ -68,6 +68,7 @@ def test_any_arm(tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_table_of_robots_has_them_all_with_the_tips_that_are_proposed(monkeypatch, capsys):
     """A row for each robot: its proposed tip and the joints before it, or the error that reading it ends with."""
     run_script("all_robots.py", "quadrotor_base", "TwoDofs", monkeypatch=monkeypatch)
