@@ -10,12 +10,10 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import re
 import shlex
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,7 +22,7 @@ from precision_pin.robot.examples import example_urdfs
 
 PAGE = Path(__file__).parents[1] / "docs" / "urdf.md"
 TABLE = re.compile(r"(?<=<!-- robots -->\n).*?(?=<!-- end -->)", re.DOTALL)
-HEAD = "| robot | tip | joints | rms error, mm | time, s |\n| --- | --- | --- | --- | --- |\n"
+HEAD = "| robot | tip | joints | rms error, mm |\n| --- | --- | --- | --- |\n"
 SAMPLES = "2000"
 
 
@@ -50,7 +48,7 @@ def draft(name: str) -> tuple[int, str]:
 
 def row(name: str) -> str:
     """Return the row of a robot: of each command the first that ends with an error says why not."""
-    sheet, start = f"{name}.errors.yaml", time.perf_counter()
+    sheet = f"{name}.errors.yaml"
     code, printed = draft(name)
     for command in (
         ("analyze", sheet, "--samples", SAMPLES, "--json", f"{name}.json"),
@@ -62,13 +60,12 @@ def row(name: str) -> str:
         code, printed = run(*command)
     if code not in (0, 1):
         error = next(line for line in printed.splitlines() if re.search(r": error |internal", line))
-        return f"| `{name}` | {re.sub(r'^.*?: error ', '', error)} | | | |\n"
-    took = time.perf_counter() - start
+        return f"| `{name}` | {re.sub(r'^.*?: error ', '', error)} | | |\n"
     result = json.loads(Path(f"{name}.json").read_text(encoding="utf-8"))
     position = result["position"]["norm"]
     rms = (position["mean"] ** 2 + position["std"] ** 2) ** 0.5
     joints = len(result["pose"]["q"])
-    return f"| `{name}` | `{result['tip']}` | {joints} | {1e3 * rms:.2g} | {took:.1f} |\n"
+    return f"| `{name}` | `{result['tip']}` | {joints} | {1e3 * rms:.2g} |\n"
 
 
 def main(names: Sequence[str]) -> None:
@@ -83,5 +80,4 @@ def main(names: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("COLUMNS", "1000")
     main(sys.argv[1:])

@@ -16,6 +16,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from precision_pin.robot.examples import example_urdfs
+from precision_pin.robot.urdf import check as findings_of
+from precision_pin.robot.urdf import gripper_joint, likeliest_tip, read
+
 ROOT = Path(__file__).parent.parent
 SCRIPTS = ROOT / "scripts"
 LOCKS = ("requirements.lock", "requirements-dev.lock")
@@ -63,6 +67,31 @@ def test_any_arm(tmp_path, monkeypatch, capsys):
     assert re.search(r"^panda\S*\.urdf: \S+ to panda_hand_tcp, pose \(", out, re.MULTILINE)
     assert out.count("spec |d| within 1 mm for 95 %: ") == 2
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_the_table_of_robots_has_them_all_with_the_tips_that_are_proposed(monkeypatch, capsys):
+    """A row for each robot: its proposed tip and the joints before it, or the error that reading it ends with."""
+    run_script("all_robots.py", "quadrotor_base", "TwoDofs", monkeypatch=monkeypatch)
+    page = (ROOT / "docs" / "urdf.md").read_text(encoding="utf-8")
+    table = page.split("<!-- robots -->\n")[1].split("<!-- end -->")[0]
+    printed = capsys.readouterr().out
+    assert printed.count("\n") == 2
+    assert all(line in table for line in printed.splitlines())
+    rows = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:]]
+    assert [row[0] for row in rows] == list(example_urdfs())
+    for name, tip, joints, _ in rows:
+        if not joints:  # opening all meshes takes long, so only these are checked
+            found = [
+                f"{one.code}: {one.message}" for one in findings_of(example_urdfs()[name]) if one.severity == "error"
+            ]
+            assert tip in found, name
+        else:
+            robot = read(example_urdfs()[name])
+            end = likeliest_tip(robot) if len(robot.leaves) > 1 else robot.leaves[0]
+            grip = gripper_joint(robot, end)
+            expected = end if grip is None else grip.parent
+            assert (tip, int(joints)) == (expected, sum(joint.moves for joint in robot.path(robot.root, tip))), name
 
 
 def test_view_poses(tmp_path, monkeypatch, capsys):

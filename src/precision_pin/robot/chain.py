@@ -121,7 +121,7 @@ class Chain:
     @classmethod
     def from_urdf(
         cls,
-        source: object,
+        path: object,
         tip: str | None = None,
         base: str | None = None,
         gravity: Sequence[float] = EARTH,
@@ -131,7 +131,7 @@ class Chain:
 
         Parameters
         ----------
-        source
+        path
             The path of the URDF; ``example:NAME`` or ``robot_descriptions:NAME``; its text, which begins with ``<``; or a
             ``yourdfpy.URDF``.
         tip
@@ -154,7 +154,7 @@ class Chain:
         InputError
             Several leaves and no tip, no moving joint on the chain, or a mimic joint on it.
         """
-        return cls.from_robot(_read(source), tip, base, gravity, locked)
+        return cls.from_robot(_read(path), tip, base, gravity, locked)
 
     @classmethod
     def from_pinocchio(

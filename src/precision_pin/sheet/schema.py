@@ -92,7 +92,7 @@ class Document(BaseModel):
     model_config = ConfigDict(extra="forbid", title="precision-pin sheet")
 
     version: Literal["1"] = Field(alias="precision-pin", description="Version of the sheet's format.")
-    robot: str = Field(description="The URDF, relative to the sheet, or example:NAME.")
+    robot: str = Field(description="The URDF, relative to the sheet, or example:NAME, or robot_descriptions:NAME.")
     tip: str | None = Field(None, description="The end-effector link; the only leaf if left out.")
     base: str | None = Field(None, description="The fixed link; the root if left out.")
     target: str | None = Field(

@@ -11,14 +11,16 @@ from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.zeros import fit_zeros, refuse_reversed
 from precision_pin.base.errors import InputError
 from precision_pin.robot.examples import resolve_robot
-from precision_pin.sources import AxisInstall, JointOffset
+from precision_pin.sources import AxisInstall, JointOffset, Length
 
 ARM = resolve_robot("example:so101")
 TIP = "gripper_frame_link"
 BALL = pp.Measurement("position", std="1 mm", target="20 0 0 mm")
-STICK = """<robot name="stick"><link name="base"/><link name="tip"/>
-  <joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint><link name="arm"/>
-  <joint name="end" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0.3 0 0"/></joint></robot>"""
+STICK = """<robot name="stick"><link name="base"/><link name="upper"/><link name="fore"/><link name="tip"/>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/></joint>
+  <joint name="bend" type="continuous"><parent link="upper"/><child link="fore"/><origin xyz="0.3 0 0"/>
+    <axis xyz="0 0 1"/></joint>
+  <joint name="end" type="fixed"><parent link="fore"/><child link="tip"/><origin xyz="0.2 0 0"/></joint></robot>"""
 
 
 def readings(zeros, signs, seed, count=10):
@@ -45,18 +47,17 @@ def sheet(offset=WIDE):
 
 
 def test_a_reversed_joint_by_hand():
-    """Read at -60° … 60°, turned the other way: the best zero is 0 by symmetry, so each reading is 2 L |sin q| away."""
-    chain = pp.Chain.from_urdf(STICK, "tip")
+    """Read at -60° … 60° and turned the other way, bend locked: by symmetry the best zero is 0, 2 L |sin q| from each."""
+    chain = pp.Chain.from_urdf(STICK, "tip", locked={"bend": 0.0})
+    model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="turn", offset=pp.Normal(0.1))])
     read = np.radians([[-60.0, -30, 0, 30, 60]])
-    places = 0.3 * np.vstack([np.cos(-read), np.sin(-read), 0 * read]).T
+    places = 0.5 * np.vstack([np.cos(-read), np.sin(-read), 0 * read]).T
     given = pp.Measurement("position", std="0.1 mm")
-    data = read_data(
-        pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="turn", offset=pp.Normal(0.1))]), (read, places), given
-    )
-    expected = 2 * 0.3 * np.sqrt((np.sin(read) ** 2).mean())
+    data = read_data(model, (read, places), given)
+    expected = 2 * 0.5 * np.sqrt((np.sin(read) ** 2).mean())
     assert fit_zeros(chain, data, given, np.ones(1)).rms == pytest.approx(expected, rel=1e-6)
     assert fit_zeros(chain, data, given, -np.ones(1)).rms < 1e-9
-    with pytest.raises(InputError, match=r"E_REVERSED: turn: .*\(residuals .* instead of 379 mm"):
+    with pytest.raises(InputError, match=r"E_REVERSED: turn: .*\(residuals .* instead of 632 mm"):
         refuse_reversed(chain, data, given)
 
 
@@ -91,26 +92,37 @@ def test_reversed_joints_of_a_printed_arm_are_named(signs, base):
 
 
 def test_only_estimates_one_kind_and_leaves_the_rest_where_it_is():
-    zeros = np.radians([-12.0, 17, 8, -20, 14])
-    model = sheet()
-    arm = pp.calibrate(model, readings(zeros, (1,) * 5, seed=1), BALL, only=["joint_offset"], at=[np.zeros(5)])
-    assert arm.posterior.names == tuple(f"joint_offset[{name}].offset" for name in model.chain.joint_names)
-    assert [finding.code for finding in arm.findings if finding.code == "W_ONLY"] == ["W_ONLY"]
-    assert all(
-        low < zero < high for zero, (low, high) in zip(zeros, map(arm.interval, arm.posterior.names), strict=True)
+    """Zeros of the stick's two joints, by the closed form of its points; lengths keep their tolerance."""
+    chain = pp.Chain.from_urdf(STICK, "tip")
+    zeros = np.radians([15.0, -20.0])
+    read = np.radians([[-60.0, -20, 10, 40, 80], [30.0, -40, 60, 10, -70]])
+    first, second = (read + zeros[:, None])[0], (read + zeros[:, None]).sum(axis=0)
+    places = np.vstack(
+        [0.3 * np.cos(first) + 0.2 * np.cos(second), 0.3 * np.sin(first) + 0.2 * np.sin(second), 0 * first]
+    ).T
+    sources = [
+        *(JointOffset(joint=name, offset=WIDE) for name in chain.joint_names),
+        Length(joint="bend", along="x of turn", parameters=(pp.Uniform(0.1e-3),)),
+        AxisInstall(joint="turn", radius=0.1e-3, span=0.1),
+    ]
+    model = pp.ErrorModel(chain, pp.Space(), sources)
+    given = pp.Measurement("position", std="0.1 mm")
+    arm = pp.calibrate(model, (read, places), given, only=["joint_offset"], at=[[0.0, 1.0]])
+    names = ("joint_offset[turn].offset", "joint_offset[bend].offset")
+    assert arm.posterior.names == names
+    assert [arm.posterior.mean[name] for name in names] == pytest.approx(zeros, abs=1e-6)
+    assert "W_ONLY" in [finding.code for finding in arm.findings]
+    before, after = (
+        dict(zip(one.space.components, np.sqrt(np.diag(one.space.covariance)), strict=True))
+        for one in (model, arm.model)
     )
-    # the arm that is left: zeros known to a degree or so, axes with the tolerance that they had
-    std = dict(zip(arm.model.space.components, np.sqrt(np.diag(arm.model.space.covariance)), strict=True))
-    before = dict(zip(model.space.components, np.sqrt(np.diag(model.space.covariance)), strict=True))
-    assert all(std[name] < np.radians(2) if name in arm.posterior.names else std[name] == before[name] for name in std)
+    assert all((after[name] < 1e-3) if name in names else (after[name] == before[name]) for name in before)
     with pytest.raises(InputError, match="no kind of source named 'joint_ofset'; did you mean 'joint_offset'"):
-        pp.calibrate(model, readings(zeros, (1,) * 5, seed=1), BALL, only=["joint_ofset"])
-
-
-def test_narrow_tolerances_are_told_that_zeros_alone_explain_the_readings():
-    model = sheet(pp.Normal.from_half_width(np.radians(0.02)))
-    with pytest.raises(InputError, match=r"E_DATA.*zeros of the joints alone would explain them to .*wide tolerances"):
-        pp.calibrate(model, readings(np.radians([-12.0, 17, 8, -20, 14]), (1,) * 5, seed=1), BALL)
+        pp.calibrate(model, (read, places), given, only=["joint_ofset"])
+    narrow = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="turn", offset=pp.Normal(1e-4))])
+    expected = r"E_DATA.*zeros of the joints alone would explain them to .*bend -20°, turn \+15°.*wide tolerances"
+    with pytest.raises(InputError, match=expected):
+        pp.calibrate(narrow, (read, places), given)
 
 
 @pytest.mark.slow

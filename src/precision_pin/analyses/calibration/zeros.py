@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Final, final
 
 import numpy as np
@@ -22,6 +22,8 @@ _DEVIATIONS: Final = 10.0
 """The least such residual, in standard deviations of the instrument."""
 _BETTER: Final = 3.0
 """By how much a reversed direction must lessen the residual."""
+_CLEARLY: Final = 1.5
+"""The same for joints whose direction hardly shows, where that of the others is found."""
 _MOST_TRIED: Final = 64
 """Combinations of reversed joints that are tried."""
 _HOLD: Final = 1e-4
@@ -94,29 +96,40 @@ def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measuremen
     bad = max(_DEVIATIONS * measurement.std, _BAD * length)
     if plain.rms <= bad:
         return plain
-    for names, signs in _reversals(chain):
-        other = fit_zeros(chain, data, measurement, signs)
-        if other.rms < min(plain.rms / _BETTER, bad):
+    for signs in _reversals(count):
+        rms = fit_zeros(chain, data, measurement, signs).rms
+        if rms < min(plain.rms / _BETTER, bad):
+            signs, rms = _refined(chain, data, measurement, signs, rms)
+            names = " and ".join(chain.joint_names[k] for k in np.flatnonzero(signs < 0))
             message = (
-                f"{' and '.join(names)}: readings fit far better with the direction reversed (residuals "
-                f"{1e3 * other.rms:.3g} mm rms instead of {1e3 * plain.rms:.3g} mm, all zeros free); change the sign of "
-                "the column, or turn the axis and its limits around in the URDF"
+                f"{names}: readings fit far better with the direction reversed (residuals {1e3 * rms:.3g} mm rms instead "
+                f"of {1e3 * plain.rms:.3g} mm, all zeros free); change the sign of the column, or turn the axis and its "
+                "limits around in the URDF; or two columns of places are swapped"
             )
             raise InputError([Finding("error", "E_REVERSED", message, data.file or None)])
     return plain
 
 
-def _reversals(chain: Chain) -> Iterator[tuple[tuple[str, ...], Array]]:
-    """Yield the joints to reverse, the fewest first, and the signs of all ``(n,)``."""
-    tried = 0
-    for number in range(1, len(chain.joints) + 1):
-        for chosen in combinations(range(len(chain.joints)), number):
-            signs = np.ones(len(chain.joints))
-            signs[list(chosen)] = -1.0
-            tried += 1
-            if tried > _MOST_TRIED:
-                return
-            yield tuple(chain.joint_names[k] for k in chosen), signs
+def _refined(
+    chain: Chain, data: CalibrationData, measurement: Measurement, signs: Array, rms: float
+) -> tuple[Array, float]:
+    """Return signs with those joints turned around, one after another, that matter less and still fit clearly better."""
+    while True:
+        others = [signs * np.where(np.arange(signs.size) == k, -1.0, 1.0) for k in range(signs.size)]
+        sizes = [fit_zeros(chain, data, measurement, other).rms for other in others]
+        best = int(np.argmin(sizes))
+        if sizes[best] > rms / _CLEARLY:
+            return signs, rms
+        signs, rms = others[best], sizes[best]
+
+
+def _reversals(count: int) -> Iterator[Array]:
+    """Yield signs of the joints ``(n,)`` with some reversed, the fewest first, as many as are tried."""
+    chosen = (one for number in range(1, count + 1) for one in combinations(range(count), number))
+    for one in islice(chosen, _MOST_TRIED):
+        signs = np.ones(count)
+        signs[list(one)] = -1.0
+        yield signs
 
 
 def describe_zeros(chain: Chain, zeros: Zeros) -> str:
