@@ -36,7 +36,7 @@ def measurement_options(command: Decorated) -> Decorated:
             type=click.Choice(["position", "pose", "distance", "plane", "socket"]),
             help="What the instrument measures; plane and sockets are given in the sheet.  [default: position]",
         ),
-        _option("--std", help="Standard deviation of a measured length.  [default: 0.02 mm]"),
+        _option("--std", help="Standard deviation of a measured length, or: estimate.  [default: 0.02 mm]"),
         _option(
             "--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out."
         ),
@@ -65,7 +65,7 @@ def measurement_of(sheet: Sheet, options: Options) -> Measurement:
         A number is wrong, or settings do not go together.
     """
     from precision_pin.base import units
-    from precision_pin.sheet.measurement import Measurement
+    from precision_pin.sheet.measurement import ESTIMATE, Measurement
 
     stated = sheet.measurement
     given: dict[str, Any] = (
@@ -76,6 +76,10 @@ def measurement_of(sheet: Sheet, options: Options) -> Measurement:
     given |= {"kind": options["kind"]} if options["kind"] is not None else {}
     for name, quantity in (("std", units.LENGTH), ("attitude_std", units.ANGLE)):
         text = options[name]
+        if name == "std" and text is not None:
+            given["std_known"] = text.strip() != ESTIMATE
+            if not given["std_known"]:
+                continue
         given |= {name: _number(name.replace("_", "-"), text, quantity)} if text is not None else {}
     for option, name in (("point", "target"), ("anchor", "anchor")):
         text = options[option]

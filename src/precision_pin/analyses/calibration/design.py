@@ -151,11 +151,20 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
     return values, names
 
 
-def measurement_of(model: ErrorModel, measurement: Measurement | None) -> Measurement:
-    """Return the measurement given, or that of the model's sheet."""
+def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_data: bool = False) -> Measurement:
+    """Return the measurement given, or that of the model's sheet; refuse an unknown std without readings that tell it."""
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if measurement is not None:
-        return check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+        check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    found = _stated(model) if measurement is None else measurement
+    if not found.std_known and not has_data:
+        raise InputError(
+            "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
+        )
+    return found
+
+
+def _stated(model: ErrorModel) -> Measurement:
     if model.sheet is None or model.sheet.measurement is None:
         raise InputError(
             "nothing says what is measured; give pp.Measurement(kind=..., std=...), or measurement: in the sheet"

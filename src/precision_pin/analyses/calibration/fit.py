@@ -338,13 +338,12 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     raise InputError([Finding("error", "E_DATA", message, data.file or None)])
 
 
-def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Finding]:
-    """Yield what to doubt where the model does not explain the readings."""
-    chance = probability(fit.chi_square, fit.degrees_of_freedom)
+def doubt_model(problem: Problem, fit: Fit, chance: float | None, *, has_prior: bool) -> Iterator[Finding]:
+    """Yield what to doubt where the model does not explain the readings; ``chance`` is ``None`` where that is not tested."""
     facts = f"chi-square {fit.chi_square:.4g} for {fit.degrees_of_freedom} degrees of freedom"
     if has_prior:
         yield from _pulled(problem, fit)
-    if chance < DOUBTFUL:
+    if chance is not None and chance < DOUBTFUL:
         joint, ratio = _suspect_joint(problem, fit)
         message = (
             f"the model does not explain the readings: {facts} (probability {chance:.2g}); residuals look most like "
@@ -352,7 +351,7 @@ def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Find
             "doubt that joint, the instrument's std, or a source that the sheet lacks"
         )
         yield Finding("warning", "W_MODEL", message)
-    elif fit.degrees_of_freedom > 0 and 1 - chance < DOUBTFUL:
+    elif chance is not None and fit.degrees_of_freedom > 0 and 1 - chance < DOUBTFUL:
         message = (
             f"residuals are smaller than std says: {facts}; the instrument or the tolerances are better than stated"
         )
