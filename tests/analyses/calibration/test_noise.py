@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from scipy import optimize, stats
@@ -101,6 +103,10 @@ def test_a_std_that_was_tuned_is_no_agreement() -> None:
     assert noise.degrees_of_freedom < 75 - 9
     assert "W_STD_ESTIMATED" in {finding.code for finding in found.findings}
     assert "agree" not in repr(found)
+    written = json.loads(found.to_json())
+    assert written["noise"]["std"]["interval"] == list(noise.interval)
+    assert written["improvement"]["verdict"] == "helps"
+    assert (written["probability"], written["measurement"]["std"]) == (None, noise.std)
     with pytest.raises(pp.InputError, match="std: estimate belongs to the readings"):
         pp.forecast_calibration(model, q, UNKNOWN)
     with pytest.raises(pp.InputError, match="columns or units are wrong"):

@@ -128,15 +128,8 @@ class CalibrationResult(PosesOutcome):
         *("*head", "measurement", "prior=has_prior", "readings", "verdict", "chi_square", "degrees_of_freedom"),
         *("probability", "steps", "rms_residual", "gross_errors", "at_bounds", "set_up", "rank", "observability"),
         *("identifiability", "posterior", "intervals", "poses", "residuals", "residuals_before"),
-        *(
-            "residuals_left_out=left_out",
-            "std_left_out",
-            "std_predicted",
-            "improvement",
-            "lines=data.lines",
-            "data=given",
-            "findings",
-        ),
+        *("residuals_left_out=left_out", "std_left_out", "std_predicted", "improvement", "noise"),
+        *("lines=data.lines", "data=given", "findings"),
     )
 
     has_prior: bool
