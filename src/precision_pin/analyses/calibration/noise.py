@@ -270,7 +270,7 @@ def doubt_std(noise: Mapping[str, EstimatedStd]) -> Iterator[Finding]:
     if tuned:
         message = (
             f"{' and '.join(tuned)} estimated from the residuals of the model, on {noise[tuned[0]].degrees_of_freedom:.3g} "
-            "degrees of freedom: whether the model explains the readings is not tested, and the std holds the model's own "
+            "degrees of freedom: whether the model explains the readings is not tested, and the std includes the model's own "
             "errors; repeat poses"
         )
         yield Finding("warning", "W_STD_ESTIMATED", message)
