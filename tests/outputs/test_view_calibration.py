@@ -278,14 +278,16 @@ def test_the_section_has_the_numbers_of_the_json(case):
 @pytest.mark.slow
 def test_the_head_of_the_page_has_the_verdict_what_is_left_and_what_has_no_weight(case):
     _, result, _ = case
-    verdict, left, gross = calibration_chapter(result).answers
+    gain, verdict, share, left, gross = calibration_chapter(result).answers
+    assert gain.startswith("Calibration: the calibration helps: left-out error ")
+    assert "within their 95 %" in share
     assert verdict.startswith("Calibration: the model explains the readings: chi-square ")
     assert "mm" in left
     assert gross.startswith(f"Calibration: 1 reading was given no weight: row {ROW}, ")
-    assert calibration_chapter(replace(result, gross_errors=())).answers == (verdict, left)
+    assert calibration_chapter(replace(result, gross_errors=())).answers == (gain, verdict, share, left)
     wrong = replace(result, gross_errors=(), chi_square=1e4)
     assert wrong.verdict == "disagrees"
-    head = calibration_chapter(wrong).answers[0]
+    head = calibration_chapter(wrong).answers[1]
     assert head.startswith("Calibration: the model does NOT explain the readings: chi-square 1e+04 for ")
 
 

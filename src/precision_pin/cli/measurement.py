@@ -36,7 +36,7 @@ def measurement_options(command: Decorated) -> Decorated:
             type=click.Choice(["position", "pose", "distance", "plane", "socket"]),
             help="What the instrument measures; plane and sockets are given in the sheet.  [default: position]",
         ),
-        _option("--std", help="Standard deviation of a measured length.  [default: 0.02 mm]"),
+        _option("--std", help="Standard deviation of a measured length, or: estimate.  [default: 0.02 mm]"),
         _option(
             "--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out."
         ),
@@ -90,7 +90,7 @@ def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
 
 def _changed(stated: Measurement, options: Options) -> Measurement:
     from precision_pin.base import units
-    from precision_pin.sheet.measurement import Measurement
+    from precision_pin.sheet.measurement import ESTIMATE, Measurement
 
     given: dict[str, Any] = {name: getattr(stated, name) for name in Measurement.__match_args__}
     if options["kind"] is not None and options["kind"] != stated.kind:
@@ -98,6 +98,10 @@ def _changed(stated: Measurement, options: Options) -> Measurement:
     given |= {name: options[name] for name in ("kind", "columns") if options[name] is not None}
     for name, quantity in (("std", units.LENGTH), ("attitude_std", units.ANGLE)):
         text = options[name]
+        if name == "std" and text is not None:
+            given["std_known"] = text.strip() != ESTIMATE
+            if not given["std_known"]:
+                continue
         given |= {name: _number(name.replace("_", "-"), text, quantity)} if text is not None else {}
     for option, name in (("point", "target"), ("anchor", "anchor"), ("visible_from", "visible_from")):
         text = options[option]

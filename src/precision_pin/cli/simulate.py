@@ -55,6 +55,7 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     import numpy as np
 
     from precision_pin.analyses.calibration.data import cycles_csv, readings_csv
+    from precision_pin.analyses.calibration.design import measurement_of as known_measurement
     from precision_pin.analyses.calibration.design import stations_of
     from precision_pin.analyses.calibration.simulation import as_measured, simulate_readings
     from precision_pin.base.arguments import check_whole
@@ -82,6 +83,7 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     if count > _MOST:
         raise InputError([Finding("error", "E_USAGE", f"{count:,} readings; at most {_MOST:,} are allowed")])
     model = ErrorModel.from_sheet(sheet)
+    measurement = known_measurement(model, measurement)
     poses = [pose.name if pose.where is None else pose.where for pose in asked]
     q, _ = model.configurations(poses)
     approaches = model.approaches_of(poses, q)

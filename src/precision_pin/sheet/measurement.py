@@ -25,6 +25,7 @@ from functools import cached_property
 from typing import Any, Final, Literal, Protocol, final
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from precision_pin.base import se3, units
@@ -168,6 +169,8 @@ _OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "
 """Settings that belong to one kind."""
 
 _NAME: Final = re.compile(r"\w*")
+ESTIMATE: Final = "estimate"
+"""The standard deviation that a calibration is to find."""
 _LEVER: Final = 0.1
 """Distance (m) between the targets from which an attitude is measured, where no attitude's deviation is given."""
 
@@ -202,7 +205,7 @@ class Measurement:
         ``"position"`` of a target (x, y, z), ``"pose"`` (position and attitude), ``"distance"`` from a fixed anchor, ``"plane"``
         (height over a plane, zero at contact) or ``"socket"`` (the target is put into a socket).
     std
-        Standard deviation of each measured length, m; at contact, of the contact.
+        Standard deviation of each measured length, m; at contact, of the contact. ``"estimate"``: a calibration finds it.
     target
         The target in tool axes from the tip, m, wherever the point is that results are about.
     base
@@ -256,11 +259,17 @@ class Measurement:
     target_name: str = ""
     base_name: str = ""
     columns: str = ""
+    std_known: bool = True
 
     def __post_init__(self) -> None:
         check_choice("the kind of a measurement", self.kind, KINDS)
         check_choice("the base of a measurement", self.base, ("known", "free"))
         check_flag("target_known of a measurement", self.target_known)
+        check_flag("std_known of a measurement", self.std_known)
+        given: object = self.std
+        if given == ESTIMATE:
+            self._fix("std", type(self).std)
+            self._fix("std_known", False)
         above, what = "above zero and finite", "std, the standard deviation of a measurement,"
         self._fix("std", check_quantity(what, self.std, LENGTH, above, lambda n: n > 0))
         if self.attitude_std is not None:
@@ -353,6 +362,15 @@ class Measurement:
         lengths = [self.std] * min(self.size, 3)
         angle = self.std / _LEVER if self.attitude_std is None else self.attitude_std
         return np.array(lengths + [angle] * (self.size - len(lengths)))
+
+    @property
+    def unknown_deviations(self) -> dict[str, NDArray[np.bool_]]:
+        """Numbers of a reading ``(m,)`` whose deviation is to be estimated, by the name of that; none where it is known."""
+        if self.std_known:
+            return {}
+        is_length = np.arange(self.size) < 3
+        angles = {} if self.attitude_std is not None or is_length.all() else {"attitude_std": ~is_length}
+        return {"std": is_length, **angles}
 
     @property
     def nuisances(self) -> tuple[str, ...]:
@@ -484,6 +502,7 @@ class Measurement:
         return {
             "kind": self.kind,
             "std": self.std,
+            "std_known": self.std_known,
             "attitude_std": float(self.deviations[-1]) if self.kind == "pose" else None,
             "target": list(self.target),
             "base": self.base,
@@ -553,7 +572,10 @@ class MeasurementEntry(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     kind: Kind = Field("position", description=f"What is measured: {', '.join(KINDS)}.")
-    std: str = Field("0.02 mm", description="Standard deviation of a measured length, or of a contact.")
+    std: str = Field(
+        "0.02 mm",
+        description="Standard deviation of a measured length, of a contact; estimate: from the readings.",
+    )
     attitude_std: str | None = Field(
         None, description="That of a measured angle of a pose; std / 100 mm if left out, as of targets 100 mm apart."
     )
@@ -640,6 +662,8 @@ def _read(below: tuple[str | int, ...], text: Any) -> Any:
         return None
     if isinstance(text, list):
         return tuple(_read((*below, k), one) for k, one in enumerate(text))
+    if below == ("std",) and text.strip() == ESTIMATE:
+        return ESTIMATE
     name = next(key for key in reversed(below) if isinstance(key, str))
     try:
         if name not in _SINGLE:

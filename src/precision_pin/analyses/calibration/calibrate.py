@@ -24,7 +24,6 @@ from precision_pin.analyses.calibration.fit import (
     doubt_model,
     fit,
     leave_out,
-    probability,
     refuse_far_readings,
 )
 from precision_pin.analyses.calibration.identifiability import (
@@ -34,6 +33,7 @@ from precision_pin.analyses.calibration.identifiability import (
     remarks_on,
 )
 from precision_pin.analyses.calibration.improvement import Improvement, doubt_improvement, groups_of, judge
+from precision_pin.analyses.calibration.noise import EstimatedStd, chance_of, doubt_std, estimate_std, refuse_noise
 from precision_pin.analyses.calibration.posterior import (
     LEVEL,
     PosesOutcome,
@@ -65,6 +65,9 @@ _GROSS: Final = 1e-3
 """Probability that any right reading of a set is taken for a gross error."""
 _MOST_GROSS: Final = 0.2
 """Share of readings beyond which they are no gross errors but a model that is wrong."""
+_ROUNDS: Final = 8
+_STD_SETTLED: Final = 0.01
+"""Relative change of an estimated std at which it has settled, beside its own interval of some 10 %."""
 _FEW_STEPS: Final = 3
 """Steps of a fit that only serves to find gross errors, which need not settle while there are any."""
 
@@ -112,6 +115,8 @@ class CalibrationResult(PosesOutcome):
         arm and set-up, repeatability and instrument, ``(P, m)``.
     improvement
         Whether the calibration helps at poses left out of it; ``None`` where none can be predicted.
+    noise, repeated
+        Standard deviations that were estimated, by name, and the numbers read again at a pose.
     gross_errors, at_bounds
         Readings that were given no weight, and numbers estimated at a bound of their law.
     original, model
@@ -126,7 +131,7 @@ class CalibrationResult(PosesOutcome):
         *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
         *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "intervals", "poses"),
         *("residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
-        *("improvement", "lines=data.lines", "data=given", "findings"),
+        *("improvement", "noise", "lines=data.lines", "data=given", "findings"),
     )
 
     has_prior: bool
@@ -141,6 +146,8 @@ class CalibrationResult(PosesOutcome):
     std_left_out: Array
     std_predicted: Array
     improvement: Improvement | None
+    noise: Mapping[str, EstimatedStd]
+    repeated: int
     gross_errors: tuple[GrossError, ...]
     at_bounds: tuple[str, ...]
     original: ErrorModel
@@ -159,16 +166,19 @@ class CalibrationResult(PosesOutcome):
         return len(self.data)
 
     @property
-    def probability(self) -> float:
-        """Probability that a right model gives a larger chi-square."""
-        return probability(self.chi_square, self.degrees_of_freedom)
+    def probability(self) -> float | None:
+        """Probability that a right model gives a larger chi-square; ``None`` where a std was tuned to the model's residuals."""
+        return chance_of(self.chi_square, self.degrees_of_freedom, self.noise, self.repeated)
 
     @property
     def verdict(self) -> Verdict:
         """Whether model and data agree."""
-        if self.probability < DOUBTFUL:
+        chance = self.probability
+        if chance is None:
+            return "not tested"
+        if chance < DOUBTFUL:
             return "disagrees"
-        return "better than stated" if self.degrees_of_freedom > 0 and 1 - self.probability < DOUBTFUL else "agrees"
+        return "better than stated" if self.degrees_of_freedom > 0 and 1 - chance < DOUBTFUL else "agrees"
 
     def interval(self, name: str, probability: float = LEVEL) -> tuple[float, float]:
         """Return the interval of a number drawn once for each robot, SI, with the same probability outside on both sides.
@@ -296,12 +306,18 @@ def calibrate(
     InputError
         The data are wrong, nothing varies from robot to robot or no reading sees it, or the fit does not settle.
     """
-    measurements = measurements_of(model, measurement)
+    measurements = measurements_of(model, measurement, has_data=True)
     findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
     fitted, held = _held(model, only)
     given, bases, whole = measured_problem(fitted, data, measurements)
-    used, best, distances = without_gross_errors(whole, given, has_prior=prior)
+    noise: dict[str, EstimatedStd] = {}
+    if whole.unknown_deviations:
+        given, (whole, used, best, distances), noise = _with_std(whole, given, has_prior=prior)
+    else:
+        used, best, distances = without_gross_errors(whole, given, has_prior=prior)
+    repeated = sum(labels.size - np.unique(labels).size for labels in used.labels)
+    chance = chance_of(best.chi_square, best.degrees_of_freedom, noise, repeated)
     residuals = whole.residuals(best.z, best.nuisances)
     groups = groups_of(given, np.array(model.chain.prismatic))
     without = leave_out(used, best.estimator, best.local, best.residuals, groups)
@@ -340,6 +356,8 @@ def calibrate(
         std_left_out=np.where(is_gross, predicted, without.std),
         std_predicted=predicted,
         improvement=improvement,
+        noise=noise,
+        repeated=repeated,
         gross_errors=gross,
         at_bounds=best.at_bounds,
         poses=errors_left(
@@ -356,7 +374,8 @@ def calibrate(
             *held,
             *remarks_on(seen),
             *(() if prior else rank_findings(seen)),
-            *doubt_model(used, best, has_prior=prior),
+            *doubt_model(used, best, chance, has_prior=prior),
+            *doubt_std(noise),
             *doubt_improvement(improvement),
         ),
     )
@@ -392,8 +411,39 @@ def measured_problem(
     """Return the data, for each measurement the first guess of the base ``(4, 4)``, and the problem of all readings."""
     given = read_data(model, data, measurements)
     whole, bases = Problem.of(model, given)
-    refuse_far_readings(whole, given)
+    if not whole.unknown_deviations:
+        refuse_far_readings(whole, given)
     return given, bases, whole
+
+
+def _with_std(
+    whole: Problem, data: CalibrationData, *, has_prior: bool
+) -> tuple[CalibrationData, tuple[Problem, Problem, Fit, dict[int, float]], dict[str, EstimatedStd]]:
+    """Return data, problem, fit as :func:`without_gross_errors` does, and the deviations, estimated where the fit has settled."""
+    kinds = whole.unknown_deviations
+    used, z, nuisances = whole, np.zeros(whole.unit.root.shape[1]), whole.start
+    for _ in range(_ROUNDS):
+        found = estimate_std(used, z, nuisances, kinds, has_prior=has_prior)
+        factors = np.ones(whole.readings.shape)
+        for name, (factor, _) in found.items():
+            factors[kinds[name]] = factor
+        whole = replace(whole, deviations=whole.deviations * factors)
+        refuse_noise(whole, found["std"][1], data.file)
+        used, best, gross = without_gross_errors(whole, data, has_prior=has_prior)
+        z, nuisances = best.z, best.nuisances
+        if np.abs(np.log(factors)).max() < _STD_SETTLED:
+            break
+    noise = {name: one for name, (_, one) in found.items()}
+    stds = {name: one.std for name, one in noise.items()}
+    data = replace(
+        data,
+        measurements=tuple(
+            part if part.std_known else replace(part, **stds)  # type: ignore[arg-type]
+            for part in data.measurements
+        ),
+        std=np.zeros(0) if not any(part.std_known for part in data.measurements) else data.std,
+    )
+    return data, (whole, used, best, gross), noise
 
 
 def without_gross_errors(
@@ -440,7 +490,7 @@ def _remarks(data: CalibrationData, best: Fit, gross: tuple[GrossError, ...]) ->
         yield Finding("warning", "W_NO_PRIOR", message)
 
 
-Verdict = Literal["agrees", "disagrees", "better than stated"]
+Verdict = Literal["agrees", "disagrees", "better than stated", "not tested"]
 
 
 @final

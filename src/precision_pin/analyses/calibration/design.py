@@ -149,11 +149,20 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
     return values, names
 
 
-def measurement_of(model: ErrorModel, measurement: Measurement | None) -> Measurement:
-    """Return the measurement given, or that of the model's sheet."""
+def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_data: bool = False) -> Measurement:
+    """Return the measurement given, or that of the model's sheet; refuse an unknown std without readings that tell it."""
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if measurement is not None:
-        return check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+        check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    found = _stated(model) if measurement is None else measurement
+    if not found.std_known and not has_data:
+        raise InputError(
+            "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
+        )
+    return found
+
+
+def _stated(model: ErrorModel) -> Measurement:
     found = None if model.sheet is None else model.sheet.measurement
     if found is None:
         raise InputError(
@@ -162,14 +171,16 @@ def measurement_of(model: ErrorModel, measurement: Measurement | None) -> Measur
     return found
 
 
-def measurements_of(model: ErrorModel, given: Measurement | Sequence[Measurement] | None) -> tuple[Measurement, ...]:
-    """Return the measurement or measurements given, or those of the model's sheet."""
+def measurements_of(
+    model: ErrorModel, given: Measurement | Sequence[Measurement] | None, *, has_data: bool = False
+) -> tuple[Measurement, ...]:
+    """Return the measurement or measurements given, or those of the model's sheet, as :func:`measurement_of` does."""
     if isinstance(given, list | tuple) and given:
-        return tuple(measurement_of(model, one) for one in given)
+        return tuple(measurement_of(model, one, has_data=has_data) for one in given)
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if given is None and model.sheet is not None and model.sheet.measurements:
         return model.sheet.measurements
-    return (measurement_of(model, given),)  # type: ignore[arg-type]
+    return (measurement_of(model, given, has_data=has_data),)  # type: ignore[arg-type]
 
 
 def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:

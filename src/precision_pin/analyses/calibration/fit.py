@@ -75,7 +75,7 @@ class Problem:
         deviations = np.ones(data.readings.shape)
         for row, part in enumerate(data.part):
             own = data.measurements[part]
-            scale = data.std[row] / own.std if data.std.size else 1.0
+            scale = data.std[row] / own.std if data.std.size and own.std_known else 1.0
             deviations[row, : own.size] = own.deviations * scale
         readings = readings_in_base(data, stations, bases)
         return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start), bases
@@ -98,6 +98,25 @@ class Problem:
             (np.repeat(rows, self.sizes[rows]), np.concatenate([np.arange(size) for size in self.sizes[rows]]))
             for rows in listed
         )
+
+    @cached_property
+    def labels(self) -> tuple[NDArray[np.intp], ...]:
+        """What every number read at a station is of: equal for repeated readings of one number."""
+        width = self.readings.shape[1]
+        return tuple(self.part[rows] * width + columns for rows, columns in self.places)
+
+    @cached_property
+    def unknown_deviations(self) -> dict[str, NDArray[np.bool_]]:
+        """Which numbers ``(P, m)`` have a standard deviation to be estimated, by the name of that deviation; refuse two kinds."""
+        unknown = [part for part in self.instruments.parts if not part.std_known]
+        if len({part.kind for part in unknown}) > 1:
+            raise InputError("std: estimate is for readings of one kind; give the std of the others")
+        found: dict[str, NDArray[np.bool_]] = {}
+        for k, part in enumerate(self.instruments.parts):
+            for name, mask in part.unknown_deviations.items():
+                all_numbers = found.setdefault(name, np.zeros(self.readings.shape, dtype=bool))
+                all_numbers[np.ix_(self.part == k, np.flatnonzero(mask))] = True
+        return found
 
     @cached_property
     def roots(self) -> tuple[Array, ...]:
@@ -460,13 +479,12 @@ def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
         raise InputError([Finding("error", "E_DATA", message, data.file or None)])
 
 
-def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Finding]:
-    """Yield what to doubt where the model does not explain the readings."""
-    chance = probability(fit.chi_square, fit.degrees_of_freedom)
+def doubt_model(problem: Problem, fit: Fit, chance: float | None, *, has_prior: bool) -> Iterator[Finding]:
+    """Yield what to doubt where the model does not explain the readings; ``chance`` is ``None`` where that is not tested."""
     facts = f"chi-square {fit.chi_square:.4g} for {fit.degrees_of_freedom} degrees of freedom"
     if has_prior:
         yield from _pulled(problem, fit)
-    if chance < DOUBTFUL:
+    if chance is not None and chance < DOUBTFUL:
         joint, ratio = _suspect_joint(problem, fit)
         message = (
             f"the model does not explain the readings: {facts} (probability {chance:.2g}); residuals look most like "
@@ -474,7 +492,7 @@ def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Find
             "doubt that joint, the instrument's std, or a source that the sheet lacks"
         )
         yield Finding("warning", "W_MODEL", message)
-    elif fit.degrees_of_freedom > 0 and 1 - chance < DOUBTFUL:
+    elif chance is not None and fit.degrees_of_freedom > 0 and 1 - chance < DOUBTFUL:
         message = (
             f"residuals are smaller than std says: {facts}; the instrument or the tolerances are better than stated"
         )

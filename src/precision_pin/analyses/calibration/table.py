@@ -13,6 +13,7 @@ from precision_pin.analyses.calibration.calibrate import CalibrationResult, Wors
 from precision_pin.analyses.calibration.factory import FactoryCalibration
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.identifiability import Identifiability, some
+from precision_pin.analyses.calibration.noise import EstimatedStd
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
 from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, PosesOutcome, Posterior
@@ -38,6 +39,7 @@ VERDICTS: Final = {
     "agrees": "the model explains the readings",
     "disagrees": "the model does NOT explain the readings",
     "better than stated": "the readings fit better than their standard deviations say",
+    "not tested": "whether the model explains the readings is not tested",
 }
 SEEN: Final = "seen: the error after, in the instrument's axes; the base is found with the arm"
 _POSES: Final = 12
@@ -261,9 +263,21 @@ def measured_text(result: CalibrationResult) -> str:
 
 def chi_square_text(result: CalibrationResult) -> str:
     """Return what the verdict rests on."""
+    facts = f"chi-square {result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom"
+    chance = "" if result.probability is None else f", probability {result.probability:.2g}"
+    return "; ".join([facts + chance, *(_std_text(name, one) for name, one in result.noise.items())])
+
+
+def _std_text(name: str, found: EstimatedStd) -> str:
+    """Return an estimated std, and what it rests on."""
+    unit = "mm" if name == "std" else "mrad"
+    low, high = (milli(end, 3) for end in found.interval)
+    source = (
+        "differences at repeated poses" if found.decided_by == "repeats" else "all readings, with what the model leaves"
+    )
     return (
-        f"chi-square {result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom, probability "
-        f"{result.probability:.2g}"
+        f"{name} estimated as {milli(found.std, 3)} {unit} (95 %: {low} to {high}) on {found.degrees_of_freedom:.3g} degrees of "
+        f"freedom, from {source}"
     )
 
 
