@@ -19,7 +19,14 @@ from scipy import stats
 
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers
-from precision_pin.analyses.calibration.set_up import Instruments, first_guess, readings_in_base, stations_of_data
+from precision_pin.analyses.calibration.set_up import (
+    Instruments,
+    first_guess,
+    nominal_distance,
+    readings_in_base,
+    stations_of_data,
+)
+from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.draw import Scope
@@ -67,13 +74,17 @@ class Problem:
         """Return the problem of all readings, and of each measurement the first guess of the base in its axes, ``(4, 4)``."""
         instruments = Instruments(data.measurements)
         stations = stations_of_data(model, data)
-        bases, start = first_guess(data, stations, instruments)
+        poses, tips = np.zeros((len(data), 4, 4)), np.zeros((len(data), 4, 4))
+        for station in stations:
+            poses[list(station.rows)] = station.at.posture.pose
+            tips[list(station.rows)] = se3.displaced(station.at.posture.pose, station.at.error_at_means)
+        bases, start = first_guess(data, tips, instruments)
         deviations = np.ones(data.readings.shape)
         for row, part in enumerate(data.part):
             own = data.measurements[part]
             scale = data.std[row] / own.std if data.std.size else 1.0
             deviations[row, : own.size] = own.deviations * scale
-        readings = readings_in_base(data, stations, bases)
+        readings = readings_in_base(data, poses, bases)
         return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start), bases
 
     @cached_property
@@ -319,8 +330,6 @@ FARTHEST: Final = 50.0
 """Root mean square of the readings' distances, in standard deviations, beyond which data are refused."""
 ODD: Final = 5.0
 """The same beyond which another unit of the joint values is tried."""
-_FEW: Final = 24
-"""Readings with which it is tried."""
 _BETTER: Final = 5.0
 """How many times smaller distances must be for a unit to be called wrong."""
 
@@ -332,13 +341,18 @@ def probability(chi_square: float, degrees: int) -> float:
 
 def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     """Refuse readings that no robot within the tolerances, by far, can have given: columns are swapped, or units."""
-    far = _distance(problem)
+    z = np.zeros(problem.unit.root.shape[1])
+    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
+    hold = np.eye(len(estimator.by_z)) - estimator.leverage()
+    values = problem.residuals(z, problem.start)
+    white = problem.whiten(values)
+    left = white - estimator.by_nuisance @ estimator.nuisances(white)
+    far = float(np.sqrt(np.maximum(left @ hold @ left, 0.0) / max(len(left), 1)))
     if far <= ODD:
         return
     _refuse_other_unit(problem.model, data)
     if far <= FARTHEST:
         return
-    values = problem.residuals(np.zeros(problem.unit.root.shape[1]), problem.start)
     free = " or the base is not known" if any(part.base == "known" for part in problem.instruments.parts) else ""
     message = (
         f"the readings are {1e3 * float(np.median(np.linalg.norm(values[:, :3], axis=1))):.3g} mm (median) from the nominal arm, "
@@ -347,38 +361,22 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     raise InputError([Finding("error", "E_DATA", message, data.file or None)])
 
 
-def _distance(problem: Problem) -> float:
-    """Return the root mean square of the readings' distances from the nominal arm, in standard deviations."""
-    z = np.zeros(problem.unit.root.shape[1])
-    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
-    hold = np.eye(len(estimator.by_z)) - estimator.leverage()
-    white = problem.whiten(problem.residuals(z, problem.start))
-    left = white - estimator.by_nuisance @ estimator.nuisances(white)
-    squared = float(left @ hold @ left)
-    return float(np.sqrt(max(squared, 0.0) / max(len(left), 1)))
-
-
 def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
     """Refuse joint values that fit far better in degrees than in radians or the other way, all of them or those of one joint."""
-    chosen = np.unique(np.linspace(0, len(data) - 1, _FEW).astype(int))
-    few = replace(
-        data, q=np.ascontiguousarray(data.q[:, chosen]), readings=data.readings[chosen], part=data.part[chosen],
-        visit=data.visit[chosen], std=data.std[chosen] if data.std.size else data.std, lines=tuple(data.lines[k] for k in chosen),
-    )  # fmt: skip
     turning = np.array([joint.kind != "prismatic" for joint in model.chain.joints])
     each = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
     found: list[tuple[float, bool, str]] = [(np.inf, False, "")]
+    before = nominal_distance(model.chain, data)
     for is_other in each:
         for factor in (180 / np.pi, np.pi / 180):
-            scaled = few.q * np.where(is_other, factor, 1.0)[:, None]
+            scaled = data.q * np.where(is_other, factor, 1.0)[:, None]
             try:
-                distance = _distance(Problem.of(model, replace(few, q=scaled))[0])
+                distance = nominal_distance(model.chain, replace(data, q=scaled))
             except InputError:
                 continue
             joints = ", ".join(name for name, is_one in zip(model.chain.joint_names, is_other, strict=True) if is_one)
             found.append((distance, factor > 1, joints))
     distance, is_small, joints = min(found, key=lambda one: one[0])
-    before = _distance(Problem.of(model, few)[0])
     if distance < before / _BETTER:
         units = ("radians", "degrees") if is_small else ("degrees", "radians")
         message = (
