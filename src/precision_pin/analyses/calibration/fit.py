@@ -20,8 +20,15 @@ from scipy import stats
 
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers
-from precision_pin.analyses.calibration.set_up import Instruments, first_guess, readings_in_base, stations_of_data
+from precision_pin.analyses.calibration.set_up import (
+    Instruments,
+    first_guess,
+    nominal_distance,
+    readings_in_base,
+    stations_of_data,
+)
 from precision_pin.analyses.calibration.zeros import describe_zeros, refuse_reversed
+from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.draw import Scope
@@ -71,13 +78,17 @@ class Problem:
         """Return the problem of all readings, and of each measurement the first guess of the base in its axes, ``(4, 4)``."""
         instruments = Instruments(data.measurements)
         stations = stations_of_data(model, data)
-        bases, start = first_guess(data, stations, instruments)
+        poses, tips = np.zeros((len(data), 4, 4)), np.zeros((len(data), 4, 4))
+        for station in stations:
+            poses[list(station.rows)] = station.at.posture.pose
+            tips[list(station.rows)] = se3.displaced(station.at.posture.pose, station.at.error_at_means)
+        bases, start = first_guess(data, tips, instruments)
         deviations = np.ones(data.readings.shape)
         for row, part in enumerate(data.part):
             own = data.measurements[part]
             scale = data.std[row] / own.std if data.std.size and own.std_known else 1.0
             deviations[row, : own.size] = own.deviations * scale
-        readings = readings_in_base(data, stations, bases)
+        readings = readings_in_base(data, poses, bases)
         return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start), bases
 
     @cached_property
@@ -394,8 +405,6 @@ FARTHEST: Final = 50.0
 """Root mean square of the readings' distances, in standard deviations, beyond which data are refused."""
 ODD: Final = 5.0
 """The same beyond which another unit of the joint values is tried."""
-_FEW: Final = 24
-"""Readings with which it is tried."""
 _BETTER: Final = 5.0
 """How many times smaller distances must be for a unit to be called wrong."""
 
@@ -407,14 +416,18 @@ def probability(chi_square: float, degrees: int) -> float:
 
 def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     """Refuse readings that no robot within the tolerances, by far, can have given: columns are swapped, or units."""
-    far = _distance(problem)
+    z = np.zeros(problem.unit.root.shape[1])
+    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
+    values = problem.residuals(z, problem.start)
+    white = problem.whiten(values)
+    left = white - estimator.by_nuisance @ estimator.nuisances(white)
+    far = float(np.sqrt(np.maximum(left @ estimator.hold() @ left, 0.0) / max(len(left), 1)))
     if far > ODD:
         _refuse_other_unit(problem.model, data)
     is_one = len(data.measurements) == 1
     zeros = refuse_reversed(problem.model.chain, data, data.measurements[0]) if is_one else None
     if far <= FARTHEST or _settles(problem):
         return
-    values = problem.residuals(np.zeros(problem.unit.root.shape[1]), problem.start)
     median = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
     free = " or the base is not known" if any(part.base == "known" for part in problem.instruments.parts) else ""
     message = (
@@ -438,38 +451,22 @@ def _settles(problem: Problem) -> bool:
     return found.chi_square <= FARTHEST**2 * found.residuals.size
 
 
-def _distance(problem: Problem) -> float:
-    """Return the root mean square of the readings' distances from the nominal arm, in standard deviations."""
-    z = np.zeros(problem.unit.root.shape[1])
-    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
-    hold = estimator.hold()
-    white = problem.whiten(problem.residuals(z, problem.start))
-    left = white - estimator.by_nuisance @ estimator.nuisances(white)
-    squared = float(left @ hold @ left)
-    return float(np.sqrt(max(squared, 0.0) / max(len(left), 1)))
-
-
 def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
     """Refuse joint values that fit far better in degrees than in radians or the other way, all of them or those of one joint."""
-    chosen = np.unique(np.linspace(0, len(data) - 1, _FEW).astype(int))
-    few = replace(
-        data, q=np.ascontiguousarray(data.q[:, chosen]), readings=data.readings[chosen], part=data.part[chosen],
-        visit=data.visit[chosen], std=data.std[chosen] if data.std.size else data.std, lines=tuple(data.lines[k] for k in chosen),
-    )  # fmt: skip
     turning = np.array([joint.kind != "prismatic" for joint in model.chain.joints])
     each = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
     found: list[tuple[float, bool, str]] = [(np.inf, False, "")]
+    before = nominal_distance(model.chain, data)
     for is_other in each:
         for factor in (180 / np.pi, np.pi / 180):
-            scaled = few.q * np.where(is_other, factor, 1.0)[:, None]
+            scaled = data.q * np.where(is_other, factor, 1.0)[:, None]
             try:
-                distance = _distance(Problem.of(model, replace(few, q=scaled))[0])
+                distance = nominal_distance(model.chain, replace(data, q=scaled))
             except InputError:
                 continue
             joints = ", ".join(name for name, is_one in zip(model.chain.joint_names, is_other, strict=True) if is_one)
             found.append((distance, factor > 1, joints))
     distance, is_small, joints = min(found, key=lambda one: one[0])
-    before = _distance(Problem.of(model, few)[0])
     if distance < before / _BETTER:
         units = ("radians", "degrees") if is_small else ("degrees", "radians")
         message = (

@@ -17,6 +17,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.record import Record
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
 from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, Sockets
 
 
@@ -130,14 +131,9 @@ class SetUp(Record):
         return cls(placed, target[:, 0], anchor, plane, sockets, std)
 
 
-def first_guess(
-    data: CalibrationData, stations: Sequence[Station], instruments: Instruments
-) -> tuple[tuple[Array, ...], Array]:
-    """Return for each measurement the base ``(4, 4)`` that fits the nominal arm best, and the nuisances beside it."""
+def first_guess(data: CalibrationData, tips: Array, instruments: Instruments) -> tuple[tuple[Array, ...], Array]:
+    """Return for each measurement the base ``(4, 4)`` that fits tips ``(P, 4, 4)`` best, and the nuisances beside it."""
     nuisances, bases = np.zeros(len(instruments.nuisances)), [np.eye(4) for _ in data.measurements]
-    tips = np.zeros((len(data), 4, 4))
-    for station in stations:
-        tips[list(station.rows)] = se3.displaced(station.at.posture.pose, station.at.error_at_means)
     targets = np.array([part.target for part in data.measurements])[data.part]
     points = tips[:, :3, 3] + np.einsum("pij,pj->pi", tips[:, :3, :3], targets)
     names = np.array([f"{'' if part.place is None else part.kind} {part.base_name}" for part in data.measurements])
@@ -151,8 +147,8 @@ def first_guess(
             columns = instruments.columns[chosen[0]][:3]
             nuisances[columns] = _anchor(points[rows], data.readings[rows, 0]) - part.anchor
             continue
-        poses = [row for row in rows.tolist() if data.measurements[data.part[row]].kind == "pose"]
-        base = _base(points[rows], data.readings[rows, :3], tips[poses, :3, :3], data.readings[poses, 3:])
+        attitudes = [row for row in rows.tolist() if data.measurements[data.part[row]].kind == "pose"]
+        base = _base(points[rows], data.readings[rows, :3], tips[attitudes, :3, :3], data.readings[attitudes, 3:6])
         for k in chosen:
             bases[k] = base
     return tuple(bases), nuisances
@@ -185,17 +181,32 @@ def _anchor(points: Array, distances: Array) -> Array:
     return anchor
 
 
-def readings_in_base(data: CalibrationData, stations: Sequence[Station], bases: Sequence[Array]) -> Array:
-    """Return readings ``(P, m)`` as :meth:`Measurement.predict` returns them: in base axes, turns from the nominal attitude."""
+def readings_in_base(data: CalibrationData, poses: Array, bases: Sequence[Array]) -> Array:
+    """Return readings ``(P, m)`` as :meth:`Measurement.predict` returns them: in base axes, turns from nominal ``(P, 4, 4)``."""
     result = np.nan_to_num(data.readings, nan=0.0)
-    for station in stations:
-        nominal = station.at.posture.pose[:3, :3]
-        for row in station.rows:
-            part, base = data.measurements[data.part[row]], bases[data.part[row]]
-            if part.place is not None:
-                continue
-            result[row, :3] = (data.readings[row, :3] - base[:3, 3]) @ base[:3, :3]
-            if part.kind == "pose":
-                attitude = base[:3, :3].T @ se3.exp_rotation(data.readings[row, 3:])
-                result[row, 3:] = se3.log_rotation(attitude @ nominal.T)
+    for row, number in enumerate(data.part):
+        part, base = data.measurements[number], bases[number]
+        if part.place is not None:
+            continue
+        result[row, :3] = (data.readings[row, :3] - base[:3, 3]) @ base[:3, :3]
+        if part.kind == "pose":
+            attitude = base[:3, :3].T @ se3.exp_rotation(data.readings[row, 3:6])
+            result[row, 3:6] = se3.log_rotation(attitude @ poses[row, :3, :3].T)
     return result
+
+
+def nominal_distance(chain: Chain, data: CalibrationData) -> float:
+    """Return how far the readings are from the nominal arm whatever the set-up: root mean square of whitened residuals."""
+    instruments = Instruments(data.measurements)
+    poses = np.moveaxis(chain.with_target((0.0, 0.0, 0.0)).at_columns(np.ascontiguousarray(data.q)).pose, -1, 0)
+    bases, start = first_guess(data, poses, instruments)
+    readings = readings_in_base(data, poses, bases)
+    values, slopes = [], []
+    for row, number in enumerate(data.part):
+        part, own = data.measurements[number], start[instruments.columns[number]]
+        predicted = part.predict(poses[row], np.zeros((6, 1)), own[:, None])
+        values.append(part.residual(readings[row, : part.size, None], predicted)[:, 0] / part.deviations)
+        slopes.append(instruments.slopes(number, poses[row], np.zeros(6), start).nuisances / part.deviations[:, None])
+    white, by_nuisance = np.concatenate(values), np.concatenate(slopes)
+    left = white - by_nuisance @ np.linalg.lstsq(by_nuisance, white, rcond=1e-9)[0]
+    return float(np.sqrt(np.mean(left**2)))
