@@ -62,6 +62,7 @@ def test_root_mean_square_of_three_kinds_of_cost(tmp_path: Path) -> None:
     assert result.gap < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_worst_case_with_a_bound_and_a_mean(tmp_path: Path) -> None:
     problem = _problem(SQUARED, [{"worst_case": "0.4 mm"}], max={1: "0.12 mm"})
@@ -82,6 +83,7 @@ def test_worst_case_with_a_bound_and_a_mean(tmp_path: Path) -> None:
     assert result.gap < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_components_at_three_poses(tmp_path: Path) -> None:
     """At an angle θ the x of the tip is cos θ of the first length and sin θ of the second; z is the third."""

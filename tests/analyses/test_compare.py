@@ -25,6 +25,7 @@ def hinge(std: float, *more: pp.Source) -> pp.ErrorModel:
     )
 
 
+@pytest.mark.slow
 def test_a_scaled_tolerance_in_closed_form():
     found = pp.compare(
         [hinge(1e-4), hinge(1.1e-4)], [0.0], samples=60_000, model="linear", specifications="0.2 mm @ 95 %"
@@ -175,6 +176,7 @@ def test_few_robots_tell_no_quantile():
     assert mean_difference(values[0, :1], values[1, :1], 0.95).interval is None
 
 
+@pytest.mark.slow
 def test_what_differs_in_the_sheets():
     model = pp.ErrorModel.load(PAPER_SHEET)
     other = model.with_({"axis_install[joint2].radius": "0.2 mm", "parameters.a1": "±0.1 mm", "statics": "equilibrium"})

@@ -58,6 +58,7 @@ def test_the_sag_of_the_papers_arm():
     assert made.iterations[0] <= 4
 
 
+@pytest.mark.slow
 def test_every_pose_of_a_six_axis_arm_with_payload():
     model = ErrorModel.load(shipped_sheets()["ur5"])
     result = pp.compensate(model, list(model.poses), mode="pose")
@@ -135,6 +136,7 @@ def least_change(arm: str, q: np.ndarray, offsets: np.ndarray, shift: float, uni
     return min(found, default=np.inf)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "sliding", "mode", "room"),
     [(3, (), "pose", 7.0), (5, (2,), "position", 7.0), (5, (2,), "position", 0.01), (4, (2,), "position", 0.04)],

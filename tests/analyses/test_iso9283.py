@@ -137,6 +137,7 @@ def test_limit_of_visits_that_are_not_normal():
     assert found.RP_limit.mean == pytest.approx(t / 2 + 3 * t / math.sqrt(12), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_limit_of_each_robot_by_a_long_test():
     """Robots whose visits scatter differently: joint 2 moves the tool more where joint 3 is built farther out."""
     space = pp.Space((pp.Draw("built", pp.Normal(0.3)), pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT)))
@@ -193,6 +194,7 @@ def test_no_visits_is_warned_of():
 # form ----------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_same_bits_for_any_number_of_threads():
     calls: list[int] = []
     one = pp.iso9283(MIXED, Q, robots=1200, threads=1, progress=calls.append)
@@ -285,6 +287,7 @@ def largest_where(reach):
     return largest_cube(lambda points, starts=None: np.where(reach(points), points, np.nan), -np.ones(3), np.ones(3))
 
 
+@pytest.mark.slow
 def test_the_largest_cube_of_a_ball_by_hand():
     # within a sphere of radius 1 the largest cube has the edge 2/√3
     side, centre = largest_where(lambda points: (points**2).sum(axis=0) <= 1)
@@ -362,6 +365,7 @@ def test_points_of_the_cube_are_those_of_the_standard(plane):
     assert points[:, 2] == pytest.approx(-points[:, 4])
 
 
+@pytest.mark.slow
 def test_paths_along_the_base_axes_move_the_joints_as_differences_say():
     model = ErrorModel.load(shipped_sheets()["ur5"])
     q = model.poses["ready"]
@@ -376,6 +380,7 @@ def test_paths_along_the_base_axes_move_the_joints_as_differences_say():
         assert way == tuple(np.sign(moved).astype(int))
 
 
+@pytest.mark.slow
 def test_poses_that_are_left_out_are_found_in_the_workspace():
     # three slides of 0.6, 0.9 and 0.7 m reach a box, whose largest cube has its shortest edge
     limits = [f'<limit lower="0" upper="{top}" effort="1" velocity="1"/>' for top in (0.6, 0.9, 0.7)]
@@ -450,6 +455,7 @@ def test_drift_is_largest_on_the_way_where_two_errors_come_and_go():
     np.testing.assert_allclose(found.values, growth * math.exp(-0.125), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_drift_of_a_robot_that_scatters_by_a_plain_loop():
     model = warming(Thermal(expansion=2e-5, temperature_change="change", time_constant=3600.0), joints=True)
     found = pp.iso9283(model, Q[:, :1], robots=3, cycles=4, target=(0.0, 0.05, 0.1)).drift

@@ -48,6 +48,7 @@ def forecast():
     return pp.iso9283(arm(), list(Q.T), cycles=CYCLES, robots=400, seed=1)
 
 
+@pytest.mark.slow
 def test_robots_of_the_sheet_differ_once_in_twenty(forecast):
     """The share of alarms among robots built as the sheet says is that of the test, exactly: a binomial number."""
     found = [forecast.compare(robot).measured.probability for robot in measure(arm(), 200, seed=2)]

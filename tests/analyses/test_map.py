@@ -154,6 +154,7 @@ def test_poses_that_cannot_be_reached_are_not_numbers_and_are_said():
     assert made.to_dict()["poses"][2]["quantile_position"] == [None, None, None]
 
 
+@pytest.mark.slow
 def test_a_map_is_met_only_where_the_worst_was_sampled():
     q = around(3)
     limit = float(pp.map_poses(PAPER, q, verify=0).quantile[1, 0].max())
@@ -166,6 +167,7 @@ def test_a_map_is_met_only_where_the_worst_was_sampled():
     assert missed.to_dict()["spec"][0]["met_at"] < 3
 
 
+@pytest.mark.slow
 def test_dataset_and_netcdf(tmp_path):
     xarray = pytest.importorskip("xarray")
     made = pp.map_poses(PAPER, unreached(), specifications=["30 mm"], relative_to="paper", verify=1)

@@ -399,6 +399,7 @@ def test_plain_sampling_is_that_of_monte_carlo(paper):
     assert found.norm_std.value[1] == pytest.approx(sampled.attitude.norm.std, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_methods_agree_on_the_papers_arm(paper):
     """Discs, uniform laws and products with loads: closed form, control, Sobol and plain sampling agree."""
     closed = moments(paper, method="closed").poses[0]

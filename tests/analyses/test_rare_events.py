@@ -456,6 +456,7 @@ def test_a_bounded_law_that_cannot_fail_but_for_a_rare_value():
     assert high < 5.1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "probability", [5e-5, *(pytest.param(rare, marks=pytest.mark.slow) for rare in (1e-3, 1e-4, 1e-6))]
 )
@@ -469,6 +470,7 @@ def test_a_rare_jump_is_never_resolved_but_wrong(probability):
             assert best.probability == pytest.approx(case.probability, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_tool_length_that_jumps_once_in_20_000():
     """|x| of one of two values and a normal number: 5e-5·P(fails | jump) + P(fails | none), both normal tails."""
     model = slides([(1, 0, 0), (1, 0, 0)], [laws.TwoPoint(0.5e-3, 0.5e-3, 5e-5), laws.Normal(0.1e-3)])

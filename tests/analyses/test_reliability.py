@@ -273,6 +273,7 @@ def test_correlated_draws_from_normals_and_in_the_importance():
 # --- the paper's arm and the command ---
 
 
+@pytest.mark.slow
 def test_the_papers_arm_deep_in_a_tail_against_the_exact_law():
     """P(|dx| > 18 mm): exact model by two methods beside the first-order law, which needs no sampling."""
     model = ErrorModel.load(examples.PAPER_SHEET)

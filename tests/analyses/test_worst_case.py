@@ -392,6 +392,7 @@ def test_where_the_model_bends_the_exact_maximum_is_found_beside_the_bound():
 # --- result and command ---
 
 
+@pytest.mark.slow
 def test_poses_one_by_one_or_together():
     model = ErrorModel.load(PAPER_SHEET)
     folded = {"joint1": 0.0, "joint2": 0.1, "joint3": 1.5, "joint4": 0.0}
@@ -407,6 +408,7 @@ def test_poses_one_by_one_or_together():
             pp.worst_case(model, wrong, samples=100)
 
 
+@pytest.mark.slow
 def test_the_json_holds_what_reproduces_it():
     model = ErrorModel.load(PAPER_SHEET)
     result = pp.worst_case(model, samples=3000, seed=5)

@@ -147,6 +147,7 @@ def _centre_on_axis(axes, axis, tick):
     return axes.transData.transform(point)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
 @pytest.mark.parametrize("case", mostly_slow(CASES, fast=2))
 def test_the_picture_is_readable_and_the_text_says_what_was_cut(case):

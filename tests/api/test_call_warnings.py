@@ -49,6 +49,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
 }
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("name", CALLS)
 def test_limits_are_warned_of_once_at_the_callers_line(name: str) -> None:
     seen = [one for one in told(lambda: CALLS[name](OUTSIDE)) if "W_JOINT_LIMIT" in str(one.message)]
@@ -71,6 +72,7 @@ def test_a_sheet_that_is_loaded_tells_its_findings_once_at_the_callers_line(tmp_
     assert found.stderr.count("W_NO_POSES") == 1
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("name", CALLS)
 def test_inside_the_limits_nothing_is_warned_of(name: str) -> None:
     assert not [one for one in told(lambda: CALLS[name](INSIDE)) if "use analyze" not in str(one.message)]
@@ -142,6 +144,7 @@ def test_a_list_of_poses_may_mix_names_and_values() -> None:
         pp.sample_poses(arm, ["home", "house"])
 
 
+@pytest.mark.slow
 def test_texts_and_lists_are_taken_where_specifications_are() -> None:
     one = pp.specification("1 mm @ 99 %")
     for given in ("1 mm @ 99 %", ["1 mm @ 99 %"], ("1 mm @ 99 %",), one, [one]):

@@ -18,6 +18,7 @@ def _sheet(folder, limit, more=""):
     return "wanted.yaml"
 
 
+@pytest.mark.slow
 def test_tolerances_are_chosen_verified_and_written_as_a_sheet(run, folder, new_files):
     done = run("allocate", _sheet(folder, "37.5 mm @ 95 %"), "--out", "made")
     assert done.code == 0, done.err
@@ -34,6 +35,7 @@ def test_tolerances_are_chosen_verified_and_written_as_a_sheet(run, folder, new_
     assert len(new.poses) == len(result["poses"])
 
 
+@pytest.mark.slow
 def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder):
     done = run("allocate", _sheet(folder, "1 mm"), "--out", "made")
     assert done.code == 1
@@ -91,6 +93,7 @@ def test_wrong_input_is_one_line(run, folder):
     assert checked.out == done.err
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -18,6 +18,7 @@ FILES = {f"{name}.{suffix}" for name in ("position", "attitude", "components") f
 QUICK = ("analyze", "--samples", "200")
 
 
+@pytest.mark.slow
 def test_out_holds_the_plots_and_the_result(run, folder, new_files):
     outcome = run(*QUICK, "--out", "deep/er")
     assert outcome.code == 0

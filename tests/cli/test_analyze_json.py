@@ -127,6 +127,7 @@ def test_null_where_the_samples_do_not_resolve_a_number(run, samples):
             assert (entry["quantile_interval"][level] is None) == (value is None), (name, level)
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_another_seed_other_numbers(run, folder):
     arguments = ("analyze", "--samples", "20000", "--spec", "40 mm")
     first = run(*arguments, "--seed", "3", "--json", "-").out

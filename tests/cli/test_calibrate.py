@@ -41,6 +41,7 @@ def test_forecast_begins_with_the_answer_and_is_100_columns_wide(run, folder) ->
     assert (folder / "f.json").read_text().startswith('{\n  "schema": "precision-pin/calibration-forecast/1"')
 
 
+@pytest.mark.slow
 def test_a_plan_begins_with_what_it_buys_and_is_the_forecast_of_its_poses(run, folder) -> None:
     found = run("calibrate", SHEET, "--plan", "6", "--random", "20", *TARGET, "--json", "p.json", "--out", "plots")
     assert found.code == 0
@@ -59,6 +60,7 @@ def test_a_plan_begins_with_what_it_buys_and_is_the_forecast_of_its_poses(run, f
     assert forecast["rms_position"]["after"] == pytest.approx(plan["rms_position"]["after"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_fit_writes_what_is_asked_for(run, folder, rows) -> None:
     data = write(folder, rows)
     found = run("calibrate", SHEET, data, *TARGET, "--urdf", "new.urdf", "--out", "plots", "--json", "c.json")
@@ -73,6 +75,7 @@ def test_a_fit_writes_what_is_asked_for(run, folder, rows) -> None:
     assert (folder / "new.urdf").read_text().startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_other_commands_run_on_the_calibrated_sheet(run, folder, rows) -> None:
     data = write(folder, rows)
     found = run("calibrate", SHEET, data, *TARGET, "--sheet", "new.errors.yaml", "--json", "-")
@@ -141,6 +144,7 @@ def quick(folder) -> str:
     return "quick.errors.yaml"
 
 
+@pytest.mark.slow
 def test_a_page_shows_the_fit_of_the_command(run, folder, quick) -> None:
     found = run("calibrate", quick, "data.csv", "--json", "-").json
     made = run("view", quick, "--samples", "20", "--calibrate", "data.csv", "--out", "page.html")
@@ -207,6 +211,7 @@ def test_a_page_refuses_readings_before_anything_long_begins(
     assert contents() == before
 
 
+@pytest.mark.slow
 def test_units_do_not_matter(run, folder, rows) -> None:
     one = run("calibrate", SHEET, write(folder, rows), *TARGET, "--json", "-").json
     other = np.hstack([np.radians(rows[:, :4]), rows[:, 4:] / 1e3])
@@ -242,6 +247,7 @@ def test_swapped_columns_are_noticed(run, folder, rows) -> None:
     assert "columns or units are wrong" in found.err
 
 
+@pytest.mark.slow
 def test_copied_rows_are_named(run, folder, rows) -> None:
     found = run("calibrate", SHEET, write(folder, np.vstack([rows, rows[3]])), *TARGET)
     assert "data.csv:12: warning W_REPEATED_READING" in found.err
@@ -293,6 +299,7 @@ SET_UP = (
 )
 
 
+@pytest.mark.slow
 def test_the_set_up_is_that_of_the_sheet_where_options_say_nothing(run, folder) -> None:
     text = (folder / SHEET).read_text()
     (folder / "set.errors.yaml").write_text(text + SET_UP)
@@ -311,6 +318,7 @@ def test_the_set_up_is_that_of_the_sheet_where_options_say_nothing(run, folder) 
     assert changed["std"] == 5e-5
 
 
+@pytest.mark.slow
 def test_random_poses_of_contact_touch(run, folder) -> None:
     text = (folder / SHEET).read_text()
     sockets = (
@@ -379,6 +387,7 @@ def test_a_factory_calibration_is_read_and_written(run, folder) -> None:
     np.testing.assert_allclose(tip, dh_flange("UR5", np.array(q)), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_tolerances_of_a_population_are_written_as_a_sheet(run, folder) -> None:
     """Six robots, one of them as its calibration: the sheet keeps its laws with other widths, and says where they come from."""
     text = "precision-pin: 1\nrobot: 4dof.urdf\ntip: tool\nposes: {home: 0 0 0 0 deg}\nparameters:\n  b: ±2 mrad\nsources:\n"

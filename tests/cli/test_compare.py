@@ -14,6 +14,7 @@ def tighter(folder):
     return "tighter.yaml"
 
 
+@pytest.mark.slow
 def test_the_better_sheet_comes_first_and_the_verdicts_decide(run, folder, tighter):
     asked = ("compare", "gantry.errors.yaml", tighter, *FEW, "--pose", "home", "--spec", "y 0.16 mm @ 99.9 %")
     done = run(*asked, "--out", "plots")

@@ -25,6 +25,7 @@ def test_the_first_lines_answer_the_question(run):
     assert max(map(len, lines)) <= 100
 
 
+@pytest.mark.slow
 def test_a_trajectory_comes_back_with_its_columns(run, folder, new_files):
     (folder / "way.csv").write_text(WAY)
     done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--json", "right.json")
@@ -52,6 +53,7 @@ def test_a_trajectory_in_degrees_comes_back_in_degrees(run, folder):
     assert [float(cell) * unit for cell, unit in zip(row, units, strict=True)] == pytest.approx(corrected, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_corrected_arm_stands_where_it_was_meant_to(run, folder):
     """The file is read by other commands: nominal pose at the corrected values plus the error there is the pose wanted."""
     done = run("compensate", SHEET, "--csv", "right.csv", "--json", "right.json")
@@ -97,6 +99,7 @@ def test_wrong_input_is_one_line(run, new_files, options, message):
     assert new_files() == set()
 
 
+@pytest.mark.slow
 def test_a_page_shows_the_arm_before_and_after(run, folder):
     (folder / "way.csv").write_text(WAY)
     made = run("view", SHEET, "--samples", "20", "--compensate", "way.csv", "--out", "page.html")

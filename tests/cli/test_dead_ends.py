@@ -140,6 +140,7 @@ def test_a_sheet_that_is_not_there_gives_the_nearest(run):
     assert error_of(run("check", "nosuch.yaml")).endswith("; precision-pin init ROBOT.urdf writes one")
 
 
+@pytest.mark.slow
 def test_init_then_analyze_of_the_same_example_finds_the_sheet_just_written(run, folder):
     shipped = run("analyze", "example:ur5", *FEW)
     assert shipped.code == 0
@@ -324,6 +325,7 @@ LONGER = {
 }
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("command", QUICK)
 def test_quiet_leaves_out_notes_and_keeps_warnings_and_results(run, command):
     told(run, command, *QUICK[command])

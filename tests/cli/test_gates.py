@@ -42,6 +42,7 @@ def _spec_entries(data):
     return [one for value in data for one in _spec_entries(value)] if isinstance(data, list) else []
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_joint_outside_its_limits_is_not_judged(run, folder, name):
     command, *options = COMMANDS[name]
@@ -200,6 +201,7 @@ def _share(text):
     return float(re.search(r"with this went ([\d.]+) % of the variance of the position", text)[1])
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "map, closed form"])
 def test_what_is_set_to_nothing_is_said_with_its_share(run, folder, name):
     command, *options = COMMANDS[name]
@@ -236,6 +238,7 @@ def test_named_parameters_and_parts_of_them(run, folder):
 # calibration ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_fit_without_a_prior_of_what_is_not_determined_ends_with_1(run, folder):
     """Readings at one value of y_axis: its offset and one along the same line are told apart by nothing."""
     sheet = (folder / SHEET).read_text("utf-8")

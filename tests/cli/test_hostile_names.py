@@ -22,6 +22,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(st.text())
 def test_a_message_is_one_printable_line(text):

@@ -47,6 +47,7 @@ orientations: any
 """
 
 
+@pytest.mark.slow
 def test_a_grid_makes_a_set_and_poses_without_what_is_out_of_reach(run, folder):
     (folder / "grid.yaml").write_text(GRID)
     poses = read_pose_set(read(SHEET), {**NONE, "grid": "grid.yaml"})

@@ -57,6 +57,7 @@ def test_tables_need_no_matplotlib_and_mcpc_no_compiler():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [("precision-pin",), pytest.param(("-m", "precision_pin"), marks=pytest.mark.slow)])
 def test_installed_and_as_a_module(command, executable):
     line = [executable] if command == ("precision-pin",) else [sys.executable, *command]
@@ -162,6 +163,7 @@ def test_a_reader_that_has_gone_is_no_error(executable, folder, arguments, code)
         assert json.loads((folder / "result.json").read_text("utf-8"))["samples"] == 100
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
 @pytest.mark.parametrize(
     "arguments",

@@ -53,6 +53,7 @@ def test_the_exit_code_the_worst_pose_and_a_row_for_each_pose(run):
     assert sum("(worst)" in row for row in rows) == 1
 
 
+@pytest.mark.slow
 def test_the_folder_holds_the_result_and_the_plots(run, new_files):
     assert run("analyze", SHEET, "--all-poses", *FEW, "--out", "plots").code == 0
     names = {"plots", "plots/poses.json"} | {f"plots/{q}.{s}" for q in ("position", "attitude") for s in ("png", "svg")}

@@ -49,6 +49,7 @@ def test_a_full_stderr_changes_nothing(folder, words, code):
     assert shell(f"PP {words} 2> /dev/full", folder) == (code, usual[1], "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", [pytest.param("2>&-", marks=pytest.mark.slow), ">&- 2>&- <&-"])
 def test_closed_streams(folder, closed):
     code, _, err = shell(f"PP init 4dof.urdf --out new.yaml {closed}", folder)

@@ -89,6 +89,7 @@ def test_long_names_go_on_below_where_that_is_enough() -> None:
     assert folded(rows, 100) == rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["", "example:ur5", "example:panda"])
 def test_an_answer_fits_a_screen_and_ends_with_the_verdict(run, monkeypatch: pytest.MonkeyPatch, robot: str) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
@@ -134,6 +135,7 @@ def test_a_urdf_has_one_line_in_a_command_and_all_in_check(run, folder) -> None:
     assert spelled == listed
 
 
+@pytest.mark.slow
 def test_warnings_of_one_code_are_one_line_unless_all_are_asked_for(run, folder) -> None:
     drafted = run("init", "example:xarm7", "--tip", "link7", "--out", "seven.yaml")
     lines = [line for line in drafted.err_lines if "W_ANGLE_ROUNDED" in line]

@@ -143,6 +143,7 @@ class TestAssumptions:
         assert len(outcome.json["assumed"]) == len(sources) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mostly_slow([name for name in shipped_sheets() if name != "4dof"], fast=1))
 def test_init_starts_from_the_sheet_with_sources(run: Run, folder, name: str) -> None:
     if name not in example_urdfs():
@@ -184,6 +185,7 @@ class TestCheckAtPoses:
         assert "W_JOINT_LIMIT: pose 'reach': joint joint2 at 400 deg is outside its limits -180 to 180 deg" in line
         assert line.replace("pose 'reach': ", "") in run("analyze", "out.yaml", "--samples", "10").err
 
+    @pytest.mark.slow
     def test_limits_are_told_of_very_many_poses(self, run: Run, folder) -> None:
         more = "".join(f"  p{k}: 0 0 {400 if k == 299 else 0} 0 deg\n" for k in range(300))
         (folder / "many.yaml").write_text(HEAD + more + TURNS, "utf-8")

@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 import precision_pin
 
 ROOT = Path(__file__).parents[2]
@@ -56,6 +58,7 @@ def filled_in(node: ast.expr) -> str:
     return "{VERDICT}" if ast.unparse(node).endswith(".verdict.upper()}'") else "{}"
 
 
+@pytest.mark.slow
 def test_every_sentence_has_a_row() -> None:
     known: dict[str, list[str]] = {}
     for row in rows():
@@ -72,6 +75,7 @@ def test_every_sentence_has_a_row() -> None:
     assert missing == []
 
 
+@pytest.mark.slow
 def test_every_test_of_the_table_exists() -> None:
     named = [name for row in rows() for name in re.findall(r"`(tests/\S+\.py::\w+)`", " ".join(row[2:]))]
     assert len(named) > 25

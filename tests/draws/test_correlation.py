@@ -79,6 +79,7 @@ def integral(law: Law, weight: Callable[[Array], Array], *bends: float) -> float
 # ---- the correlation that follows ----
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("law", mostly_slow(LAWS, fast=6), ids=repr)
 @pytest.mark.parametrize(
     "rho", [-0.3, 0.999, *(pytest.param(rho, marks=pytest.mark.slow) for rho in (-0.95, 0.1, 0.6))]
@@ -169,6 +170,7 @@ def test_two_pairs_by_scipy_s_double_integral() -> None:
         assert covariance_of(first, second, rho) == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", mostly_slow(LAWS, fast=4), ids=repr)
 def test_the_correlation_rises_with_that_of_the_scores_from_bound_to_bound(law: Law) -> None:
     """From the countermonotone to the comonotone pair (Hoeffding, 1940), which is the variance."""

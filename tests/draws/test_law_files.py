@@ -166,6 +166,7 @@ def test_an_added_law_is_sampled_alike_by_both_engines(model: pp.ErrorModel) -> 
     )
 
 
+@pytest.mark.slow
 def test_an_added_law_is_known_to_the_analyses(model: pp.ErrorModel) -> None:
     size = slope(model)
     assert pp.moments(model, "p").poses[0].std.value[1] == pytest.approx(size * math.sqrt(VARIANCE), rel=1e-3)
@@ -179,6 +180,7 @@ def test_an_added_law_is_known_to_the_analyses(model: pp.ErrorModel) -> None:
     assert pp.budget(model, "p").poses[0].std["position.y"] == pytest.approx(size * math.sqrt(VARIANCE), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_sums_with_an_added_law_are_those_of_its_uniform_parts(trapezoid: Any) -> None:
     """Convolution and Fourier series, against the distribution of a sum of uniform numbers by truncated powers."""
     part, third = trapezoid(A, B).projection(np.ones(1)), pp.Uniform(A / 2).projection(np.ones(1))
@@ -394,6 +396,7 @@ def law_names(path: Path) -> set[str]:
     return names
 
 
+@pytest.mark.slow
 def test_no_other_file_names_a_law() -> None:
     found: dict[str, Any] = {}
     for path in FILES:

@@ -57,6 +57,7 @@ def test_errors_do_not_depend_on_the_range_asked_for() -> None:
     np.testing.assert_array_equal(sampler.errors_at(LAYOUT, "exact", components[:, 5:700]), whole[:, 5:700])
 
 
+@pytest.mark.slow
 def test_any_cut_into_calls_and_any_number_of_threads_give_the_same_bits() -> None:
     samples, blocks = 9 * BLOCK + 1234, 10
     whole = sampler.accumulate(LAYOUT, PLAN, "exact", 5, 0, blocks, samples=samples)

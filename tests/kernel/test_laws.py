@@ -231,6 +231,7 @@ def row_of(function, given, *arguments):
     return result
 
 
+@pytest.mark.slow
 def test_quantiles_on_an_injected_grid_equal_scipy() -> None:
     seen = row_of(loops.arcsine_law, GRID, 0.3, 2.0)
     lower = GRID < 0.5
@@ -266,6 +267,7 @@ def test_the_largest_uniform_number_chooses_the_last_row(count: int) -> None:
     assert w[loops.STRIDE : loops.STRIDE + 3].tolist() == [1.0, 2.0 * (count // 2) + 1, 2.0 * count - 1]
 
 
+@pytest.mark.slow
 def test_correlate_is_the_mixing_of_numpy() -> None:
     group = SPACE.correlations[0]
     n = np.random.default_rng(4).normal(size=(4, loops.TILE)) * 3

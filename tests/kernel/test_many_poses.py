@@ -92,6 +92,7 @@ def assert_as_one_at_a_time(
             np.testing.assert_array_equal(norms.sketch[p, part], counts)
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("model", ["exact", "linear"])
 @pytest.mark.parametrize(("poses", "samples"), [(1, 300), (3, 1), (5, BLOCK + 333), (7, 2048), (11, 255)])
 def test_all_scopes_formulas_and_products_have_the_bits_of_one_pose_at_a_time(model, poses: int, samples: int) -> None:

@@ -71,6 +71,7 @@ def test_the_99_percent_quantile_is_that_of_exact_rods(arm, law, hundredth, with
     assert np.quantile(sampled, 0.99) == pytest.approx(truth, rel=within + 3e-3)
 
 
+@pytest.mark.slow
 def test_products_of_load_and_stiffness_are_kept(arm):
     """Heavy and soft at once: against rods, where a first-order model is 10 % short."""
     at = varied(arm, Uniform(0.3, mean=1.0), Uniform(0.5, mean=1.0)).at(PAPER_Q)
@@ -225,6 +226,7 @@ def test_a_column_past_eulers_load_is_refused(ratio, aside):
     assert factor == pytest.approx(1 / ratio, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_bent_cantilever_is_an_elastica_to_second_order():
     """Tip force F l²/EI = α across: shooting the elastica; the gap is of third order in α, with the shortening."""
     gaps = []

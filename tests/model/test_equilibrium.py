@@ -70,6 +70,7 @@ def scaled(arm: Chain, stiffness: float = 1.0, statics="equilibrium") -> ErrorMo
 # --- exact rods ---
 
 
+@pytest.mark.slow
 def test_the_rods_are_those_of_the_reference():
     error = rods_error()
     assert np.linalg.norm(error[:3]) / MM == pytest.approx(35.877, abs=5e-4)
@@ -93,6 +94,7 @@ def test_distance_to_the_rods(arm):
             assert np.linalg.norm((error - exact)[rows]) < 0.1 * bound * np.linalg.norm(exact[rows])
 
 
+@pytest.mark.slow
 def test_slopes_are_those_of_the_rods(arm):
     jacobian = scaled(arm).at(PAPER_Q).jacobian
     h = 0.01

@@ -94,6 +94,7 @@ def settled_by_hand(chain: Chain, payload: float, stiffness: float) -> np.ndarra
     return pose_error(ends[4], chain.at(PAPER_Q).pose)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("payload", "stiffness"),
     [(3.0, 0.5), pytest.param(1.0, 1.0, marks=pytest.mark.slow), pytest.param(0.2, 10.0, marks=pytest.mark.slow)],

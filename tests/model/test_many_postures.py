@@ -28,6 +28,7 @@ def configurations(chain, poses: int, seed: int = 5):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (len(chain.joints), poses))
 
 
+@pytest.mark.fast(28)
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize(("kind", "source"), [case[:2] for case in CASES])
 def test_terms_made_together_are_those_made_one_by_one(kind, source, arm):

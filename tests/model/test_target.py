@@ -39,6 +39,7 @@ def at_lever(errors: np.ndarray, lever: np.ndarray) -> np.ndarray:
     return np.concatenate([errors[:3] + turned.T, errors[3:]])
 
 
+@pytest.mark.slow
 def test_the_errors_at_a_target_are_those_of_the_tip_with_the_lever_arms_shift(arms):
     tip, target = arms
     x = tip.space.sample(0, 0, 20)
@@ -63,6 +64,7 @@ def test_the_errors_at_a_target_are_those_of_the_tip_with_the_lever_arms_shift(a
         np.testing.assert_array_equal(there.table.twists, at.table.twists)
 
 
+@pytest.mark.slow
 def test_the_sampler_many_postures_and_robots_as_built_speak_of_the_target(arms):
     _, target = arms
     drawn = pp.monte_carlo(target, POSES[:, 0], samples=512, seed=3)
@@ -83,6 +85,7 @@ def test_the_sampler_many_postures_and_robots_as_built_speak_of_the_target(arms)
     assert len(list(AsBuilt.prepare(target, POSES[:, 0], sheet="target.yaml").units(0, 0, 2))) == 2
 
 
+@pytest.mark.slow
 def test_inverse_kinematics_brings_the_target_to_a_place(arms):
     _, target = arms
     places = pp.box_places([1.0, 2.0], 0.4, 0.3)

@@ -143,6 +143,7 @@ def example(name: str) -> tuple[Path, str, str | None, dict[str, float]]:
 # --- geometry at every pose ---
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
 @pytest.mark.parametrize("name", ["panda", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ur5", "kinova"))])
 def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
@@ -160,6 +161,7 @@ def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
     assert set(after) <= set(before)
 
 
+@pytest.mark.slow
 def test_geometric_errors_of_the_papers_arm():
     chain = Chain.from_urdf(PAPER_SHEET.with_name("4dof.urdf"))
     model = ErrorModel(chain, Space(), every_geometric(chain))

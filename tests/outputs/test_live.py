@@ -688,6 +688,7 @@ def port_of(process: subprocess.Popen[str]) -> int:
     return int(process.stderr.readline().strip().rstrip("/").rpartition(":")[2])
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_at_once_and_the_port_can_be_used_again(sheet):
     process = started(sheet)
     try:

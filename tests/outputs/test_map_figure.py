@@ -42,6 +42,7 @@ def test_the_layout_follows_the_places(poses, kind, axes):
     assert (layout.kind, layout.names) == (kind, axes)
 
 
+@pytest.mark.slow
 def test_a_heat_map_shows_the_value_of_each_place():
     made = pp.map_poses(PAPER, PLANE, verify=1, specifications=["20 mm"])
     drawn = figure(made)

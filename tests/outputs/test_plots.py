@@ -109,6 +109,7 @@ def drawn_texts(figure: Figure) -> list[Text]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=[pytest.mark.slow] * (case not in FAST_CASES)) for case in CASES]
 )
@@ -282,6 +283,7 @@ def test_saving_writes_the_same_bytes_each_time(tmp_path: Path) -> None:
     assert "date" not in first[1].read_text(encoding="utf-8").lower()
 
 
+@pytest.mark.slow
 def test_a_place_that_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
     figure = plots.figure_position(summary_of(errors_of("five samples")))
     with pytest.raises(OutputError, match=r"cannot write .*No such file") as caught:

@@ -519,6 +519,7 @@ def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path
     assert [row[0] for row in reader.table("Causes of the position error").rows].count("correlated: p + r") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [1, pytest.param(40, marks=pytest.mark.slow)])
 def test_few_samples_are_said_to_resolve_little(model, samples):
     results = sampled_again(model, samples=samples)

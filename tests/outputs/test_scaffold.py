@@ -407,6 +407,7 @@ def loaded(text: str, version: str) -> object:
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), max_size=30) | st.text(string.printable, max_size=12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["1.1", "1.2"])
 @given(name=NAMES)
 def test_quoting_survives_any_name(version: str, name: str) -> None:

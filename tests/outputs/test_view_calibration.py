@@ -214,6 +214,7 @@ def test_many_readings_are_few_lines(case):
     assert 'id="calibration-before">' in layer.legend()
 
 
+@pytest.mark.slow
 def test_one_reading_without_residual():
     model, q = small_model(), random_poses(4, 1)
     exact = model.chain.at_columns(q).pose[:3, 3].T
@@ -239,6 +240,7 @@ def test_names_are_never_markup(case):
 # the report --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_section_has_the_numbers_of_the_json(case):
     _, result, _ = case
     chapter, found = calibration_chapter(result), json.loads(result.to_json())

@@ -60,6 +60,7 @@ def sampled_positions(pose: dict) -> np.ndarray:
     return floats(pose["points"]).reshape(-1, 3).T
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     ("options", "names"),
     [

@@ -135,6 +135,7 @@ def test_of_several_branches_the_best_has_the_largest_singular_value():
     assert best.names == ("500 200 300 mm",)
 
 
+@pytest.mark.slow
 def test_a_random_design_lies_evenly_over_joints_or_places(monkeypatch):
     arm = gantry()
     joints = pp.random_poses(arm, 2000, seed=3)

@@ -322,6 +322,7 @@ def test_shipped_sheets_at_many_poses_as_one_at_a_time(name):
     assert np.abs(many[0].table.twists - many[1].table.twists).max() > 1e-9
 
 
+@pytest.mark.slow
 def test_equilibrium_at_many_poses_as_one_at_a_time():
     """Its slopes are differences over a step of 1e-7, which makes 1e-9 of a rounding of 1e-16.
 

@@ -321,6 +321,7 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", disk], check=True)
 
 
+@pytest.mark.slow
 def test_a_run_on_a_tiny_disk(tiny_disk: Path, monkeypatch) -> None:
     for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
         monkeypatch.setattr(journal_module, name, 0)

@@ -120,6 +120,7 @@ def test_two_specifications_of_one_kind_keep_their_order() -> None:
     assert [of.met for of in found.specification_results] == [True, False]
 
 
+@pytest.mark.slow
 def test_everywhere_is_the_count_of_robots_that_keep_the_limit_at_all_poses() -> None:
     # more robots than a task has, the last task not full
     samples = 18_000

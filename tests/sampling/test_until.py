@@ -47,6 +47,7 @@ def test_it_stops_at_the_first_look_that_is_precise_enough() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_what_it_finds_is_what_so_many_samples_give() -> None:
     found = pp.monte_carlo(MODEL, samples=10**8, until=[TARGET, "attitude std to 1 %"], seed=3)
     assert numbers(found) == numbers(pp.monte_carlo(MODEL, samples=found.samples, seed=3))

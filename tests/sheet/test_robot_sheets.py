@@ -132,6 +132,7 @@ def test_no_finding_about_the_sheet(robot):
     assert tuple(sheet.poses) == POSES
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(("robot", "pose"), CASES)
 def test_analyses_run_without_a_warning(robot, pose):
     assert forecast(robot, pose).warnings == ()

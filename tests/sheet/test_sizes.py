@@ -254,6 +254,7 @@ def test_no_regular_expression_takes_long_over_any_text() -> None:
 # what a machine cannot hold ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_what_a_machine_cannot_hold_is_refused_at_once() -> None:
     space = Space((Draw("a", Normal(1.0)), Draw("b", Normal(1.0))))
     large = Space(tuple(Draw(f"a{k}", Normal(1.0)) for k in range(60_000)))
@@ -288,6 +289,7 @@ def test_a_tolerance_beyond_any_number_is_refused(load: Load) -> None:
 # changed sheets ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [12, pytest.param(60, marks=pytest.mark.slow)])
 def test_a_small_share_of_the_changed_sheets(tmp_path: Path, count: int) -> None:
     """``python -m fuzzing sheets`` tries more of them."""

@@ -250,6 +250,7 @@ def edited(data: st.DataObject, text: str) -> str:
     return text
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_an_edited_sheet_is_read_or_refused_but_never_crashes(write: Write, data: st.DataObject) -> None:

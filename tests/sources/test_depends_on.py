@@ -113,6 +113,7 @@ def test_every_kind_is_here():
     assert {*SAYS, "table"} == set(catalogue())
 
 
+@pytest.mark.fast(9)
 @pytest.mark.parametrize("arm", mostly_slow(ARMS, fast=1))
 @pytest.mark.parametrize(("kind", "source", "depends_on", "alike"), CASES)
 def test_what_a_source_says_is_true(kind, source, depends_on, alike, arm):

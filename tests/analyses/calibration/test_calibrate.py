@@ -38,6 +38,7 @@ def error_of_prediction(model: pp.ErrorModel, found: CalibrationResult, q: np.nd
     return found.predict(q)[:3, 3] - at.posture.pose[:3, 3] - error[:3]
 
 
+@pytest.mark.slow
 def test_estimate_is_that_of_a_general_solver() -> None:
     """The same sum of squares, written down with the exact model and minimised with derivatives by finite differences."""
     model, q = plain_model(), random_poses(4, 8)
@@ -73,6 +74,7 @@ def test_estimate_is_that_of_a_general_solver() -> None:
     assert found.degrees_of_freedom == 24
 
 
+@pytest.mark.slow
 def test_planted_parameters_are_recovered_and_held_out_poses_predicted() -> None:
     model, q, later = plain_model(), random_poses(4, 40), random_poses(4, 20, seed=9)
     found = pp.calibrate(model, (q, readings_of(model, q, TRACKER, seed=4)), TRACKER, at=later)
@@ -176,6 +178,7 @@ def test_a_group_is_left_out_as_a_fit_without_it_does(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.left_out[k], away, rtol=2e-2, atol=2e-7)
 
 
+@pytest.mark.slow
 def test_a_planted_backlash_is_noticed() -> None:
     """The sheet lacks a gap of 1 mrad in joint 3: chi-square says so, and names the joint."""
     model, q = plain_model(), random_poses(4, 40)
@@ -263,6 +266,7 @@ def test_estimates_stay_within_the_bounds_of_laws() -> None:
     assert np.abs(sampled).max() <= 1e-3
 
 
+@pytest.mark.slow
 def test_the_arm_that_is_left_has_the_error_forecast() -> None:
     model, q = plain_model(), random_poses(4, 30)
     found = pp.calibrate(model, (q, readings_of(model, q, TRACKER, seed=7)), TRACKER, at=["work"])
@@ -276,6 +280,7 @@ def test_the_arm_that_is_left_has_the_error_forecast() -> None:
     )
 
 
+@pytest.mark.slow
 def test_bounds_of_laws_do_not_undo_what_is_known_of_sums() -> None:
     """Six lengths of the paper's arm show in sums only: cut one by one at their bounds, the sums would be lost."""
     model, q = paper_model(), random_poses(4, 40)
@@ -285,6 +290,7 @@ def test_bounds_of_laws_do_not_undo_what_is_known_of_sums() -> None:
     np.testing.assert_allclose(np.trace(spread), np.trace(found.poses[0].covariance_after[:3, :3]), rtol=0.08)
 
 
+@pytest.mark.slow
 def test_the_urdf_has_the_poses_of_the_calibrated_arm(tmp_path: Path) -> None:
     model, q = plain_model(), random_poses(4, 20)
     geometric = pp.ErrorModel(model.chain, pp.Space(), model.sources[:-1], model.poses)
@@ -297,6 +303,7 @@ def test_the_urdf_has_the_poses_of_the_calibrated_arm(tmp_path: Path) -> None:
         np.testing.assert_allclose(read.at(q[:, k]).pose, found.predict(q[:, k]), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_json_of_every_result_is_what_its_fields_declare() -> None:
     """Numbers, texts and arrays under each key are those of its attribute; arrays in fields cannot be written."""
     model, q = plain_model(), random_poses(4, 6)

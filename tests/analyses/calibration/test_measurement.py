@@ -159,6 +159,7 @@ def test_slopes_of_the_model_at_other_values_are_finite_differences() -> None:
     np.testing.assert_allclose(slopes * std, (ahead - behind) / 2e-3, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_what_is_measured_does_not_move_with_the_point_that_results_are_about() -> None:
     model, q = plain_model(), random_poses(4, 12)
     measurement = pp.Measurement(std=20e-6, target=OFF_AXIS)
@@ -196,6 +197,7 @@ def test_the_load_of_a_measurement_takes_the_place_of_payloads() -> None:
         np.testing.assert_allclose(one.at.error_at_means, other.at.error_at_means, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_target_is_seen_within_its_cone() -> None:
     """A target 0.1 m off the tip that faces along its y, seen from 2 m along the base's y: by angles between plain vectors."""
     measurement = pp.Measurement(

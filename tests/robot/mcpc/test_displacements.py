@@ -32,6 +32,7 @@ def random_sixes(seed, count, size):
     return size * generator.uniform(-1, 1, (count, 6))
 
 
+@pytest.mark.fast(26)
 @pytest.mark.parametrize("chart", CHARTS)
 @pytest.mark.parametrize("size", [1e-3, 0.5, 2.5])
 @pytest.mark.parametrize("seed", SEEDS)

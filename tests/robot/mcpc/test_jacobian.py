@@ -107,6 +107,7 @@ def test_eq16_jacobian_is_the_derivative_of_eq3(joints, seed):
     np.testing.assert_allclose(arm.jacobian(q), expected, rtol=0, atol=2e-14)
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_eq17_jacobian_base_by_central_differences_of_the_perturbed_arm(seed):
     """Position p' - p and δ = Log(R'Rᵀ) in base axes. T_s is blockdiag(R, R), not the adjoint of T."""

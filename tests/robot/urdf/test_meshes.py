@@ -154,6 +154,7 @@ def drawn(arm: str, folder: Path, filename: str) -> tuple[str, ...]:
     return draw_arm(Scene(), chain.at(np.zeros(3)))[1]
 
 
+@pytest.mark.slow
 def test_sound_scenes_are_drawn(arm, tmp_path):
     (tmp_path / "part.bin").write_bytes(CORNERS + INDICES)
     meshes = {

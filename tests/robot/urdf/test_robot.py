@@ -320,6 +320,7 @@ def test_what_is_refused_among_all_shipped_files(shipped):
     }
 
 
+@pytest.mark.slow
 def test_rounded_right_angles_among_shipped_files(shipped):
     found = {name for name in ARMS if any("W_ANGLE_ROUNDED" in str(one) for one in read(shipped / ARMS[name]).findings)}
     assert found == {"xarm7", "so101", "baxter"}
