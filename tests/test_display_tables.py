@@ -190,6 +190,7 @@ def test_the_frame_of_a_budget_holds_what_the_json_does(results):
     assert frame.attrs["poses"]["pose 2"] == dict(zip(("joint1", "joint2", "joint3", "joint4"), FOLDED, strict=True))
 
 
+@pytest.mark.slow
 def test_draws_that_are_correlated_have_no_index_of_their_own(model):
     correlated = pp.Space(model.space.draws[:6], (pp.Correlation(("a2", "a4"), ((1.0, 0.5), (0.5, 1.0))),))
     result = pp.budget(pp.ErrorModel(model.chain, correlated, model.sources, model.poses), samples=1024)
@@ -262,6 +263,7 @@ def test_only_tables_that_exist(results):
 # datasets ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["analysis", "budget", "worst case"])
 def test_datasets_come_back_from_a_file_as_they_were(name, analysis, results):
     dataset = (analysis if name == "analysis" else results[name]).to_xarray()

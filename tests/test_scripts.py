@@ -54,6 +54,7 @@ def test_paper_case(tmp_path, monkeypatch, capsys):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_any_arm(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run_script("any_arm.py", monkeypatch=monkeypatch)
@@ -64,6 +65,7 @@ def test_any_arm(tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_view_poses(tmp_path, monkeypatch, capsys):
     run_script("view_poses.py", str(tmp_path), monkeypatch=monkeypatch)
     pages = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}

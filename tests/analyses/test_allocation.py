@@ -181,6 +181,7 @@ def test_group_without_a_common_value_is_refused(tmp_path: Path) -> None:
         pp.allocate(slide_model(tmp_path), problem)
 
 
+@pytest.mark.slow
 def test_front_is_the_closed_form_at_every_limit(tmp_path: Path) -> None:
     """The least cost under a root mean square is inverse to the limit while no bound is reached."""
     result = pp.allocate(slide_model(tmp_path), _problem({"rms": "0.3 mm"}), pareto=7)
@@ -203,6 +204,7 @@ def test_a_limit_that_holds_nothing_costs_no_rounds(tmp_path: Path) -> None:
     assert both.met
 
 
+@pytest.mark.slow
 def test_what_only_the_first_order_refuses_is_found(tmp_path: Path) -> None:
     """One uniform error of 0.1 mm is never beyond 0.1 mm; a normal one of its variance is in 8 % of the cases."""
     model = slide_model(tmp_path)

@@ -158,6 +158,7 @@ def test_grades_beside_any_tolerance_are_those_of_enumeration(
     assert result.bound_basis == ("proof" if aimed is None else "normal law")
 
 
+@pytest.mark.slow
 def test_iso_grades_have_half_of_their_width(tmp_path: Path) -> None:
     prices = {"IT6": 12, "IT7": 7, "IT9": 3}
     problem = {

@@ -51,6 +51,7 @@ def _least(costs: Costs, excess: Callable[[np.ndarray], np.ndarray], bounds: lis
     return float(found.fun)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_root_mean_square_of_three_kinds_of_cost(tmp_path: Path) -> None:
     result = pp.allocate(slide_model(tmp_path), _problem(MIXED, [{"rms": "0.12 mm"}]))
@@ -114,6 +115,7 @@ def test_components_at_three_poses(tmp_path: Path) -> None:
     assert result.bound_basis == "normal law"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_several_limits_with_a_group_and_a_lock(tmp_path: Path) -> None:
     specs: list[object] = ["0.3 mm @ 95 %", {"rms": "0.16 mm"}, {"worst_case": "0.25 mm"}]
@@ -135,6 +137,7 @@ def test_several_limits_with_a_group_and_a_lock(tmp_path: Path) -> None:
     assert result.cost == pytest.approx(least, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_of_a_low_probability_no_bound_is_claimed(tmp_path: Path) -> None:
     result = pp.allocate(slide_model(tmp_path, law="normal"), _problem(MIXED, ["0.15 mm @ 60 %"], law="normal"))
     assert result.lower_bound is None

@@ -316,6 +316,7 @@ def test_correlated_places_agree_with_all_orders(monkeypatch, most):
     assert found == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_more_correlated_draws_than_can_be_shared():
     count = 13
     matrix = tuple(tuple(1.0 if i == j else 0.2 for j in range(count)) for i in range(count))

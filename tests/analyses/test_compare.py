@@ -145,6 +145,7 @@ def test_models_that_differ_in_a_rare_draw_are_not_told_to_be_alike():
     assert "do not differ" in headline(alike, 1)
 
 
+@pytest.mark.slow
 def test_intervals_of_shares_cover_the_difference():
     turns, count = 4000, 300
     latent = RNG.standard_normal((turns, count))
@@ -157,6 +158,7 @@ def test_intervals_of_shares_cover_the_difference():
     assert stats.binom.interval(0.9999, turns, 0.94)[0] <= held <= stats.binom.interval(0.9999, turns, 0.975)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "gained", "lost"), [(300, 0.02, 0.0), (300, 0.45, 0.45), (2000, 0.003, 0.001)])
 def test_intervals_of_shares_cover_whatever_changes_sides(count, gained, lost):
     turns = 3000

@@ -149,6 +149,7 @@ def test_limit_of_each_robot_by_a_long_test():
     assert stats.pearsonr(found.RP.values, found.RP_limit.values).statistic > 0.9
 
 
+@pytest.mark.slow
 def test_accuracy_is_the_law_of_one_visit_where_visits_do_not_scatter():
     model = joint_errors([pp.Scope.UNIT] * 4)
     found = pp.iso9283(model, Q, robots=3000, seed=2)
@@ -173,6 +174,7 @@ def test_encoder_resolution_belongs_to_accuracy():
     assert "unit" in found.absent["E"]
 
 
+@pytest.mark.slow
 def test_a_load_is_a_payload_of_the_sheet():
     load = pp.sources.Payload(at=CHAIN.tip, mass=4.0, com=(0.0, 0.02, 0.1))
     own = pp.ErrorModel(CHAIN, MODEL.space, [*MODEL.sources, load])
@@ -235,6 +237,7 @@ def test_limits_are_kept_at_every_pose():
     assert pp.iso9283(MIXED, Q, robots=300, specifications="E 100 mm @ 90 %").met
 
 
+@pytest.mark.slow
 def test_data_frame_and_dataset():
     found = pp.iso9283(MIXED, Q, robots=50)
     frame = found.to_pandas()
@@ -404,6 +407,7 @@ def test_poses_that_are_left_out_are_found_in_the_workspace():
         assert list(pose.label.q.values()) == pytest.approx(points[:, rank], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_variation_over_paths_of_approach():
     # nothing follows the direction in the paper's sheet; a backlash does
     paper = ErrorModel.load(PAPER_SHEET)
@@ -434,6 +438,7 @@ def warming(*sources: Thermal, joints: bool = False) -> pp.ErrorModel:
     return pp.ErrorModel(CHAIN, pp.Space((pp.Draw("change", pp.Uniform(3.0, mean=10.0)), *draws)), [*sources, *again])
 
 
+@pytest.mark.slow
 def test_drift_is_growth_of_the_arm_from_cold():
     """All links alike: the tip moves by α ΔT of its distance from the base."""
     model = warming(Thermal(expansion=2e-5, temperature_change="change", time_constant=2 * 3600.0))
@@ -444,6 +449,7 @@ def test_drift_is_growth_of_the_arm_from_cold():
     np.testing.assert_allclose(found.values, 2e-5 * change * distance * (1 - math.exp(-4)), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_drift_is_largest_on_the_way_where_two_errors_come_and_go():
     """One is there in no time, the other follows slowly against it; half an hour is the first time looked at."""
     quick = Thermal(expansion=2e-5, temperature_change="change", time_constant=60.0)

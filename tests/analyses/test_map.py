@@ -65,6 +65,7 @@ def test_a_map_is_the_first_order_model_of_each_pose():
     assert found == [{f"joint{joint + 1}": q[joint, k] for joint in range(4)} for k in range(5)]
 
 
+@pytest.mark.slow
 def test_the_closed_form_agrees_with_exact_robots():
     # 40,000 robots: standard error of the 95 % quantile about 0.7 %; first order and normal: 2 % in all
     made = pp.map_poses(ErrorModel.load(shipped_sheets()["ur5"]), ["ready", "folded"], samples=40_000, seed=5)
@@ -141,6 +142,7 @@ def unreached() -> PoseSet:
     )
 
 
+@pytest.mark.slow
 def test_poses_that_cannot_be_reached_are_not_numbers_and_are_said():
     made = pp.map_poses(PAPER, unreached(), specifications=["1 m"], verify=1)
     assert np.isnan(made.mean[:, 2]).all()

@@ -126,6 +126,7 @@ def test_a_law_that_is_mostly_normal_has_close_bounds():
     assert made.quantile_bounds[1, 0, :, 0] == pytest.approx([made.quantile[1, 0, 0]] * 2, rel=0.06)
 
 
+@pytest.mark.slow
 def test_numbers_drawn_together_and_correlated():
     names = ("a", "b")
     space = Space(

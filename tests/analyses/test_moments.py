@@ -318,6 +318,7 @@ def test_intervals_grow_with_the_confidence():
             assert (estimate.half_width <= 1.1 * 1.5 * factor * estimate.standard_error).all()
 
 
+@pytest.mark.slow
 def test_control_and_sobol_are_narrower_than_plain_sampling():
     """At 0.02 rad what tangent and products leave, of third order, is σ² √15/6 and so some 1e-3 of the first order."""
     model = arm(Draw("a", laws.Normal(0.02)), Draw("b", laws.Normal(0.02)))

@@ -137,6 +137,7 @@ def test_the_norm_of_a_nearly_equal_cloud_at_three_in_a_hundred_million():
 # --- intervals ---
 
 
+@pytest.mark.slow
 def test_an_interval_of_skewed_terms_misses_on_both_sides_alike():
     """Means of 60 exponential numbers: the symmetric interval lies too low three times as often as it should."""
     terms = np.random.default_rng(0).exponential(size=(4000, 60))
@@ -339,6 +340,7 @@ def test_strata_together_are_the_law(law):
     )
 
 
+@pytest.mark.slow
 def test_a_rare_value_correlated_with_a_normal_number():
     """With the score s of the jump, z = ρ s + √(1-ρ²) n: one integral over s beyond the jump, one below."""
     p, rho, spread = 1e-4, 0.8, 0.1

@@ -123,6 +123,7 @@ def test_coverage_of_the_intervals():
         assert sum(low <= 1e-7 <= high for low, high in intervals) >= 51
 
 
+@pytest.mark.slow
 def test_uniform_numbers_in_the_far_tail():
     """Six uniform numbers, Irwin-Hall: |x| above 5 of 6 half-widths are two corners of the cube, 2·0.5⁶/6!."""
     half = 1e-3
@@ -245,6 +246,7 @@ def test_disc_from_normals_is_uniform_over_its_area():
     assert stats.kstest(np.arctan2(x[1], x[0]) / (2 * np.pi) + 0.5, "uniform").pvalue > 1e-6
 
 
+@pytest.mark.slow
 def test_a_circle_and_a_normal_number():
     """With x = r cos θ + σ z: P(|x| > L) = 2 · mean over θ of Φ((r cos θ - L)/σ)."""
     space = Space((Draw("c", laws.Circle(1e-3)), Draw("z", laws.Normal(1e-3))))
@@ -304,6 +306,7 @@ def test_bad_settings():
             reliability(model, [demand], **settings)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_result():
     model = slides([(1, 0, 0)], [laws.Normal(1e-3)])
     demand = [Specification("position.x", 4e-3, 0.9)]

@@ -86,6 +86,7 @@ def test_lengths_of_the_paper_reach_half_a_millimetre():
     assert not pose.attitude.exceeded
 
 
+@pytest.mark.slow
 def test_four_installed_axes_turn_the_tool_by_eight_milliradians():
     pose = pp.worst_case(parts_of_the_paper("axis_install"), PAPER_Q, samples=1000).poses[0]
     bound = pose.attitude.first_order
@@ -258,6 +259,7 @@ class Ball(Law):
         raise NotImplementedError
 
 
+@pytest.mark.slow
 def test_a_law_of_another_package_counts_by_its_support_function():
     generator = np.random.default_rng(5)
     error, jacobian = generator.normal(size=3), generator.normal(size=(3, 4))
@@ -314,6 +316,7 @@ def check_pose(model: ErrorModel, result, q, *, bounded: bool):
         assert np.linalg.norm(first_order[3:], axis=0).max() < pose.attitude.first_order.upper
 
 
+@pytest.mark.slow
 def test_the_papers_arm():
     model = ErrorModel.load(PAPER_SHEET)
     result = pp.worst_case(model, samples=20_000, seed=4)

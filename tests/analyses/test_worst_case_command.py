@@ -43,6 +43,7 @@ def run(tmp_path, monkeypatch, capsys):
     return command
 
 
+@pytest.mark.slow
 def test_the_papers_arm_takes_less_than_five_seconds(run):
     sampler.warm_up()
     begin = time.perf_counter()
@@ -171,6 +172,7 @@ def test_the_picture_is_readable_and_the_text_says_what_was_cut(case):
     assert all(name in heads[0] for name in result.cut)
 
 
+@pytest.mark.slow
 def test_bars_end_at_the_bound():
     result = pp.worst_case(paper(), samples=500)
     for axes, bound in zip(figure(result).axes, (result.poses[0].position, result.poses[0].attitude), strict=True):

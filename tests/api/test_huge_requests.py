@@ -87,6 +87,7 @@ def test_postures_are_refused_when_their_arrays_are_asked_for(monkeypatch: pytes
             getattr(postures, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("listed", [False, True])
 def test_many_poses_tell_how_far_they_are_within_a_second(listed: bool) -> None:
     pp.sample_poses(MODEL, zeros(JOINTS, 2), samples=10)  # loads what is compiled

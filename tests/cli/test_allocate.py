@@ -54,6 +54,7 @@ def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder
     assert "wrote" not in quiet.err
 
 
+@pytest.mark.slow
 def test_bounds_stand_beside_the_specs_and_a_law_may_be_named_as_a_whole(run, folder):
     text = (folder / "4dof.errors.yaml").read_text()
     sources = "  - length: {frame: tool, along: -z of joint4, parameters: [wide, shifted]}\n"

@@ -18,6 +18,7 @@ sources:
 """
 
 
+@pytest.mark.slow
 def test_no_arguments_run_the_papers_case(run):
     outcome = run("analyze")
     assert outcome.code == 0
@@ -27,6 +28,7 @@ def test_no_arguments_run_the_papers_case(run):
     assert second == "100,000 samples, seed 0, exact model, statics nominal, base axes, 95% confidence"
 
 
+@pytest.mark.slow
 def test_the_robot_and_the_sheet_may_come_in_either_order(run):
     arguments = ("--samples", "100", "--json", "-")
     one = run("analyze", "4dof.urdf", "4dof.errors.yaml", *arguments)
@@ -141,6 +143,7 @@ def test_values_outside_the_limits_warn_and_run(run):
     assert listed.endswith(line)
 
 
+@pytest.mark.slow
 def test_the_two_models_agree_to_first_order(run):
     outcome = run("analyze", "--model", "linear", "--samples", "10", "--json", "-")
     assert outcome.json["model"] == "linear"
@@ -161,6 +164,7 @@ def lowest_share(samples: int) -> float:
     return 0.025 ** (1 / samples)
 
 
+@pytest.mark.slow
 def test_a_specification_is_met_when_the_lower_end_reaches_it(run):
     share = lowest_share(1000)  # 99.632 %
     met = run("analyze", "--samples", "1000", "--spec", "1 m @ 99.63 %", "--json", "-")

@@ -139,6 +139,7 @@ def test_same_seed_same_bytes_another_seed_other_numbers(run, folder):
     assert other["position"]["norm"]["mean"] != json.loads(first)["position"]["norm"]["mean"]
 
 
+@pytest.mark.slow
 def test_numbers_against_the_samples_themselves(run):
     data = run("analyze", "--samples", "20000", "--seed", "5", "--spec", "x 10 mm @ 0.8", "--json", "-").json
     kept = pp.monte_carlo(pp.ErrorModel.load(PAPER_SHEET), samples=20_000, seed=5, keep_samples=True).errors

@@ -32,6 +32,7 @@ def write(folder, rows: np.ndarray, header: str = f"{JOINTS}, x [mm], y [mm], z 
     return "data.csv"
 
 
+@pytest.mark.slow
 def test_forecast_begins_with_the_answer_and_is_100_columns_wide(run, folder) -> None:
     found = run("calibrate", SHEET, "--forecast", "--random", "8", *TARGET, "--base-free", "--json", "f.json")
     assert found.code == 0
@@ -239,6 +240,7 @@ def test_wrong_data_are_refused_in_one_line(run, folder, rows, header, change, m
     assert "data.csv" in found.err
 
 
+@pytest.mark.slow
 def test_swapped_columns_are_noticed(run, folder, rows) -> None:
     swapped = rows[:, [0, 1, 2, 3, 5, 4, 6]]
     found = run("calibrate", SHEET, write(folder, swapped), *TARGET)
@@ -333,6 +335,7 @@ def test_random_poses_of_contact_touch(run, folder) -> None:
     assert "1 of 1 poses do not touch a socket, the farthest by " in away.err
 
 
+@pytest.mark.slow
 def test_in_python_the_set_up_of_the_sheet_is_the_default(folder) -> None:
     (folder / "set.errors.yaml").write_text((folder / SHEET).read_text() + SET_UP)
     model, plain = (pp.ErrorModel.load(folder / name) for name in ("set.errors.yaml", SHEET))
@@ -366,6 +369,7 @@ def test_a_wrong_set_up_is_refused_at_its_line(run, folder, text, message) -> No
     assert message in line
 
 
+@pytest.mark.slow
 def test_a_factory_calibration_is_read_and_written(run, folder) -> None:
     from analyses.calibration.test_factory import dh_flange, write_conf
     from precision_pin.robot.chain import Chain

@@ -43,6 +43,7 @@ def test_a_trajectory_comes_back_with_its_columns(run, folder, new_files):
     assert new_files() == {"way.csv", "right.csv", "right.json"}
 
 
+@pytest.mark.slow
 def test_a_trajectory_in_degrees_comes_back_in_degrees(run, folder):
     (folder / "way.csv").write_text("joint1 [deg],joint2 [deg],joint3,joint4 [mrad]\n-90,3,1.5,-1600\n")
     done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--json", "-")
@@ -72,6 +73,7 @@ def test_the_corrected_arm_stands_where_it_was_meant_to(run, folder):
     assert reached + error["nominal"]["position"] == pytest.approx(wanted, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_without_a_correction_the_code_is_one_and_no_joint_values_are_written(run, folder, new_files):
     text = (folder / SHEET).read_text()
     (folder / "way.csv").write_text("joint1,joint2,joint3,joint4\n0,0,0,0\n-1.571,0.0524,1.536,-1.588\n")

@@ -152,6 +152,7 @@ def test_init_then_analyze_of_the_same_example_finds_the_sheet_just_written(run,
     assert own.out == run("analyze", "ur5.errors.yaml", *FEW).out
 
 
+@pytest.mark.slow
 def test_init_then_analyze_of_a_robot_in_another_folder(run, folder):
     (folder / "deep").mkdir()
     (folder / "4dof.urdf").rename(folder / "deep" / "arm_robot.urdf")

@@ -106,6 +106,7 @@ def test_pages_say_so_too(run, folder):
         assert LIMITS not in (folder / page).read_text("utf-8").split("Warnings")[0].split("<script")[0]
 
 
+@pytest.mark.slow
 def test_an_allocation_at_such_a_pose_is_not_judged(run, folder):
     sheet = (folder / SHEET).read_text("utf-8").replace("250 mm", "1200 mm")
     wanted = "allocate:\n  specs: ['5 mm @ 90 %']\n  tolerances:\n"

@@ -209,6 +209,7 @@ def test_init_overwrites_only_when_told(run, folder):
 # schema and doctor ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_schema_is_valid_and_the_papers_sheet_keeps_it(run):
     outcome = run("schema")
     assert (outcome.code, outcome.err) == (0, "")

@@ -99,6 +99,7 @@ def test_too_many_poses_are_refused_before_anything_is_computed(run, folder, new
     assert new_files() == set()
 
 
+@pytest.mark.slow
 def test_a_page_that_cannot_be_drawn_leaves_the_old_one(run, folder, monkeypatch):
     (folder / "page.html").write_text("old", "utf-8")
 

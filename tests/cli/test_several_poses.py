@@ -62,6 +62,7 @@ def test_the_folder_holds_the_result_and_the_plots(run, new_files):
         assert len(json.load(file)["poses"]) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [*(pytest.param(name, marks=pytest.mark.slow) for name in ("budget", "exact-law")), "worst-case", "moments"],
@@ -174,6 +175,7 @@ def test_of_many_poses_the_six_worst_are_listed_within_100_columns(run, folder):
     assert listed[0].startswith(f"row {worst + 1} (worst)")
 
 
+@pytest.mark.slow
 def test_warnings_at_each_pose_are_those_of_its_own_analysis(run, folder):
     sheet = folder / "4dof.errors.yaml"
     sheet.write_text(re.sub(r"accept:.*\n.*\n", "", sheet.read_text("utf-8")))

@@ -27,6 +27,7 @@ def shell(line: str, folder: Path) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
+@pytest.mark.slow
 @needs_full
 @pytest.mark.parametrize(
     "words", ["--version", *(pytest.param(words, marks=pytest.mark.slow) for words in ("--help", "schema"))]
@@ -35,6 +36,7 @@ def test_a_full_stdout_is_one_line(folder, words):
     assert shell(f"PP {words} > /dev/full", folder) == (2, "", FULL)
 
 
+@pytest.mark.slow
 @needs_full
 @pytest.mark.parametrize(
     ("words", "code"),

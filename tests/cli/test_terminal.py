@@ -112,6 +112,7 @@ def test_an_answer_fits_a_screen_and_ends_with_the_verdict(run, monkeypatch: pyt
     assert " - worst pose " in several.out.splitlines()[-2] + several.out.splitlines()[-1] or not robot
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("robot", ["4dof.urdf", "example:ur5", "example:panda", "example:xarm7"])
 def test_a_shipped_sheet_gives_no_warning_and_its_result_lists_what_it_accepts(run, robot: str) -> None:
     outcome = run("analyze", robot, "--samples", "50", "--json", "-")
@@ -120,6 +121,7 @@ def test_a_shipped_sheet_gives_no_warning_and_its_result_lists_what_it_accepts(r
     assert all(": note W_" in line and "; accepted: " in line for line in outcome.json["warnings"])
 
 
+@pytest.mark.slow
 def test_a_urdf_has_one_line_in_a_command_and_all_in_check(run, folder) -> None:
     sheet = (
         "robot: example:ur5\ntip: tool0\nposes: {p: 0 -90 90 -90 -90 0 deg}\n"

@@ -164,6 +164,7 @@ def test_init_names_the_sheet_with_sources_of_an_arm_of_the_same_name(run: Run, 
     assert "(with sources: precision-pin init example:ur5, if this is such an arm)" in outcome.err
 
 
+@pytest.mark.slow
 def test_init_drafts_where_the_chain_is_another(run: Run, folder) -> None:
     if "ur5" not in example_urdfs():
         pytest.skip("example-robot-data is not installed")

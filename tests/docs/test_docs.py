@@ -32,6 +32,7 @@ from pathlib import Path
 
 import pytest
 
+from cli.conftest import undrawn_figures  # noqa: F401  (a fixture for all of these tests)
 from precision_pin import cli
 from precision_pin.base.errors import InputError
 from precision_pin.cli.commands import list_commands

@@ -155,6 +155,7 @@ def test_moments_ends_and_laws_of_an_added_law_are_those_by_hand(trapezoid: Any)
     np.testing.assert_allclose(law.characteristic(omega[None]), np.exp(5e-3j * omega) * known, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_an_added_law_is_sampled_alike_by_both_engines(model: pp.ErrorModel) -> None:
     clear = model.space.sample(3, 0, 20_000)
     assert abs(clear.std() / math.sqrt(VARIANCE) - 1) < 5 * math.sqrt((FOURTH / VARIANCE**2 - 1) / 80_000)

@@ -211,6 +211,7 @@ def test_moments_of_two_points_and_rows_by_hand() -> None:
 # ---- characteristic functions ----
 
 
+@pytest.mark.fast(29)
 @pytest.mark.parametrize("law", ALL, ids=repr)
 @pytest.mark.parametrize("scaled", [0.0, 1e-9, 0.01, 0.7, -2.0, 9.0])
 def test_characteristic_function_by_quadrature_of_the_inverse(law: Law, scaled: float) -> None:

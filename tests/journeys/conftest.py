@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cli.conftest import Outcome
+from cli.conftest import Outcome, undrawn_figures  # noqa: F401  (a fixture for all of these tests)
 from journeys.arms import ARMS, Arm
 from precision_pin.cli import main
 

@@ -37,6 +37,7 @@ def assert_same_bits(first: State, second: State) -> None:
         np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name), err_msg=field.name)
 
 
+@pytest.mark.fast(6)
 @pytest.mark.parametrize("model", ["exact", "linear"])
 @pytest.mark.parametrize("samples", [1, 2, 255, 256, 257, 16_384, 16_385, 40_001, 3 * BLOCK])
 def test_the_state_has_the_bits_of_observing_the_errors(model, samples: int) -> None:

@@ -87,6 +87,7 @@ def test_draws_are_those_of_the_space(seed: int, first: int, count: int, pose: i
         np.testing.assert_allclose(drawn[rows], expected[rows], rtol=0, atol=1e-13, err_msg=draw.name)
 
 
+@pytest.mark.slow
 def test_draws_are_those_of_plain_python() -> None:
     space = Space(tuple(draw for draw in SPACE.draws if draw.name != "many"), SPACE.correlations)
     layout = layout_of(space)
@@ -192,6 +193,7 @@ def test_the_farthest_score_is_that_of_the_laws() -> None:
     assert loops._FARTHEST == laws.FARTHEST_NORMAL
 
 
+@pytest.mark.slow
 def test_exponential_is_within_two_units_in_the_last_place() -> None:
     rng = np.random.default_rng(1)
     x = np.concatenate([rng.uniform(-690, 690, 20_000), rng.normal(size=20_000), [0.0, -1e-300, 1e-17]])
@@ -200,6 +202,7 @@ def test_exponential_is_within_two_units_in_the_last_place() -> None:
     assert from_python(loops.exponential)(0.0) == 1.0
 
 
+@pytest.mark.slow
 def test_cumulative_equals_scipy_far_into_the_tail() -> None:
     z = np.concatenate([np.linspace(-8.6, 8.6, 17_201), np.geomspace(1e-12, 8.6, 500), -np.geomspace(1e-12, 8.6, 500)])
     seen = np.array([*map(from_python(loops.cumulative), z)])

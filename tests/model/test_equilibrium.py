@@ -214,6 +214,7 @@ def test_a_stiff_arm_has_the_nominal_answer(arm):
     np.testing.assert_allclose(rest.jacobian, nominal.jacobian, rtol=1e-5, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_geometry_keeps_its_terms_exactly(arm):
     """Lengths, frames and offsets stand beside loads as in nominal statics, bit for bit; only loaded terms are new."""
     nominal, rest = (settings(arm, statics) for statics in ("nominal", "equilibrium"))

@@ -49,6 +49,7 @@ def model(
     return ErrorModel(chain, space, sources, statics=statics)
 
 
+@pytest.mark.slow
 def test_r4_equilibrium_is_near_exact_rods(chain):
     error, jacobian = model(chain).at(PAPER_Q).tangent
     assert np.linalg.norm(error[:3]) / MM == pytest.approx(35.877, rel=0.0003)
@@ -115,6 +116,7 @@ def test_its_slopes_are_those_of_the_solution_solved_anew(chain):
         np.testing.assert_allclose(jacobian[:, column], expected, atol=3e-6 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_at_high_stiffness_it_is_the_nominal_answer(chain):
     """The difference is of second order in the deflection: a hundred times stiffer, ten thousand times less."""
     gaps = []
@@ -127,6 +129,7 @@ def test_at_high_stiffness_it_is_the_nominal_answer(chain):
     assert gaps[0] / gaps[1] == pytest.approx(1e4, rel=0.05)
 
 
+@pytest.mark.slow
 def test_without_gravity_or_loads_statics_make_no_difference(chain):
     sources = [Length(frame="tool", along="z of joint4", parameters=(Uniform(1e-3),))]
     nominal, equilibrium = (

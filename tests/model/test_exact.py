@@ -63,6 +63,7 @@ def frames_and_offsets(chain: Chain, joint_errors, ends, seats) -> ErrorModel:
     return ErrorModel(chain, Space(), sources)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("turn", [0.12, *(pytest.param(turn, marks=pytest.mark.slow) for turn in (1e-4, 0.02))])
 @pytest.mark.parametrize("name", ["seven", "ur5", "panda", "tiago"])
 @pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")

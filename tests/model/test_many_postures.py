@@ -143,6 +143,7 @@ def test_tangents_are_those_of_one_pose(sheet):
         assert np.allclose(jacobian[:, :, k], j, rtol=0, atol=1e-12 * np.abs(j).max())
 
 
+@pytest.mark.slow
 def test_tangents_where_formulas_change_between_poses():
     chain = ARMS["base to tool"]
     sources = [

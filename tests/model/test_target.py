@@ -96,6 +96,7 @@ def test_inverse_kinematics_brings_the_target_to_a_place(arms):
         np.testing.assert_allclose(pose[:3, :3] @ POINT + pose[:3, 3], places[:, node], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_target_of_the_command_line_replaces_the_sheets(tmp_path):
     (tmp_path / "4dof.urdf").write_bytes(PAPER_SHEET.with_name("4dof.urdf").read_bytes())
     text = PAPER_SHEET.read_text(encoding="utf-8")

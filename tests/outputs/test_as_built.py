@@ -405,6 +405,7 @@ def test_a_robot_that_does_not_stand_where_it_should_is_not_given_out(tmp_path, 
         next(writer.units(0, 0, 1))
 
 
+@pytest.mark.slow
 def test_units_are_those_of_the_sampler(tmp_path):
     from precision_pin import monte_carlo
 

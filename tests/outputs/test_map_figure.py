@@ -60,6 +60,7 @@ def test_a_heat_map_shows_the_value_of_each_place():
     assert labels == ["not reached", "specification not met"]
 
 
+@pytest.mark.slow
 def test_of_several_branches_the_worst_is_drawn():
     poses = pp.place_grid(CHAIN, pp.box_places(x=[1.0, 1.5, 2.0], y=[0.2, 0.6], z=0.3), SIDEWAYS, branches="all")
     made = pp.map_poses(PAPER, poses, verify=0)

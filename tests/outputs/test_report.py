@@ -50,6 +50,7 @@ SECTIONS = (
     "reproduce",
 )  # fmt: skip
 LARGEST = 6_000_000
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +228,6 @@ def test_figures_are_shapes_in_colours_of_the_page():
         assert "currentColor" in figure
 
 
-@pytest.mark.slow
 def test_the_same_results_give_the_same_page_and_no_folder_is_named():
     results, text = paper()
     assert page(results) == text
@@ -332,7 +332,6 @@ def test_only_what_is_met_is_shown_as_met(interval, varies, words):
     assert ('class="verdict met"' in verdict(found).text) == (words == "The specification is met.")
 
 
-@pytest.mark.slow
 def test_a_result_says_what_it_rests_on_and_where_nothing_varies():
     results, _ = paper()
     analysis = results.analysis
@@ -359,7 +358,6 @@ def test_a_result_says_what_it_rests_on_and_where_nothing_varies():
     assert "verdict met" not in made
 
 
-@pytest.mark.slow
 def test_budget_is_that_of_the_analysis(model, reader):
     pose = budget(model, seed=4).poses[0]
     words = dict(zip((draw.name for draw in model.space.draws), model.draw_words, strict=True))
@@ -389,7 +387,6 @@ def test_budget_is_that_of_the_analysis(model, reader):
     ))  # fmt: skip
 
 
-@pytest.mark.slow
 def test_the_two_bearings_of_an_axis_are_one_cause_that_opens(model, reader):
     pose = budget(model, seed=4).poses[0]
     ends = [pose.draw(f"axis_install[joint1].{end}") for end in "AB"]
@@ -425,7 +422,6 @@ def test_worst_case_is_that_of_the_analysis(model, reader):
         )
 
 
-@pytest.mark.slow
 def test_exact_law_is_that_of_the_analysis(model, reader):
     laws = exact_law(model, seed=4).poses[0].laws
     table = reader.table("Exact law of the first-order model")
@@ -487,7 +483,6 @@ def test_assumptions_and_reproduction(model, reader):
 # other inputs --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_hostile_names_are_text(tmp_path):
     text = page(results_of(write_hostile(tmp_path), ("1 mm",), samples=500))
     reader = Reader(text)
@@ -505,7 +500,6 @@ def test_hostile_names_are_text(tmp_path):
     assert f"{HAN} (slides)" in [row[1] for row in reader.table("MCPC").rows]
 
 
-@pytest.mark.slow
 def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path):
     sheet = write_hostile(tmp_path)
     named = "parameters:\n  p: {uniform: 0.1 mrad}\n  r: {uniform: 0.2 mrad}\n"
@@ -519,7 +513,6 @@ def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path
     assert [row[0] for row in reader.table("Causes of the position error").rows].count("correlated: p + r") == 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("samples", [1, pytest.param(40, marks=pytest.mark.slow)])
 def test_few_samples_are_said_to_resolve_little(model, samples):
     results = sampled_again(model, samples=samples)
@@ -529,7 +522,6 @@ def test_few_samples_are_said_to_resolve_little(model, samples):
     assert set(reader.table("Numbers of the position").row("99.73 %")) == {"–"}
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
 def test_an_arm_without_errors(tmp_path):
     sheet = tmp_path / "none.yaml"
@@ -541,7 +533,6 @@ def test_an_arm_without_errors(tmp_path):
     assert reader.table("Errors that few robots exceed").row("|d| [mm]") == ["0 [0, 0]", "–"]
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
 def test_a_page_with_meshes_is_small_enough():
     text = page(results_of(PAPER_SHEET.parent / "panda.errors.yaml", samples=6000))
@@ -574,7 +565,6 @@ def three_poses(tmp_path_factory):
     return sheet, collect_poses(read(sheet), ["near", "far", SCRIPT], specifications=limit, **settings)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_several_poses_stand_on_one_page_the_worst_first(three_poses):
     sheet, found = three_poses

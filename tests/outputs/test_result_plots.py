@@ -92,6 +92,7 @@ def test_sampled_results_draw_themselves():
         result.plot("components", axes=axes)
 
 
+@pytest.mark.slow
 def test_a_bound_below_what_was_found_says_why():
     # joints that turn by a radian bend the arm far beyond its tangent
     from precision_pin.analyses.worst_case.figure import explain_excess

@@ -101,6 +101,7 @@ def active(text: str, kind: str) -> list[str]:
     "name", [*(pytest.param(name, marks=[pytest.mark.slow] * (name not in FAST_ARMS)) for name in ARMS), "paper"]
 )
 class TestAnyArm:
+    @pytest.mark.slow
     def test_it_runs_unedited(self, name: str, tmp_path: Path) -> None:
         chain = chain_of(name)
         path = written(text_of(name), tmp_path)
@@ -382,6 +383,7 @@ ODD_NAMES = [
 ]
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("name", mostly_slow(ODD_NAMES, fast=10))
 def test_odd_names_survive(name: str, tmp_path: Path) -> None:
     body = link("base") + link(f"{name}1", 1.0, "0.1 0 0") + link(name, 1.0, "0.1 0 0") + link(f"{name}3")

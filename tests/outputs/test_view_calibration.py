@@ -284,6 +284,7 @@ def test_the_head_of_the_page_has_the_verdict_what_is_left_and_what_has_no_weigh
     assert head.startswith("Calibration: the model does NOT explain the readings: chi-square 1e+04 for ")
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_the_lines_of_the_table(case):
     _, result, _ = case
     shown = html.unescape(result._repr_html_().removeprefix("<pre>").removesuffix("</pre>"))

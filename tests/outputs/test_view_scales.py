@@ -55,6 +55,7 @@ def picture(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.column_stack([turned[:, 1], up])
 
 
+@pytest.mark.slow
 @given(st.floats(1e-8, 1e-3))
 def test_the_cloud_spans_a_fifth_to_a_third_of_the_picture(posture, deviation):
     factor = default_factor(ball(deviation), posture)

@@ -71,6 +71,7 @@ def test_link_wrenches_against_free_bodies(base, tip):
     np.testing.assert_array_equal(posture.link_wrench[-1], np.zeros(6))
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("name", ["link1", "bracket", "half2", "link6", "tool", "finger"])
 def test_the_load_basis_is_the_slope_of_pinocchio_to_mass_and_first_moments(name):
     """Torques and wrenches are linear in mass and first moments, so differences over any step are exact."""

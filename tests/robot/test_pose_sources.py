@@ -59,6 +59,7 @@ def test_a_place_grid_of_a_gantry_by_hand():
     np.testing.assert_array_equal(poses.position[:, -1], [0, 1.5, 0.75])
 
 
+@pytest.mark.slow
 def test_every_node_of_a_ur5_is_reached_with_its_branches():
     if "ur5" not in example_urdfs():
         pytest.skip("example-robot-data is not installed")

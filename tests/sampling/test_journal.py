@@ -127,6 +127,7 @@ def test_torn_at_every_byte_of_the_last_record(whole: bytes, file: Path, no_wait
         assert file.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_torn_at_every_byte_of_the_beginning(whole: bytes, file: Path, no_waiting_for_disks) -> None:
     for length in range(record_ends(whole)[0]):
         file.write_bytes(whole[:length])
@@ -215,6 +216,7 @@ def test_what_a_process_killed_while_replacing_left_does_no_harm(file: Path, mon
     assert sorted(os.listdir(file.parent)) == [file.name]
 
 
+@pytest.mark.slow
 def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks) -> None:
     now = 0.0
     monkeypatch.setattr(journal_module.time, "monotonic", lambda: now)
@@ -463,6 +465,7 @@ class Stopping:
             raise self.error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "first",
     [
@@ -516,6 +519,7 @@ def test_a_second_interrupt_stops_at_once(file: Path) -> None:
     assert sampling.state.count == 2 * BLOCK
 
 
+@pytest.mark.slow
 def test_an_error_keeps_what_was_done(file: Path) -> None:
     class Broken(Muddled):
         def submit(self, function, /, *arguments):
@@ -534,6 +538,7 @@ def test_an_error_keeps_what_was_done(file: Path) -> None:
     assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", **settings).to_json()
 
 
+@pytest.mark.slow
 def test_a_journal_that_fails_ends_the_run_and_its_threads(file: Path, monkeypatch) -> None:
     for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
         monkeypatch.setattr(journal_module, name, 0)
@@ -547,6 +552,7 @@ def test_a_journal_that_fails_ends_the_run_and_its_threads(file: Path, monkeypat
     assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=30 * BLOCK).to_json()
 
 
+@pytest.mark.slow
 def test_a_run_may_end_before_it_began(file: Path) -> None:
     class Never(Muddled):
         def submit(self, function, /, *arguments):

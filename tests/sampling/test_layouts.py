@@ -63,6 +63,7 @@ def test_runs_of_any_length(samples: int) -> None:
         assert_same_bits(sampled(task, Foreign(Muddled(), most), size), in_one_go(task))
 
 
+@pytest.mark.slow
 def test_a_run_by_its_public_name_is_the_same_run() -> None:
     settings = {"samples": 3 * BLOCK + 9, "seed": 5, "specifications": PLAN.specifications}
     known = pp.monte_carlo(MODEL, "paper", threads=1, **settings)

@@ -69,6 +69,7 @@ def test_squares_and_products_of_numbers_of_mean_zero():
             assert distribution.quantile(level) == pytest.approx(np.quantile(values, level), abs=0.01 * values.std())
 
 
+@pytest.mark.slow
 def test_the_plan_is_decided_by_the_model_and_the_seed_alone():
     layout = sampler.to_arrays(AT)
     plan, again = planned(AT, layout, "exact", 3), planned(AT, layout, "exact", 3)

@@ -27,6 +27,7 @@ def test_an_executor_gives_the_same_bits(plain):
         assert pp.sample_poses(MODEL, POSES, **RUN, executor=pool).to_json() == plain
 
 
+@pytest.mark.slow
 def test_a_sampled_map_on_an_executor_has_the_same_bits():
     sampled = {"samples": 400, "seed": 4}
     with ThreadPoolExecutor(3) as pool:
@@ -59,6 +60,7 @@ def test_a_run_that_was_stopped_goes_on_with_the_same_bits(plain, tmp_path, monk
     assert told == [f"the journal {file} holds the first 64 poses"]
 
 
+@pytest.mark.slow
 def test_a_journal_of_another_run_is_refused(tmp_path):
     file = tmp_path / "run.journal"
     pp.sample_poses(MODEL, POSES[:, :2], **RUN, journal=file)

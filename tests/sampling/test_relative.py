@@ -81,6 +81,7 @@ def test_a_pose_relative_to_itself_leaves_what_two_visits_differ_by() -> None:
     assert stats.kstest(turned / (2 * STD), lambda x: 1 - (1 - np.clip(x, 0, 1)) ** 2).pvalue > 1e-3
 
 
+@pytest.mark.slow
 def test_what_is_counted_said_and_refused() -> None:
     found = pp.relative(
         MODEL, "paper", Q, samples=2000, specifications=["1 mm", "100 mm"], keep_samples=True, confidence=0.9

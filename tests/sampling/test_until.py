@@ -56,6 +56,7 @@ def test_what_it_finds_is_what_so_many_samples_give() -> None:
         assert again.to_dict() == found.to_dict()
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_to_the_same_end(tmp_path: Path) -> None:
     whole = pp.monte_carlo(MODEL, samples=10**8, until=[TARGET])
     journal = tmp_path / "run.journal"

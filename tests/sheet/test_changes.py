@@ -70,6 +70,7 @@ def test_a_change_is_the_sheet_edited_by_hand(tmp_path, path, value, before, aft
     assert (changed.sources, changed.space.draws, changed.statics) != (model.sources, model.space.draws, model.statics)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_TAKEN_AS_EXACT")
 def test_the_same_seed_gives_the_same_robots_but_for_the_change():
     # halving radius and laws of one joint's axis halves what its draws do; all other draws stay: e = rest + J x

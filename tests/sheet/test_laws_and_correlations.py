@@ -101,6 +101,7 @@ def mistakes(refuse: Refuse, law: str) -> Finding:
     return finding
 
 
+@pytest.mark.fast(19)
 @pytest.mark.parametrize(
     ("law", "message"),
     [
@@ -310,6 +311,7 @@ def test_the_schema_passes_what_the_reader_reads(load: Load, folder: Path) -> No
     assert len(sheet.space.correlations) == 2
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -162,6 +162,7 @@ def test_measured_arms_lie_within_the_forecast(robot, pose):
     assert (0.2 if len(chances) > 1 else 0.01) < np.median(chances) < (0.8 if len(chances) > 1 else 0.99)
 
 
+@pytest.mark.slow
 def test_ur5_over_its_workspace_as_a_laser_tracker_measured_it():
     """2.57 mm on average, one arm of Yao et al. (2026); 1.3 to 3.5 mm, the nine arms of the sheet."""
     model = model_of("ur5")

@@ -300,6 +300,7 @@ def test_a_small_share_of_the_changed_sheets(tmp_path: Path, count: int) -> None
     assert count / 6 < sum(outcome.accepted for outcome in outcomes) < count * 5 / 6
 
 
+@pytest.mark.slow
 def test_a_sheet_of_very_many_poses_is_read_soon(tmp_path: Path) -> None:
     write_files(tmp_path)
     poses = "".join(f"  p{k}: {k % 90} 1 2 3 deg\n" for k in range(2000))

@@ -106,6 +106,7 @@ def test_a_link_split_by_a_fixed_joint_is_the_same_link():
     np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_the_tangent_is_the_slope_of_the_displaced_chain():
     chain = chain_of(random_arm(51, prismatic=(4,)), tip="tool", gravity=GRAVITY)
     model = ErrorModel(chain, Space((K,)), on_every_joint(chain))

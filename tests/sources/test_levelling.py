@@ -33,6 +33,7 @@ def test_by_hand_and_against_a_turned_base_and_turned_gravity():
     check_levelling(levelling)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_SUPERPOSITION")
 def test_from_a_sheet_through_every_engine(tmp_path):
     model = ErrorModel.load(written(tmp_path, SHEET))
@@ -40,6 +41,7 @@ def test_from_a_sheet_through_every_engine(tmp_path):
     check_engines(model)
 
 
+@pytest.mark.slow
 def test_in_equilibrium_the_slope_is_that_of_turned_gravity(tmp_path):
     """Slope to a tilt, at rest: difference of two arms at rest under gravity turned either way."""
     model = ErrorModel.load(written(tmp_path, SHEET, extra="statics: equilibrium"))

@@ -37,6 +37,7 @@ def test_digits_are_added_until_the_number_is_inside(value, interval, text) -> N
         assert interval[0] <= float(text) <= interval[1]
 
 
+@pytest.mark.slow
 def test_any_number_is_printed_inside_any_interval_that_holds_it() -> None:
     random = np.random.default_rng(1)
     for _ in range(5000):

@@ -56,6 +56,7 @@ def test_of_unequal_spreads_the_interval_holds_the_mode() -> None:
         assert high - low < found.std
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize(
     ("law", "truth"),
     [

@@ -226,6 +226,7 @@ def test_another_choice_of_parameters_gives_the_same_predictions() -> None:
         np.testing.assert_allclose(one[:3, :3], other[:3, :3], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_readings_that_determine_nothing_are_refused() -> None:
     """An offset of joint 1, upright, is a turn of the base: where that is free, no reading shows it."""
     chain, free = paper_model().chain, pp.Measurement(base="free")
@@ -251,6 +252,7 @@ def test_what_no_reading_sees_keeps_its_law() -> None:
         assert found.posterior.learned[name] < 1e-9
 
 
+@pytest.mark.slow
 def test_estimates_stay_within_the_bounds_of_laws() -> None:
     """An offset of three half-widths of its uniform law: the estimate stops at the bound, and the result says so."""
     chain = paper_model().chain

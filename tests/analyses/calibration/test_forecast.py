@@ -114,6 +114,7 @@ def test_simulated_calibrations_of_the_paper_agree() -> None:
     np.testing.assert_allclose(simulated.rms_position, [entry.rms("after") for entry in forecast.poses], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_better_instrument_and_more_poses_help_down_to_the_floor() -> None:
     found = pp.forecast_calibration(plain_model(), random_poses(4, 40), SET_UPS[0])
     for curve, direction in ((found.by_count, -1), (found.by_instrument, 1)):
@@ -141,6 +142,7 @@ def test_repeating_a_pose_does_not_remove_its_own_error() -> None:
     assert np.trace(left) > 0.3 * pose_scope @ pose_scope
 
 
+@pytest.mark.slow
 def test_the_arm_that_is_left_runs_through_other_analyses() -> None:
     found = pp.forecast_calibration(plain_model(), random_poses(4, 20), SET_UPS[0], at=["work"])
     sampled = pp.monte_carlo(found.model, "work", samples=20_000, seed=0)

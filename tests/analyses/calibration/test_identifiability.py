@@ -34,6 +34,7 @@ def test_ranks_of_all_geometric_errors(name: str) -> None:
     assert free.rank == base + 6 - 12
 
 
+@pytest.mark.slow
 def test_ranks_with_a_prismatic_joint() -> None:
     chain = seven_joint_arm(prismatic=(2, 6))
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (7, 40))
@@ -72,6 +73,7 @@ def test_subspaces_do_not_depend_on_the_order_of_the_sources() -> None:
     np.testing.assert_allclose(other.projector[np.ix_(places, places)], one.projector, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_subspaces_do_not_depend_on_the_order_of_poses_or_on_rounding() -> None:
     """Readings in another order, at joint values off by 1e-9: the same groups, as ties are broken nowhere."""
     model, q = pp.every_frame(paper_model().chain), random_poses(4, 30)

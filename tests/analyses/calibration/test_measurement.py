@@ -173,6 +173,7 @@ def test_what_is_measured_does_not_move_with_the_point_that_results_are_about() 
     assert plans[0] == plans[1]
 
 
+@pytest.mark.slow
 def test_the_load_of_a_measurement_takes_the_place_of_payloads() -> None:
     """Without a payload its mass cannot be learned; with a known one the readings are those of an arm that carries it."""
     from dataclasses import replace

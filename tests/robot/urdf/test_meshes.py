@@ -171,6 +171,7 @@ def test_sound_scenes_are_drawn(arm, tmp_path):
     assert read_mesh(tmp_path / "beside.gltf").companions == {"part.bin": CORNERS + INDICES}
 
 
+@pytest.mark.slow
 def test_only_regular_files_beside_a_mesh_are_opened(arm, tmp_path):
     folder = tmp_path / "robot" / "urdf"
     folder.mkdir(parents=True)
@@ -199,6 +200,7 @@ def test_only_regular_files_beside_a_mesh_are_opened(arm, tmp_path):
         assert [found.code for found in check(folder / "arm.urdf")] == ["W_MESH_BAD"]
 
 
+@pytest.mark.slow
 def test_images_and_material_files_that_are_no_files_are_not_opened(arm, tmp_path):
     os.mkfifo(tmp_path / "pipe.png")
     os.mkfifo(tmp_path / "pipe.mtl")

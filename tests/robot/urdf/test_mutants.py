@@ -16,6 +16,7 @@ from precision_pin.robot.urdf import Robot, canonical, parse
 SEED = 15
 
 
+@pytest.mark.slow
 def test_robots_as_they_are_hold(tmp_path):
     for number, text in enumerate(base_robots()):
         outcome = try_robot(text.encode(), str(number), tmp_path)
@@ -111,6 +112,7 @@ def test_edited_attributes(arm, values, places):
     attempt(b'"'.join(parts))
 
 
+@pytest.mark.slow
 @QUIET
 @given(data=st.binary(max_size=200))
 def test_any_bytes(data):

@@ -232,6 +232,7 @@ def random_values(robot, seed):
     return {joint.name: rng.uniform(-2, 2) for joint in robot.moving_joints}
 
 
+@pytest.mark.fast(7)
 @pytest.mark.parametrize("arm", ARMS)
 def test_pinocchio_agrees(shipped, arm):
     robot = read(shipped / ARMS[arm])
