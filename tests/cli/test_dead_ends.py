@@ -88,9 +88,10 @@ MEANT = {
 @pytest.mark.parametrize(
     ("command", "typed", "meant"),
     [
-        pytest.param(command, typed, meant, marks=[pytest.mark.slow] * (command != "analyze" and typed != "ur5"))
+        (command, typed, meant)
         for command in WITH_ROBOT
         for typed, meant in MEANT.items()
+        if command == "analyze" or typed == "ur5"
     ],
 )
 def test_a_robot_that_is_not_there_gives_the_one_that_is_meant(run, command, typed, meant):

@@ -8,7 +8,7 @@ import pytest
 from journeys.arms import Pinocchio, rows_of, text_of
 from journeys.every_command import READERS, codes
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.parametrize("arm", ["panda", "gantry"], indirect=True)]
 
 POINT = "50 30 20 mm"
 TARGET = np.array([0.05, 0.03, 0.02])
