@@ -189,6 +189,7 @@ def test_a_diameter_is_as_wide_as_its_grade_and_a_deviation_is_none() -> None:
         read_cost(given, "here", units.LENGTH, "std")
 
 
+@pytest.mark.slow
 def test_group_of_grades_has_one_value(tmp_path: Path) -> None:
     first, second = [["0.1 mm", 5], ["0.2 mm", 2]], [["0.05 mm", 9], ["0.1 mm", 4], ["0.3 mm", 1]]
     problem = {

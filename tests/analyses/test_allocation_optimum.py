@@ -145,6 +145,7 @@ def test_of_a_low_probability_no_bound_is_claimed(tmp_path: Path) -> None:
     assert "how far above the least is not known" in allocation_table(result)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_a_tolerance_without_effect_is_the_widest(tmp_path: Path) -> None:
     """Nothing of the sheet turns the tip, so that a limit of the attitude leaves every tolerance at its widest."""
@@ -154,6 +155,7 @@ def test_a_tolerance_without_effect_is_the_widest(tmp_path: Path) -> None:
     assert [one.verdict for one in result.limits] == ["nothing to judge", "met"]
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("rank", [1, 2, 3])
 @pytest.mark.parametrize("length", [0.0, 0.5, 4.0])
 def test_slopes_of_quantiles_are_differences(rank: int, length: float) -> None:

@@ -165,6 +165,7 @@ def test_sources_and_places_of_the_papers_arm(paper_budget):
     assert all(joint[quantity] == pytest.approx(install[quantity], abs=1e-12) for quantity in CLOSED)
 
 
+@pytest.mark.slow
 def test_lengths_of_the_papers_arm_by_hand():
     """Lengths alone, by finite differences of the exact chain, which is linear in them."""
     paper = ErrorModel.load(PAPER_SHEET)

@@ -102,6 +102,7 @@ def test_figure_has_legible_text_inside_it(which, request):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_bars_are_the_shares_largest_first_beside_total_indices_and_tolerances(paper):
     upper = figure(paper).axes[0]
     groups = sorted(paper.poses[0].groups, key=lambda group: -round(group.share["position"], 9))[:12]

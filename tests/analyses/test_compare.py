@@ -121,6 +121,7 @@ def test_intervals_of_quantiles_cover_the_difference(name):
         assert held >= stats.binom.ppf(1e-3, turns, 0.95)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "skewness"), [(5e-4, 44.7), (3e-3, 18.2), (0.05, 4.1)])
 def test_intervals_of_means_cover_the_difference_or_are_not_given(share, skewness):
     # the skewness of a two-point law, (1 - 2 p)/√(p (1 - p))
@@ -132,6 +133,7 @@ def test_intervals_of_means_cover_the_difference_or_are_not_given(share, skewnes
     assert any(one is not None for one in found) == (skewness < 0.4 * np.sqrt(count))
 
 
+@pytest.mark.slow
 def test_models_that_differ_in_a_rare_draw_are_not_told_to_be_alike():
     rare = JointOffset(joint="hinge", offset=pp.Draw("rare", pp.TwoPoint(1e-3, 1e-3, 1e-6)))
     found = pp.compare([hinge(1e-4), hinge(1e-4, rare)], [0.0], samples=2000, model="linear")

@@ -98,6 +98,7 @@ def test_the_bound_holds_for_a_lognormal_number_with_a_normal_one(cv):
     assert np.abs(found.law.cumulative(x) - expected).max() <= found.error < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cv", mostly_slow([0.2, 1.0], fast=1))
 def test_three_lognormal_numbers_take_seconds(cv):
     """They took 72 s with a bound of the characteristic function that fell as 1/ω³; compared with 10⁶ plain samples."""
@@ -159,6 +160,7 @@ ARM = """<robot name="arm"><link name="base"/><link name="tool"/><joint name="jo
   <joint name="bolt" type="fixed"><parent link="link"/><child link="tool"/><origin xyz="1 0 0"/></joint></robot>"""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*use analyze:precision_pin.base.errors.PrecisionPinWarning")
 def test_a_law_that_is_not_that_of_the_exact_model_is_said():
     """A link along x turned by θ: dx = cos θ - 1 does not vary at first order, dy = sin θ is nonlinear for ±1.5 rad."""

@@ -115,6 +115,7 @@ def test_best_fit_of_the_base(attained):
 # against theory ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axes", "factor"), [("xyz", 3.616088), ("xy", 3.218723), ("z", 2.606315)])
 def test_repeatability_of_normal_visits(axes, factor):
     model = tool_errors({axis: pp.Normal(20e-6) for axis in axes}, pp.Scope.VISIT)
@@ -223,6 +224,7 @@ def test_json_has_the_keys_that_users_rely_on():
     assert set(found["AD"]) == set(law)
 
 
+@pytest.mark.slow
 def test_limits_are_kept_at_every_pose():
     middle = pp.iso9283(MIXED, Q, robots=300).worst["RP"].quantile(0.5)
     limits = [f"RP {middle!r} m @ 60 %", "AD 1 mm", "E 100 mm", "RP_c 1 urad"]

@@ -104,6 +104,7 @@ def test_too_few_robots_to_judge():
     assert "too few to judge" in verdict(found)
 
 
+@pytest.mark.slow
 def test_a_measuring_system_elsewhere_needs_the_fit():
     """The best fit takes out where the measuring system stands; without it every position is far off."""
     robot = measure(arm(), 1, seed=4)[0]

@@ -49,6 +49,7 @@ def test_three_equal_deviations_are_a_noncentral_chi():
     assert value[0] == pytest.approx(std * np.sqrt(stats.ncx2.ppf(0.95, 3, (0.005 / std) ** 2)), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_a_map_is_the_first_order_model_of_each_pose():
     q = around(5)
     made = pp.map_poses(PAPER, q, verify=0)

@@ -223,6 +223,7 @@ def test_closed_form_leaves_out_only_the_next_order(name):
         assert math.log2(wide / narrow) == pytest.approx(order, abs=0.35)
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("name", mostly_slow(CASES, fast=3))
 @pytest.mark.parametrize("method", SAMPLED)
 def test_samples_of_two_joints_agree_with_quadrature(method, name):
@@ -232,6 +233,7 @@ def test_samples_of_two_joints_agree_with_quadrature(method, name):
         assert covered(estimate, true).all()
 
 
+@pytest.mark.slow
 def test_correlated_draws_that_are_not_normal():
     """A copula of uniform laws: sampled two ways, and the mean's second order from the known covariance."""
     model = arm(
@@ -367,6 +369,7 @@ def test_of_a_linear_arm_nothing_is_left_to_sample(method):
     np.testing.assert_allclose(closed.covariance.value, found.covariance.value, atol=1e-18)
 
 
+@pytest.mark.slow
 def test_where_nothing_is_random_the_error_is_the_moment():
     model = arm(Draw("a", laws.Fixed(0.1)))
     truth = errors_of(np.array([[0.1]]))[:, 0]

@@ -55,6 +55,7 @@ def test_r6_cantilever():
     np.testing.assert_allclose(margin(found.points[0].u), 0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_r6_capacity_minus_load_as_an_arm():
     """Error x = load - capacity, shifted so that |x| ≤ limit is what fails first: the same β through the whole analysis."""
     model = slides([(1, 0, 0), (-1, 0, 0)], [laws.Normal(0.010, 0.150), laws.Normal(0.020, 0.200)])

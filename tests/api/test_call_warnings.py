@@ -58,6 +58,7 @@ def test_limits_are_warned_of_once_at_the_callers_line(name: str) -> None:
     assert Path(seen[0].filename) == Path(__file__)
 
 
+@pytest.mark.slow
 def test_a_sheet_that_is_loaded_tells_its_findings_once_at_the_callers_line(tmp_path: Path) -> None:
     assert told(lambda: pp.ErrorModel.load(PAPER_SHEET)) == []
     sheet = tmp_path / "arm.yaml"
@@ -97,6 +98,7 @@ def test_findings_that_were_handed_in_are_not_told_again() -> None:
     assert str(finding) in pp.monte_carlo(ARM, INSIDE, findings=[finding], **SAMPLED).warnings
 
 
+@pytest.mark.slow
 def test_the_command_line_tells_by_its_findings_alone() -> None:
     seen = []
 

@@ -120,6 +120,7 @@ TEXTS: dict[str, Callable[[], object]] = {
 }
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("what", [*FILES, *TEXTS])
 def test_a_text_made_to_take_long_is_refused_at_once(what: str, tmp_path: Path) -> None:
     file = tmp_path / "file"

@@ -53,6 +53,7 @@ def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path: Path, monke
                 assert outcome(call, argument, mistake).kind == "fine", (call.name, argument, mistake)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("kind", sorted({source.kind() for source in model().sources}))
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_a_setting_of_a_source_that_is_none_is_refused_by_name(kind: str) -> None:

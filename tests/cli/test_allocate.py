@@ -79,6 +79,7 @@ def test_bounds_stand_beside_the_specs_and_a_law_may_be_named_as_a_whole(run, fo
     )
 
 
+@pytest.mark.slow
 def test_wrong_input_is_one_line(run, folder):
     done = run("allocate", "4dof.errors.yaml")
     assert done.code == 2

@@ -45,6 +45,7 @@ def test_out_overwrites_its_own_files_and_leaves_others(run, folder):
     assert (folder / "plots" / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_json_to_a_file_prints_the_table_as_well(run, folder):
     outcome = run(*QUICK, "--json", "result.json")
     assert outcome.code == 0

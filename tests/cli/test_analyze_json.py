@@ -35,6 +35,7 @@ def distributions(data):
             yield f"{quantity}.{part}", data[quantity][part]
 
 
+@pytest.mark.slow
 def test_json_alone_on_stdout(run):
     outcome = run("analyze", "--samples", "100", "--json", "-")
     assert outcome.code == 0
@@ -54,6 +55,7 @@ def test_json_alone_on_stdout_when_there_are_warnings_and_files(run):
     assert wrote.startswith("wrote plots")
 
 
+@pytest.mark.slow
 def test_every_key_and_type(run):
     data = run(
         "analyze", "--samples", "5000", "--seed", "7", "--spec", "40 mm", "--spec", "rx 20 mrad", "--json", "-"
@@ -172,6 +174,7 @@ def test_numbers_against_the_samples_themselves(run):
     ]
 
 
+@pytest.mark.slow
 def test_nominal_is_the_error_with_every_parameter_at_its_mean(run):
     data = run("analyze", "--samples", "10", "--json", "-").json
     at = pp.ErrorModel.load(PAPER_SHEET).at("paper")

@@ -41,6 +41,7 @@ def test_it_decides_the_flank(run, sheet):
     assert without["nominal"]["attitude"] == pytest.approx([0, 0, 0], abs=1e-15)
 
 
+@pytest.mark.slow
 def test_of_the_sheet_and_in_the_table(run, sheet):
     table = run("analyze", sheet, "--pose", "up", *FEW)
     assert ", 10° (+), 70°, " in table.out.replace("\n  ", " ")

@@ -15,6 +15,7 @@ SHEET = "4dof.errors.yaml"
 WAY = "t,joint4,joint3,joint2,joint1\n0,-1.588,1.536,0.0524,-1.571\n0.5,-1.4,1.3,0.1,-1.2\n"
 
 
+@pytest.mark.slow
 def test_the_first_lines_answer_the_question(run):
     done = run("compensate", SHEET)
     assert done.code == 0

@@ -85,6 +85,7 @@ MEANT = {
 }
 
 
+@pytest.mark.fast(11)
 @pytest.mark.parametrize(
     ("command", "typed", "meant"),
     [

@@ -83,6 +83,7 @@ def test_one_pose_of_several_is_enough(run):
     assert (done.code, done.json["spec"][0]["verdict"]) == (1, "not met")
 
 
+@pytest.mark.slow
 def test_of_a_relative_error_both_poses_are_looked_at(run):
     for pose, other, where in (
         ("1200 mm, 30 deg", "home", "the pose"),
@@ -149,6 +150,7 @@ def _way(folder, times, places=(0, 50, 100)):
     return ("path", SHEET, "--trajectory", "way.csv", *FEW)
 
 
+@pytest.mark.slow
 def test_a_path_faster_than_a_joint_is_not_judged(run, folder):
     """50 mm in 0.05 s are the 1 m/s of the limit; in 0.04 s they are 1.25 m/s."""
     assert run(*_way(folder, (0, 0.05, 0.1)), *SPEC).code == 0
@@ -218,6 +220,7 @@ def test_what_is_set_to_nothing_is_said_with_its_share(run, folder, name):
     assert (missed.code, "taken as exact" in missed.out) == (1, False)
 
 
+@pytest.mark.slow
 def test_named_parameters_and_parts_of_them(run, folder):
     """A parameter that two sources share goes whole, or out of one of them: 1 of 1 + 1 squared parts of a sum of two."""
     sheet = (folder / SHEET).read_text("utf-8").partition("sources:")[0]

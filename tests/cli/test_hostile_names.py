@@ -84,6 +84,7 @@ def test_command_lines(run, where, kind):
     assert len(line) < LONGEST_LINE + 600
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["bidi", "lines"])
 def test_tables_and_json(run, folder, kind):
     name = HOSTILE[kind]

@@ -96,6 +96,7 @@ def refused(outcome):
     return line
 
 
+@pytest.mark.fast(9)
 @pytest.mark.parametrize("case", INPUTS)
 def test_no_input_is_written_over(run, files, contents, monkeypatch, case):
     monkeypatch.setattr(

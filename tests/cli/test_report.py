@@ -79,7 +79,8 @@ def test_one_missed_pose_of_several_is_exit_code_1(run, folder):
     arguments = ("report", "gantry.urdf", "gantry.errors.yaml", *FEW, "--out", "page.html")
     assert run(*arguments, "--spec", "1 m", "--all-poses").code == 0
     out, home, every = (
-        run(*arguments, "--spec", "0.08 mm", *at).code for at in (("--pose", "out"), ("--pose", "home"), ("--all-poses",))
+        run(*arguments, "--spec", "0.08 mm", *at).code
+        for at in (("--pose", "out"), ("--pose", "home"), ("--all-poses",))
     )
     assert every == max(out, home) == 1
     text = (folder / "page.html").read_text("utf-8")

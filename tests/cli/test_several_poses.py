@@ -13,6 +13,7 @@ FEW = ("--samples", "500")
 LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
 
 
+@pytest.mark.slow
 def test_the_ways_to_give_two_poses_are_one(run, folder):
     header = f"y_axis,{LONG}"
     (folder / "way.csv").write_text(f"{header}\n0.25,{math.radians(30)!r}\n0,0\n")
@@ -89,6 +90,7 @@ def test_what_is_for_one_pose_is_refused_with_several(run, new_files, option, va
     assert new_files() == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["analyze", "map"])
 def test_a_journal_of_several_poses_is_resumed_and_knows_its_run(run, folder, command):
     plain = run(command, SHEET, "--all-poses", *FEW, "--json", "-").out

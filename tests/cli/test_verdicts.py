@@ -117,6 +117,7 @@ def test_too_few_samples_are_undecided(run: Run, folder, samples: int) -> None:
 class TestAssumptions:
     LINE = "rests on assumptions: 1 of 1 sources are marked as assumed in the sheet (joint_offset)"
 
+    @pytest.mark.slow
     def test_a_verdict_says_that_it_rests_on_them(self, run: Run, folder) -> None:
         (folder / "assumed.yaml").write_text(HEAD + ASSUMED, "utf-8")
         outcome = run("analyze", "assumed.yaml", "--samples", "300", "--spec", "5 mm", "--json", "found.json", "--all")
@@ -155,6 +156,7 @@ def test_init_starts_from_the_sheet_with_sources(run: Run, folder, name: str) ->
     assert run("check", f"{name}.errors.yaml").code == 0
 
 
+@pytest.mark.slow
 def test_init_names_the_sheet_with_sources_of_an_arm_of_the_same_name(run: Run, folder) -> None:
     if "ur5" not in example_urdfs():
         pytest.skip("example-robot-data is not installed")
@@ -206,6 +208,7 @@ class TestCheckAtPoses:
         outcome = run("check", "bare.yaml")
         assert (outcome.code, "W_NO_POSES" in outcome.out) == (0, True)
 
+    @pytest.mark.slow
     def test_joint_values_of_the_command_line_are_asked_about(self, run: Run, folder) -> None:
         outcome = run("analyze", "--q", "90 0 45 0 rad", "--samples", "10")
         assert "W_ANGLE_UNIT: --q: joint1 at 90 rad is 5157 deg; did you mean deg?" in outcome.err

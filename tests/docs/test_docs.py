@@ -380,6 +380,7 @@ def defined(test: str) -> bool:
     return name in functions_of(file)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", ["eq", "no."])
 def test_every_equation_has_a_function_and_a_test(column):
     for number, _, functions, tests in rows("equations.md", column):
@@ -444,6 +445,7 @@ def test_every_command_has_a_section_and_every_exit_code_a_row():
     }
 
 
+@pytest.mark.slow
 def test_the_keys_of_the_result_are_those_of_the_page(folder, monkeypatch):
     words = ["precision-pin", "analyze", "--samples", "500", "--spec", "45 mm", "--json", "result.json"]
     assert command_line(words, monkeypatch)[0] == 0

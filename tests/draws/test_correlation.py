@@ -141,6 +141,7 @@ SMOOTH = [law for law in LAWS if not isinstance(law, Lognormal)]
 PAIRS = list(itertools.combinations_with_replacement(SMOOTH, 2))
 
 
+@pytest.mark.fast(25)
 @pytest.mark.parametrize(("first", "second"), PAIRS, ids=repr)
 def test_every_pair_against_mehler_s_series(first: Law, second: Law) -> None:
     powers = np.arange(400)
@@ -360,6 +361,7 @@ def test_the_first_in_the_alphabet_keeps_its_numbers() -> None:
     np.testing.assert_allclose(mixed[0], 0.6 * plain[1] + 0.8 * plain[0], rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 2**64 - 1])
 @pytest.mark.parametrize("first", [0, 7])
 def test_copula_against_plain_python(seed: int, first: int) -> None:

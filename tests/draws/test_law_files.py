@@ -262,6 +262,7 @@ def test_every_law_of_one_number_is_tried() -> None:
     assert {type(law).__name__ for law, *_ in CLOSED} | several == {law.__name__ for law in LAWS}
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(("law", "error", "roughness"), CLOSED, ids=[repr(law)[:30] for law, *_ in CLOSED])
 def test_what_follows_from_the_quantiles_is_what_closed_forms_say(law: Law, error: float, roughness: float) -> None:
     bare, std = Bare(law), math.sqrt(law.covariance[0, 0])

@@ -223,6 +223,7 @@ def test_characteristic_function_by_quadrature_of_the_inverse(law: Law, scaled: 
     assert complex(law.characteristic(np.array([t]))) == pytest.approx(expected, abs=2e-12 + 1e-15 * phase)
 
 
+@pytest.mark.fast(16)
 @pytest.mark.parametrize("spread", [0.01, 0.1, 0.5, 1.0, 3.0, 30.0, 1000.0])
 @pytest.mark.parametrize("scaled", [1e-4, 0.05, 1.0, 4.0, 60.0, 5000.0])
 def test_lognormal_characteristic_function_by_a_fine_sum_along_another_path(spread: float, scaled: float) -> None:
@@ -239,6 +240,7 @@ def test_lognormal_characteristic_function_by_a_fine_sum_along_another_path(spre
     assert complex(law.characteristic(np.array([scaled]))) == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_lognormal_characteristic_function_by_scipy_s_integration() -> None:
     law, sigma = Lognormal(1.0, 1.0), math.sqrt(math.log(2))
     for t in (0.3, 2.0):
@@ -280,6 +282,7 @@ def test_characteristic_function_of_rows_is_the_mean_over_them() -> None:
     np.testing.assert_allclose(Rows(MEASURED).characteristic(t), expected, rtol=0, atol=1e-14)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("law", mostly_slow(ALL, fast=5), ids=repr)
 def test_characteristic_functions_take_any_shape_and_any_number_of_frequencies(law: Law) -> None:
     t = np.linspace(-3, 3, 24).reshape(1, 4, 6) / math.sqrt(law.covariance[0, 0])
@@ -446,6 +449,7 @@ EACH = Space(
 )
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("seed", [0, 20150713, 2**64 - 1])
 @pytest.mark.parametrize("first", [0, 7, 2**33 - 3])
 def test_every_law_against_plain_python(seed: int, first: int) -> None:

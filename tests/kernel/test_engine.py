@@ -174,6 +174,7 @@ def test_one_joint_by_hand() -> None:
     np.testing.assert_array_equal(sampler.errors(layout, "linear", 0, 0, 1)[:, 0], [0, 1e-3, 0, 0, 0, 1e-3])
 
 
+@pytest.mark.slow
 def test_the_papers_arm_with_its_sheet() -> None:
     at = ErrorModel.load(SHEET).at()
     layout = sampler.to_arrays(at)

@@ -117,6 +117,7 @@ def test_scopes_are_honoured(name: str) -> None:
     assert np.array_equal(pose, both) == (scope is not Scope.VISIT)
 
 
+@pytest.mark.slow
 def test_samples_stay_between_the_bounds_and_the_bounds_are_the_law_s() -> None:
     drawn = sampler.sample(LAYOUT, 3, 0, 300_000)
     assert (drawn >= LAYOUT.lowest[:, None]).all()
@@ -247,6 +248,7 @@ def test_quantiles_on_an_injected_grid_equal_scipy() -> None:
     np.testing.assert_array_equal(seen, np.where(GRID > 0.7, 2.3, -1.7))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law", [Empirical(SLOPES), Empirical(GAP), Empirical.from_samples(MANY), Empirical.from_samples([1.5])]
 )

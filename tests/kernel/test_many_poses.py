@@ -109,6 +109,7 @@ def test_wide_angles(turn: float) -> None:
     assert_as_one_at_a_time(models, "exact", 700)
 
 
+@pytest.mark.slow
 def test_a_turn_of_nearly_half_a_turn_at_one_pose_of_many() -> None:
     space = Space((Draw("a", Uniform(1.0)), Draw("b", Uniform(1.0), Scope.POSE)))
     rng = np.random.default_rng(4)

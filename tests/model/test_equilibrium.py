@@ -208,6 +208,7 @@ def test_a_sliding_joint_on_a_spring_by_hand():
 # --- limits ---
 
 
+@pytest.mark.slow
 def test_a_stiff_arm_has_the_nominal_answer(arm):
     nominal, rest = (scaled(arm, 1e6, statics).at(PAPER_Q) for statics in ("nominal", "equilibrium"))
     np.testing.assert_allclose(rest.tangent[0], nominal.tangent[0], rtol=1e-6, atol=1e-13)

@@ -24,6 +24,7 @@ from support.plain_robot import inserted, pose_error
 from support.sheets import PAPER_Q, SEVEN_Q, everything, seven_joint_arm
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("scale", [1.0, 30.0])
 @pytest.mark.parametrize("prismatic", [(), (4,), (2, 7)])
 def test_sampled_errors_of_all_sources_against_the_definition(prismatic, scale):

@@ -71,6 +71,7 @@ def together(chain, sources, q):
     return terms_at_many(Posture(chain, many.q, many.joint_poses, chain.loads), each, bound)
 
 
+@pytest.mark.slow
 def test_a_side_that_turns_between_poses_is_found():
     chain = ARMS["base to tool"]
     q = configurations(chain, 40)
@@ -130,6 +131,7 @@ def test_several_twists_at_one_posture_are_refused():
 # first-order models --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sheet", ["4dof", "ur5"])
 def test_tangents_are_those_of_one_pose(sheet):
     model = ErrorModel.load(shipped_sheets()[sheet])

@@ -170,6 +170,7 @@ def test_geometric_errors_of_the_papers_arm():
     assert_reproduced(model, writer, built, poses_of(chain))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("base", "tip", "locked", "ends"),
     [
@@ -319,6 +320,7 @@ def laden(tmp_path: Path, statics: str = "nominal") -> ErrorModel:
     return ErrorModel(model.chain, space, sources, {"export": [0.3, -0.7, 1.1, 0.2, -1.3, 0.8, 0.5]}, statics)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("statics", ["nominal", pytest.param("equilibrium", marks=pytest.mark.slow)])
 def test_all_errors_are_reproduced_at_the_export_pose(tmp_path, statics):
     model = laden(tmp_path, statics)

@@ -109,6 +109,7 @@ def test_all_but_the_decision_is_folded_and_a_link_leads_into_the_fold():
     assert made.count('open=""') == 1
 
 
+@pytest.mark.slow
 def test_what_to_change_is_what_a_sheet_with_the_change_gives(model, tmp_path, reader):
     table = reader.table("What to change, and what it brings: |d|")
     assert table.rows[0] == ["change", "share of the variance %", "95 % within [mm]"]
@@ -401,6 +402,7 @@ def test_the_two_bearings_of_an_axis_are_one_cause_that_opens(model, reader):
     assert agrees(row[6], 1e3 * math.sqrt(total - 0.75 * both * total))
 
 
+@pytest.mark.slow
 def test_worst_case_is_that_of_the_analysis(model, reader):
     pose = worst_case(model, seed=4, samples=SAMPLES).poses[0]
     table = reader.table("Worst case of the sizes")
@@ -513,6 +515,7 @@ def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path
     assert [row[0] for row in reader.table("Causes of the position error").rows].count("correlated: p + r") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [1, pytest.param(40, marks=pytest.mark.slow)])
 def test_few_samples_are_said_to_resolve_little(model, samples):
     results = sampled_again(model, samples=samples)

@@ -37,6 +37,7 @@ def texts(figure: Figure) -> str:
     return " ".join(text.get_text() for text in figure.findobj(Text)).replace("\n", " ")
 
 
+@pytest.mark.slow
 def test_every_analysis_is_tried(results):
     assert set(results) == {name for name, one in declarations().items() if one.heading}
 

@@ -273,6 +273,7 @@ def test_joints_that_no_weight_can_move_get_no_compliance(
     assert ErrorModel.load(written(text, tmp_path)).at().posture.load_torque.tolist() == [0.0]
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     "limits",
     [
@@ -298,6 +299,7 @@ def test_poses_stay_within_odd_limits(limits: str, kind: str, tmp_path: Path) ->
         assert model.at(pose).findings("exact") == ()
 
 
+@pytest.mark.slow
 def test_turning_and_sliding_joints_get_their_own_units(tmp_path: Path) -> None:
     text = text_of("tiago")
     assert re.search(r"^    torso_lift_joint: [\d.]+ m$", text, re.MULTILINE)

@@ -303,6 +303,7 @@ def drawn_points(text):
     return [len(floats(pose["points"])) // 3 for pose in data_block(text, "settings")["poses"]]
 
 
+@pytest.mark.slow
 def test_the_cloud_is_capped_and_the_page_stays_small(tmp_path):
     at = pose_model(tmp_path, arm_text())
     errors = made_up_errors(MOST_POINTS + 1)

@@ -22,7 +22,7 @@ from precision_pin.pages.view import ViewPose
 from precision_pin.sources import JointOffset
 from support.browser import chromium, complaints, needs_chromium, visited
 
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")]
 
 PLACE = se3.displacement([2.0, -1.0, 0.5, 0.3, -1.2, 0.8])
 ROW = 9
@@ -121,7 +121,6 @@ PLANE = ((0.0, 0.0, 0.1), (0.0, 0.6, 0.8))
 SOCKETS = ((0.9, 0.2, 0.8), (0.2, 0.9, 1.0))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "measurement",
     [
@@ -214,7 +213,6 @@ def test_many_readings_are_few_lines(case):
     assert 'id="calibration-before">' in layer.legend()
 
 
-@pytest.mark.slow
 def test_one_reading_without_residual():
     model, q = small_model(), random_poses(4, 1)
     exact = model.chain.at_columns(q).pose[:3, 3].T
@@ -229,7 +227,6 @@ def test_one_reading_without_residual():
     calibration_chapter(layer.result)
 
 
-@pytest.mark.slow
 def test_names_are_never_markup(case):
     _, result, _ = case
     named = replace(result, poses=(replace(result.poses[0], name="<img src=x>"),))
@@ -240,7 +237,6 @@ def test_names_are_never_markup(case):
 # the report --------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_the_section_has_the_numbers_of_the_json(case):
     _, result, _ = case
     chapter, found = calibration_chapter(result), json.loads(result.to_json())
@@ -270,7 +266,6 @@ def test_the_section_has_the_numbers_of_the_json(case):
     assert "before this calibration" in text
 
 
-@pytest.mark.slow
 def test_the_head_of_the_page_has_the_verdict_what_is_left_and_what_has_no_weight(case):
     _, result, _ = case
     verdict, left, gross = calibration_chapter(result).answers
@@ -284,7 +279,6 @@ def test_the_head_of_the_page_has_the_verdict_what_is_left_and_what_has_no_weigh
     assert head.startswith("Calibration: the model does NOT explain the readings: chi-square 1e+04 for ")
 
 
-@pytest.mark.slow
 def test_a_notebook_shows_the_lines_of_the_table(case):
     _, result, _ = case
     shown = html.unescape(result._repr_html_().removeprefix("<pre>").removesuffix("</pre>"))
@@ -296,7 +290,6 @@ def test_a_notebook_shows_the_lines_of_the_table(case):
 # the JSON ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_a_result_is_fitted_again_from_its_file():
     """With deviations and groups of the rows, and at two visits of a pose."""
     model, q = plain_model(), random_poses(4, 8)
@@ -342,7 +335,6 @@ STATE = """() => {
 }"""
 
 
-@pytest.mark.slow
 @needs_chromium
 def test_a_press_marks_a_reading(case, tmp_path):
     _, _, layer = case

@@ -111,6 +111,7 @@ def test_a_limit_is_judged_in_the_page_and_by_the_exit_code(run, folder, limit, 
     assert pose["answers"][0][2] == verdict
 
 
+@pytest.mark.slow
 def test_what_is_assumed_is_said_below_the_answer(run, folder):
     sheet = folder / "4dof.errors.yaml"
     sheet.write_text(sheet.read_text("utf-8").replace("scope: pose}}", "scope: pose}, assumed: true}"), "utf-8")

@@ -26,6 +26,7 @@ def test_round_numbers_are_the_nearest_in_proportion(value, rounded):
     assert round_number(value) == rounded
 
 
+@pytest.mark.slow
 @given(st.floats(1e-6, 1e6))
 def test_round_numbers_are_1_2_5_and_near(value):
     rounded = round_number(value)

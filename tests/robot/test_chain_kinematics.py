@@ -52,6 +52,7 @@ def joined_rigidly(base: str, tip: str) -> bool:
 PAIRS = [pair for pair in itertools.permutations(LINKS, 2) if set(pair) != {"link1", "bracket"}]  # bolted together
 
 
+@pytest.mark.fast(6)
 @pytest.mark.parametrize("ends", mostly_slow(PAIRS, fast=18), ids="-".join)
 def test_any_base_and_tip(ends):
     """Pose, Jacobian and every link's place, from links that are not the root as well, up the tree and down."""

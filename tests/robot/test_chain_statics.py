@@ -111,6 +111,7 @@ def rewritten(name: str, mass: float, com) -> str:
     return ARM.replace(old, new)
 
 
+@pytest.mark.slow
 def test_torques_are_linear_in_gravity_and_vanish_without_it():
     def torque(gravity):
         return chain_of(ARM, tip="tool", gravity=gravity).at(Q).load_torque
@@ -133,6 +134,7 @@ def test_turning_arm_and_gravity_together_changes_no_torque():
     np.testing.assert_allclose(tilted.link_wrench[1:], straight.link_wrench[1:], atol=1e-11)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("where", ["tool", "finger", "bracket", "link4", "half2", "base"])
 def test_a_payload_is_a_link_more(where):
     centre = (0.1, -0.2, 0.3)

@@ -43,6 +43,7 @@ def test_a_joint_grid_has_every_combination_the_last_joint_first():
     assert poses.node is None
 
 
+@pytest.mark.slow
 def test_a_place_grid_of_a_gantry_by_hand():
     # the tool turns by 1 rad at most: of four angles a quarter of a turn apart one is within
     places = pp.plane_places((0, 0, 0.5), (0, 2, 0), (0, 0, 1), [-0.5, 1.5], [0, 0.25])

@@ -161,6 +161,7 @@ def test_no_address_is_one_line() -> None:
         pass
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("address", ["foo", "tcp://host", "ftp://a:1", "host:abc", "tcp://", ":::", "/tmp/x"])
 def test_no_client_is_made_of_what_is_no_address(monkeypatch, address: str) -> None:
     monkeypatch.setattr("distributed.Client", None)

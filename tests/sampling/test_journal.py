@@ -178,6 +178,7 @@ def test_other_files_are_left_as_they_are(file: Path, contents: bytes) -> None:
     assert file.read_bytes() == contents
 
 
+@pytest.mark.slow
 def test_a_state_comes_back_whole_and_only_as_what_it_was() -> None:
     state = in_one_go(work(3, 2 * BLOCK))
     assert_same_bits(unpacked(packed(state), start(PLAN), SAMPLES.check), state)
@@ -400,6 +401,7 @@ def names() -> dict[str, str]:
     return identity(work(), AT.posture, {"URDF": AT.posture.chain.robot.file})
 
 
+@pytest.mark.slow
 def test_the_identity_tells_runs_apart(names: dict[str, str], monkeypatch, tmp_path: Path) -> None:
     def changed(task=None, posture=AT.posture, file=AT.posture.chain.robot.file) -> set[str]:
         now = identity(task or work(), posture, {"URDF": file})

@@ -275,6 +275,7 @@ def test_between_poses_that_do_not_exist() -> None:
             found.between(0, wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_strained_statics_are_said_of_the_worst_pose() -> None:
     loaded = ErrorModel.load(PAPER_SHEET)
     assert loaded.sheet is not None

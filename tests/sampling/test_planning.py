@@ -55,6 +55,7 @@ def test_quantiles_are_those_of_the_sorted_samples_where_the_first_order_vanishe
     assert not any("W_BINS" in warning for warning in found.warnings)
 
 
+@pytest.mark.slow
 def test_squares_and_products_of_numbers_of_mean_zero():
     """X₁² + X₂² of normal numbers has the median 2 ln 2; planned from first-order spreads it was eight times that."""
     random = np.random.default_rng(1)

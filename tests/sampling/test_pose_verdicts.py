@@ -65,6 +65,7 @@ def test_the_worst_pose_decides() -> None:
     assert judged(met, met, met).worst == 2
 
 
+@pytest.mark.slow
 def test_a_quantity_that_no_sample_moved_but_the_first_order_does_is_judged() -> None:
     # one sample varies in nothing; the single pose falls back on the first order as well
     found = sample_poses(MODEL, Q[:, :2], samples=1, specifications=["1 m @ 1 %"])

@@ -22,6 +22,7 @@ def plain() -> str:
     return pp.sample_poses(MODEL, POSES, **RUN, threads=1).to_json()
 
 
+@pytest.mark.slow
 def test_an_executor_gives_the_same_bits(plain):
     with ThreadPoolExecutor(3) as pool:
         assert pp.sample_poses(MODEL, POSES, **RUN, executor=pool).to_json() == plain
@@ -40,6 +41,7 @@ def test_processes_give_the_same_bits(plain):
     assert pp.sample_poses(MODEL, POSES, **RUN, processes=2).to_json() == plain
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_with_the_same_bits(plain, tmp_path, monkeypatch):
     file, told = tmp_path / "run.journal", []
 

@@ -52,6 +52,7 @@ def test_each_robot_is_the_one_that_the_model_displaces_at_both_poses() -> None:
     np.testing.assert_allclose(found.nominal, 0.0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_the_difference_of_slopes_and_of_both_visits() -> None:
     samples = 2 * BLOCK
     found = pp.relative(MIXED, P, Q, samples=samples, model="linear", threads=1)

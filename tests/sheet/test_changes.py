@@ -38,6 +38,7 @@ def model(tmp_path):
     return pp.ErrorModel.from_dict(DATA, tmp_path)
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     ("path", "value", "before", "after"),
     [
@@ -136,6 +137,7 @@ def test_wrong_changes_are_one_line_that_names_the_path(changes, message):
     assert message in line
 
 
+@pytest.mark.slow
 def test_the_path_of_a_source_is_that_of_its_only_number(model):
     for path in ("joint_offset[a.b]", "joint_offset", "joint_offset[*]", "*[a.b]"):
         changed = model.with_({path: "±2 mrad"})

@@ -184,7 +184,6 @@ MISTAKES = [
 ]  # fmt: skip
 
 
-@pytest.mark.fast(20)
 @pytest.mark.parametrize(("old", "new", "code", "message"), MISTAKES, ids=[f"{row[1][:50]!r}" for row in MISTAKES])
 def test_one_mistake_gives_one_finding_at_its_line(
     refuse: Refuse, old: str, new: str, code: str | None, message: str

@@ -99,6 +99,7 @@ BOX = "box: {x: 1 m, y: 0 m, z: 0 m}\n"
 JOINTS = "joints:\n  joint1: 0 deg\n  joint2: 0 deg\n  joint3: 0 deg\n"
 
 
+@pytest.mark.fast(18)
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [

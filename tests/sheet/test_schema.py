@@ -62,6 +62,7 @@ def test_good_sheets_pass(text: str) -> None:
     assert faults(contents(text)) == []
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     ("text", "is_right"),
     [

@@ -48,6 +48,7 @@ def test_reading_takes_time_in_proportion_to_what_is_read(load: Load) -> None:
     assert spent[1] < 8
 
 
+@pytest.mark.slow
 def test_a_number_is_found_among_many_as_soon_as_among_few() -> None:
     spent = []
     for count in (2000, 16_000):
@@ -270,6 +271,7 @@ def test_what_a_machine_cannot_hold_is_refused_at_once() -> None:
     assert time.process_time() - start < 10
 
 
+@pytest.mark.slow
 def test_analyses_that_take_hours_are_refused_at_once(load: Load) -> None:
     few = ErrorModel.from_sheet(load(many(4)))
     wide = ErrorModel(

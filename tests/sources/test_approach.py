@@ -211,6 +211,7 @@ def test_equilibrium_takes_the_load_on_the_deflected_arm() -> None:
     assert found == {"nominal": -5e-4, "equilibrium": 5e-4}
 
 
+@pytest.mark.slow
 def test_equilibrium_says_where_single_robots_lie_otherwise() -> None:
     """The lever of the hand about the wrist is that of the droop, which differs from robot to robot."""
     chain = chain_of(

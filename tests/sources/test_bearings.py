@@ -50,6 +50,7 @@ def in_tool_axes(model: ErrorModel, engine: str, x) -> np.ndarray:
     return np.concatenate([tool @ error[:3], tool @ error[3:]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("statics", ["nominal", pytest.param("equilibrium", marks=pytest.mark.slow)])
 def test_where_the_base_stands_and_in_what_order_sources_do_not_matter(statics):
     text = random_arm(51, prismatic=(4,))

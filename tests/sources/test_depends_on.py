@@ -132,6 +132,7 @@ def test_every_number_a_source_uses_has_a_quantity(kind, source, depends_on, ali
     assert {name for draw in source.draws(label) for name in draw.components} == set(numbers)
 
 
+@pytest.mark.slow
 def test_a_direction_of_the_base_link():
     for chain in ARMS.values():
         source = Length(joint="joint5", along=f"y of {chain.base}", parameters=(TOLERANCE,))

@@ -76,6 +76,7 @@ def test_a_tilted_base_shares_its_angle_with_its_mounting():
     np.testing.assert_allclose(error, [0, -swing, 0, tilt, 0, -swing], rtol=0, atol=1e-18)
 
 
+@pytest.mark.slow
 def test_without_it_loads_are_as_before_and_order_does_not_matter():
     chain = chain_of(random_arm(43, prismatic=(4,)), tip="tool")
     space, laden = loads()

@@ -52,6 +52,7 @@ def test_any_number_is_printed_inside_any_interval_that_holds_it() -> None:
             assert not interval[0] <= round(value, digits - 1) <= interval[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [40, 120, 700, 20_000])
 def test_every_cell_of_the_table_lies_in_its_interval_and_bounds_are_rounded_outwards(samples) -> None:
     for seed in range(6):

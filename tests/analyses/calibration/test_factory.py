@@ -159,6 +159,7 @@ def test_differences_of_parameters_make_the_arm_of_their_matrices(kind: str, tmp
     assert 1e-3 < found.rms_position < found.largest_position
 
 
+@pytest.mark.slow
 def test_other_base_and_tip_move_with_their_links(tmp_path: Path) -> None:
     conf = write_conf(tmp_path, "UR5")
     one, other = (

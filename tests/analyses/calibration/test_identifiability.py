@@ -87,6 +87,7 @@ def test_subspaces_do_not_depend_on_the_order_of_poses_or_on_rounding() -> None:
     np.testing.assert_allclose(other.projector, one.projector, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_joint_without_load_has_no_identifiable_compliance() -> None:
     found = pp.identifiability(paper_model(), random_poses(4, 30), pp.Measurement("pose"))
     # joint 1 is upright, and the load hangs in the axis of joint 4

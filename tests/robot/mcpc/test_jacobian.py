@@ -49,6 +49,7 @@ def test_eq16_order_of_the_parameters():
     ]
 
 
+@pytest.mark.fast(12)
 @pytest.mark.parametrize("joints", ARM_SIZES)
 @pytest.mark.parametrize("seed", range(5))
 def test_eq8_eq11_columns_are_the_derivatives_of_eqs_1_and_2(joints, seed):
