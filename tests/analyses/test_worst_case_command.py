@@ -23,7 +23,6 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
-from support.thinning import mostly_slow
 
 
 @pytest.fixture
@@ -150,7 +149,7 @@ def _centre_on_axis(axes, axis, tick):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
-@pytest.mark.parametrize("case", mostly_slow(CASES, fast=2))
+@pytest.mark.parametrize("case", CASES)
 def test_the_picture_is_readable_and_the_text_says_what_was_cut(case):
     build, q, samples = CASES[case]
     result = pp.worst_case(build(), q, samples=samples)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.base.text_escape import LONGEST_LINE, one_line, shown, visible
-from support.thinning import mostly_slow
 
 FORGED = "precision-pin: error E_FORGED: forged"
 HOSTILE = {
@@ -73,7 +72,8 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("kind", mostly_slow(HOSTILE, fast=2))
+@pytest.mark.fast(26)
+@pytest.mark.parametrize("kind", HOSTILE)
 @pytest.mark.parametrize("where", WRONG)
 def test_command_lines(run, where, kind):
     outcome = run(*WRONG[where](HOSTILE[kind]))

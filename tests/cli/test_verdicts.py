@@ -10,7 +10,6 @@ import shutil
 import pytest
 
 from precision_pin.robot.examples import example_urdfs, shipped_sheets
-from support.thinning import mostly_slow
 
 from .conftest import Run
 
@@ -145,7 +144,7 @@ class TestAssumptions:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", mostly_slow([name for name in shipped_sheets() if name != "4dof"], fast=1))
+@pytest.mark.parametrize("name", [name for name in shipped_sheets() if name != "4dof"])
 def test_init_starts_from_the_sheet_with_sources(run: Run, folder, name: str) -> None:
     if name not in example_urdfs():
         pytest.skip("example-robot-data is not installed")

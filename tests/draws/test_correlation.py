@@ -30,7 +30,6 @@ from precision_pin.draws.laws import (
 )
 from precision_pin.draws.space import Space
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
-from support.thinning import mostly_slow
 
 SLOPES = ((0.0, -1.0), (0.3, -0.2), (0.6, 0.0), (0.9, 0.3), (1.0, 2.0))
 GAP = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (1.0, 2.5))
@@ -80,7 +79,7 @@ def integral(law: Law, weight: Callable[[Array], Array], *bends: float) -> float
 
 
 @pytest.mark.fast(3)
-@pytest.mark.parametrize("law", mostly_slow(LAWS, fast=6), ids=repr)
+@pytest.mark.parametrize("law", LAWS, ids=repr)
 @pytest.mark.parametrize(
     "rho", [-0.3, 0.999, *(pytest.param(rho, marks=pytest.mark.slow) for rho in (-0.95, 0.1, 0.6))]
 )
@@ -172,7 +171,7 @@ def test_two_pairs_by_scipy_s_double_integral() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", mostly_slow(LAWS, fast=4), ids=repr)
+@pytest.mark.parametrize("law", LAWS, ids=repr)
 def test_the_correlation_rises_with_that_of_the_scores_from_bound_to_bound(law: Law) -> None:
     """From the countermonotone to the comonotone pair (Hoeffding, 1940), which is the variance."""
     steps = [-1 + 2e-6, -0.99, -0.5, 0.0, 0.5, 0.99, 1 - 2e-6]

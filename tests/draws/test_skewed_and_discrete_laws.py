@@ -33,7 +33,6 @@ from precision_pin.draws.laws import (
 from precision_pin.draws.laws.law import cumulative
 from precision_pin.draws.space import LabelledSpace, Space
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
-from support.thinning import mostly_slow
 
 QUANTILES = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (0.9, 2.0), (1.0, 2.5))
 """A gap between -0.5 and 0.1, and 0.1 itself with probability 1/2."""
@@ -283,7 +282,7 @@ def test_characteristic_function_of_rows_is_the_mean_over_them() -> None:
 
 
 @pytest.mark.fast(2)
-@pytest.mark.parametrize("law", mostly_slow(ALL, fast=5), ids=repr)
+@pytest.mark.parametrize("law", ALL, ids=repr)
 def test_characteristic_functions_take_any_shape_and_any_number_of_frequencies(law: Law) -> None:
     t = np.linspace(-3, 3, 24).reshape(1, 4, 6) / math.sqrt(law.covariance[0, 0])
     whole = law.characteristic(t)

@@ -22,7 +22,6 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, resolve_robot
 from precision_pin.sheet import read
 from precision_pin.sources import catalogue
-from support.thinning import mostly_slow
 
 # odd robots have findings, which are not what is tested here
 pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
@@ -386,7 +385,7 @@ ODD_NAMES = [
 
 
 @pytest.mark.fast(4)
-@pytest.mark.parametrize("name", mostly_slow(ODD_NAMES, fast=10))
+@pytest.mark.parametrize("name", ODD_NAMES)
 def test_odd_names_survive(name: str, tmp_path: Path) -> None:
     body = link("base") + link(f"{name}1", 1.0, "0.1 0 0") + link(name, 1.0, "0.1 0 0") + link(f"{name}3")
     body += joint(name, "base", f"{name}1", axis="0 1 0")
