@@ -280,7 +280,7 @@ def _nodes(path: str, value: object) -> Iterator[str]:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
-@pytest.mark.parametrize("every", ["kind", pytest.param("law", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", ["kind", "law"])
 def test_every_path_is_taken_or_refused_with_one_that_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: str
 ) -> None:

@@ -11,6 +11,8 @@ import pytest
 
 import precision_pin
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 PACKAGE = Path(precision_pin.__file__).parent
 FOLDERS = ("analyses", "cli", "pages", "sampling", "statistics")
@@ -58,7 +60,6 @@ def filled_in(node: ast.expr) -> str:
     return "{VERDICT}" if ast.unparse(node).endswith(".verdict.upper()}'") else "{}"
 
 
-@pytest.mark.slow
 def test_every_sentence_has_a_row() -> None:
     known: dict[str, list[str]] = {}
     for row in rows():
@@ -75,7 +76,6 @@ def test_every_sentence_has_a_row() -> None:
     assert missing == []
 
 
-@pytest.mark.slow
 def test_every_test_of_the_table_exists() -> None:
     named = [name for row in rows() for name in re.findall(r"`(tests/\S+\.py::\w+)`", " ".join(row[2:]))]
     assert len(named) > 25

@@ -25,6 +25,8 @@ from support.checks.beam import integrals
 from support.plain_robot import inserted, motion, pose_error
 from support.sheets import PAPER_Q
 
+pytestmark = pytest.mark.slow
+
 MM = 1e-3
 JOINTS = ("joint1", "joint2", "joint3", "joint4")
 
@@ -49,7 +51,6 @@ def model(
     return ErrorModel(chain, space, sources, statics=statics)
 
 
-@pytest.mark.slow
 def test_r4_equilibrium_is_near_exact_rods(chain):
     error, jacobian = model(chain).at(PAPER_Q).tangent
     assert np.linalg.norm(error[:3]) / MM == pytest.approx(35.877, rel=0.0003)
@@ -95,7 +96,6 @@ def settled_by_hand(chain: Chain, payload: float, stiffness: float) -> np.ndarra
     return pose_error(ends[4], chain.at(PAPER_Q).pose)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("payload", "stiffness"),
     [(3.0, 0.5), pytest.param(1.0, 1.0, marks=pytest.mark.slow), pytest.param(0.2, 10.0, marks=pytest.mark.slow)],
@@ -105,7 +105,6 @@ def test_the_fixed_point_by_another_route(chain, payload, stiffness):
     np.testing.assert_allclose(error, settled_by_hand(chain, payload, stiffness), atol=1e-12)
 
 
-@pytest.mark.slow
 def test_its_slopes_are_those_of_the_solution_solved_anew(chain):
     jacobian = model(chain, links=STIFF).at(PAPER_Q).jacobian
     step = 1e-3
@@ -116,7 +115,6 @@ def test_its_slopes_are_those_of_the_solution_solved_anew(chain):
         np.testing.assert_allclose(jacobian[:, column], expected, atol=3e-6 * np.abs(expected).max())
 
 
-@pytest.mark.slow
 def test_at_high_stiffness_it_is_the_nominal_answer(chain):
     """The difference is of second order in the deflection: a hundred times stiffer, ten thousand times less."""
     gaps = []
@@ -129,7 +127,6 @@ def test_at_high_stiffness_it_is_the_nominal_answer(chain):
     assert gaps[0] / gaps[1] == pytest.approx(1e4, rel=0.05)
 
 
-@pytest.mark.slow
 def test_without_gravity_or_loads_statics_make_no_difference(chain):
     sources = [Length(frame="tool", along="z of joint4", parameters=(Uniform(1e-3),))]
     nominal, equilibrium = (

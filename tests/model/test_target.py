@@ -12,6 +12,8 @@ from precision_pin.export.as_built import AsBuilt
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Overrides, read
 
+pytestmark = pytest.mark.slow
+
 POINT = np.array([0.03, -0.08, 0.2])
 POSES = np.radians([[-90, 3, 88, -91], [20, -40, 70, 10]]).T
 TOOL_SOURCES = """
@@ -39,7 +41,6 @@ def at_lever(errors: np.ndarray, lever: np.ndarray) -> np.ndarray:
     return np.concatenate([errors[:3] + turned.T, errors[3:]])
 
 
-@pytest.mark.slow
 def test_the_errors_at_a_target_are_those_of_the_tip_with_the_lever_arms_shift(arms):
     tip, target = arms
     x = tip.space.sample(0, 0, 20)
@@ -64,7 +65,6 @@ def test_the_errors_at_a_target_are_those_of_the_tip_with_the_lever_arms_shift(a
         np.testing.assert_array_equal(there.table.twists, at.table.twists)
 
 
-@pytest.mark.slow
 def test_the_sampler_many_postures_and_robots_as_built_speak_of_the_target(arms):
     _, target = arms
     drawn = pp.monte_carlo(target, POSES[:, 0], samples=512, seed=3)
@@ -85,7 +85,6 @@ def test_the_sampler_many_postures_and_robots_as_built_speak_of_the_target(arms)
     assert len(list(AsBuilt.prepare(target, POSES[:, 0], sheet="target.yaml").units(0, 0, 2))) == 2
 
 
-@pytest.mark.slow
 def test_inverse_kinematics_brings_the_target_to_a_place(arms):
     _, target = arms
     places = pp.box_places([1.0, 2.0], 0.4, 0.3)
@@ -96,7 +95,6 @@ def test_inverse_kinematics_brings_the_target_to_a_place(arms):
         np.testing.assert_allclose(pose[:3, :3] @ POINT + pose[:3, 3], places[:, node], atol=1e-9)
 
 
-@pytest.mark.slow
 def test_a_target_of_the_command_line_replaces_the_sheets(tmp_path):
     (tmp_path / "4dof.urdf").write_bytes(PAPER_SHEET.with_name("4dof.urdf").read_bytes())
     text = PAPER_SHEET.read_text(encoding="utf-8")

@@ -145,7 +145,7 @@ def example(name: str) -> tuple[Path, str, str | None, dict[str, float]]:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
-@pytest.mark.parametrize("name", ["panda", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ur5", "kinova"))])
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
 def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
     path, tip, base, locked = example(name)
     chain = Chain.from_urdf(path, tip, base, locked=locked)
@@ -321,7 +321,7 @@ def laden(tmp_path: Path, statics: str = "nominal") -> ErrorModel:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("statics", ["nominal", pytest.param("equilibrium", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
 def test_all_errors_are_reproduced_at_the_export_pose(tmp_path, statics):
     model = laden(tmp_path, statics)
     writer = AsBuilt.prepare(model, "export")

@@ -516,7 +516,7 @@ def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("samples", [1, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("samples", [1, 40])
 def test_few_samples_are_said_to_resolve_little(model, samples):
     results = sampled_again(model, samples=samples)
     reader = Reader(verdict(results).text + distributions(results).text)

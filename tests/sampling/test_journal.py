@@ -472,13 +472,11 @@ class Stopping:
     "first",
     [
         {"threads": 3},
-        pytest.param({"threads": 1}, marks=pytest.mark.slow),
+        {"threads": 1},
         pytest.param({"executor": Muddled(), "tasks_under_way": 4}, marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize(
-    "then", [{"executor": Muddled(), "tasks_under_way": 3}, pytest.param({"threads": 2}, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("then", [{"executor": Muddled(), "tasks_under_way": 3}, {"threads": 2}])
 def test_an_interrupted_run_goes_on_with_any_workers(file: Path, first, then) -> None:
     settings = {"samples": 25 * BLOCK + 77, "seed": 3, "specifications": PLAN.specifications}
     whole = pp.monte_carlo(MODEL, "paper", **settings).to_json()

@@ -12,6 +12,8 @@ from precision_pin.base.errors import InputError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import many_poses
 
+pytestmark = pytest.mark.slow
+
 MODEL = pp.ErrorModel.load(PAPER_SHEET)
 POSES = MODEL.poses["paper"][:, None] + np.random.default_rng(3).uniform(-0.3, 0.3, (4, 70))
 RUN = {"samples": 400, "seed": 4, "specifications": ["40 mm"]}
@@ -22,13 +24,11 @@ def plain() -> str:
     return pp.sample_poses(MODEL, POSES, **RUN, threads=1).to_json()
 
 
-@pytest.mark.slow
 def test_an_executor_gives_the_same_bits(plain):
     with ThreadPoolExecutor(3) as pool:
         assert pp.sample_poses(MODEL, POSES, **RUN, executor=pool).to_json() == plain
 
 
-@pytest.mark.slow
 def test_a_sampled_map_on_an_executor_has_the_same_bits():
     sampled = {"samples": 400, "seed": 4}
     with ThreadPoolExecutor(3) as pool:
@@ -36,12 +36,10 @@ def test_a_sampled_map_on_an_executor_has_the_same_bits():
     assert found.to_json() == pp.map_poses(MODEL, POSES[:, :5], **sampled, threads=1).to_json()
 
 
-@pytest.mark.slow
 def test_processes_give_the_same_bits(plain):
     assert pp.sample_poses(MODEL, POSES, **RUN, processes=2).to_json() == plain
 
 
-@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_with_the_same_bits(plain, tmp_path, monkeypatch):
     file, told = tmp_path / "run.journal", []
 
@@ -62,7 +60,6 @@ def test_a_run_that_was_stopped_goes_on_with_the_same_bits(plain, tmp_path, monk
     assert told == [f"the journal {file} holds the first 64 poses"]
 
 
-@pytest.mark.slow
 def test_a_journal_of_another_run_is_refused(tmp_path):
     file = tmp_path / "run.journal"
     pp.sample_poses(MODEL, POSES[:, :2], **RUN, journal=file)

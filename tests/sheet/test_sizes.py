@@ -292,7 +292,7 @@ def test_a_tolerance_beyond_any_number_is_refused(load: Load) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [12, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [12, 60])
 def test_a_small_share_of_the_changed_sheets(tmp_path: Path, count: int) -> None:
     """``python -m fuzzing sheets`` tries more of them."""
     write_files(tmp_path)

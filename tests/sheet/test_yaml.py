@@ -306,7 +306,7 @@ def test_large_text_is_read_by_libyaml(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [12, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [12, 150])
 def test_libyaml_reads_what_the_pure_parser_reads(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     texts = [path.read_text() for path in Path("robots").glob("*.yaml")] if count > 12 else []
     texts += [sheet_of(3, number)[0].decode("utf-8", "replace") for number in range(count)]

@@ -19,6 +19,8 @@ from precision_pin.base import se3
 from precision_pin.robot.chain import Chain
 from precision_pin.sources import Backlash, Frame, JointOffset, Mounting
 
+pytestmark = pytest.mark.slow
+
 TRACKER = pp.Measurement(std=20e-6, target=OFF_AXIS)
 FREE = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
 MOVED = se3.displacement([2.0, -1.0, 0.5, 0.3, -1.2, 0.8])
@@ -38,7 +40,6 @@ def error_of_prediction(model: pp.ErrorModel, found: CalibrationResult, q: np.nd
     return found.predict(q)[:3, 3] - at.posture.pose[:3, 3] - error[:3]
 
 
-@pytest.mark.slow
 def test_estimate_is_that_of_a_general_solver() -> None:
     """The same sum of squares, written down with the exact model and minimised with derivatives by finite differences."""
     model, q = plain_model(), random_poses(4, 8)
@@ -74,7 +75,6 @@ def test_estimate_is_that_of_a_general_solver() -> None:
     assert found.degrees_of_freedom == 24
 
 
-@pytest.mark.slow
 def test_planted_parameters_are_recovered_and_held_out_poses_predicted() -> None:
     model, q, later = plain_model(), random_poses(4, 40), random_poses(4, 20, seed=9)
     found = pp.calibrate(model, (q, readings_of(model, q, TRACKER, seed=4)), TRACKER, at=later)
@@ -93,7 +93,6 @@ def correlation(found: CalibrationResult) -> np.ndarray:
     return found.posterior.covariance / np.outer(std, std)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["position", "pose"])
 def test_an_unknown_base_and_target_are_found(kind: str) -> None:
     """Readings in the axes of a tracker that is somewhere else: the same estimates, and its place."""
@@ -116,7 +115,6 @@ def test_an_unknown_base_and_target_are_found(kind: str) -> None:
         assert abs(value) < 5 * here.set_up.std[f"target.{name}"]
 
 
-@pytest.mark.slow
 def test_distances_find_their_anchor() -> None:
     model, q = plain_model(), random_poses(4, 60)
     at = pp.Measurement("distance", std=10e-6, anchor=(1.2, 0.4, 0.3))
@@ -129,7 +127,6 @@ def test_distances_find_their_anchor() -> None:
         assert abs(value) < 5 * found.set_up.std[f"anchor.{axis}"]
 
 
-@pytest.mark.slow
 def test_gross_errors_are_named_and_have_no_weight() -> None:
     model, q = plain_model(), random_poses(4, 30)
     readings = readings_of(model, q, TRACKER, seed=3)
@@ -147,7 +144,6 @@ def test_gross_errors_are_named_and_have_no_weight() -> None:
     assert without.gross_errors == ()
 
 
-@pytest.mark.slow
 def test_leaving_a_reading_out_predicts_it_as_a_fit_without_it_does() -> None:
     model, q = plain_model(), random_poses(4, 15)
     readings = readings_of(model, q, FREE, seed=3)
@@ -162,7 +158,6 @@ def test_leaving_a_reading_out_predicts_it_as_a_fit_without_it_does() -> None:
     assert np.linalg.norm(found.left_out[6]) == pytest.approx(in_base, rel=1e-2)
 
 
-@pytest.mark.slow
 def test_a_group_is_left_out_as_a_fit_without_it_does(tmp_path: Path) -> None:
     """Two groups of the file's column: the second one predicted by a fit without it."""
     model, q = plain_model(), random_poses(4, 16)
@@ -178,7 +173,6 @@ def test_a_group_is_left_out_as_a_fit_without_it_does(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.left_out[k], away, rtol=2e-2, atol=2e-7)
 
 
-@pytest.mark.slow
 def test_a_planted_backlash_is_noticed() -> None:
     """The sheet lacks a gap of 1 mrad in joint 3: chi-square says so, and names the joint."""
     model, q = plain_model(), random_poses(4, 40)
@@ -191,7 +185,6 @@ def test_a_planted_backlash_is_noticed() -> None:
     assert "an error of joint3" in doubt.message
 
 
-@pytest.mark.slow
 def test_without_a_prior_the_means_of_the_sheet_do_not_matter() -> None:
     model, q = plain_model(), random_poses(4, 30)
     precise = pp.Measurement("pose", std=1e-7)
@@ -207,7 +200,6 @@ def test_without_a_prior_the_means_of_the_sheet_do_not_matter() -> None:
     assert (np.array(list(both.posterior.std.values())) <= std * (1 + 1e-9)).all()
 
 
-@pytest.mark.slow
 def test_another_choice_of_parameters_gives_the_same_predictions() -> None:
     """All 36 displacements of frames, and the 22 of axes' lines and tool: the same arm, to 1e-8 m at poses not measured."""
     chain, measurement = paper_model().chain, pp.Measurement("pose", std=20e-6)
@@ -226,7 +218,6 @@ def test_another_choice_of_parameters_gives_the_same_predictions() -> None:
         np.testing.assert_allclose(one[:3, :3], other[:3, :3], atol=1e-8)
 
 
-@pytest.mark.slow
 def test_readings_that_determine_nothing_are_refused() -> None:
     """An offset of joint 1, upright, is a turn of the base: where that is free, no reading shows it."""
     chain, free = paper_model().chain, pp.Measurement(base="free")
@@ -241,7 +232,6 @@ def test_readings_that_determine_nothing_are_refused() -> None:
     assert forecast.rms("after") == pytest.approx(forecast.rms("before"), rel=1e-9)
 
 
-@pytest.mark.slow
 def test_what_no_reading_sees_keeps_its_law() -> None:
     model, q = paper_model(), random_poses(4, 30)
     measurement = pp.Measurement("pose", std=20e-6)
@@ -252,7 +242,6 @@ def test_what_no_reading_sees_keeps_its_law() -> None:
         assert found.posterior.learned[name] < 1e-9
 
 
-@pytest.mark.slow
 def test_estimates_stay_within_the_bounds_of_laws() -> None:
     """An offset of three half-widths of its uniform law: the estimate stops at the bound, and the result says so."""
     chain = paper_model().chain
@@ -268,7 +257,6 @@ def test_estimates_stay_within_the_bounds_of_laws() -> None:
     assert np.abs(sampled).max() <= 1e-3
 
 
-@pytest.mark.slow
 def test_the_arm_that_is_left_has_the_error_forecast() -> None:
     model, q = plain_model(), random_poses(4, 30)
     found = pp.calibrate(model, (q, readings_of(model, q, TRACKER, seed=7)), TRACKER, at=["work"])
@@ -282,7 +270,6 @@ def test_the_arm_that_is_left_has_the_error_forecast() -> None:
     )
 
 
-@pytest.mark.slow
 def test_bounds_of_laws_do_not_undo_what_is_known_of_sums() -> None:
     """Six lengths of the paper's arm show in sums only: cut one by one at their bounds, the sums would be lost."""
     model, q = paper_model(), random_poses(4, 40)
@@ -292,7 +279,6 @@ def test_bounds_of_laws_do_not_undo_what_is_known_of_sums() -> None:
     np.testing.assert_allclose(np.trace(spread), np.trace(found.poses[0].covariance_after[:3, :3]), rtol=0.08)
 
 
-@pytest.mark.slow
 def test_the_urdf_has_the_poses_of_the_calibrated_arm(tmp_path: Path) -> None:
     model, q = plain_model(), random_poses(4, 20)
     geometric = pp.ErrorModel(model.chain, pp.Space(), model.sources[:-1], model.poses)
@@ -305,7 +291,6 @@ def test_the_urdf_has_the_poses_of_the_calibrated_arm(tmp_path: Path) -> None:
         np.testing.assert_allclose(read.at(q[:, k]).pose, found.predict(q[:, k]), atol=1e-9)
 
 
-@pytest.mark.slow
 def test_json_of_every_result_is_what_its_fields_declare() -> None:
     """Numbers, texts and arrays under each key are those of its attribute; arrays in fields cannot be written."""
     model, q = plain_model(), random_poses(4, 6)
@@ -333,7 +318,6 @@ def test_json_of_every_result_is_what_its_fields_declare() -> None:
     assert [entry["name"] for entry in json.loads(found.to_json())["poses"]] == ["work", "home"]
 
 
-@pytest.mark.slow
 def test_intervals_cover_the_truth() -> None:
     """95 % intervals of 4,000 simulated robots, every number and the tip at a pose: 94.5 to 95.5 %."""
     model, q = plain_model(), random_poses(4, 15)
@@ -363,7 +347,6 @@ def touching(
     return result
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["socket", "plane"])
 def test_contact_recovers_a_robot_and_its_places(kind: str, tmp_path: Path) -> None:
     """The robot touches places that are 3 mm from where the first guess has them; only joint values are given."""
