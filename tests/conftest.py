@@ -36,21 +36,19 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         _compile_all_variants()
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--smoke", action="store_true", help="one test of each file: for other Pythons and dependencies")
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep the first test of each file that is not slow."""
-    if not config.getoption("--smoke"):
-        return
-    first: dict[Path, pytest.Item] = {}
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of the cases of a test marked ``fast(n)``, n spread evenly run in the fast run; the others are slow."""
+    cases: dict[tuple[Path, str], list[pytest.Item]] = {}
     for item in items:
-        if item.get_closest_marker("slow") is None:
-            first.setdefault(item.path, item)
-    config.hook.pytest_deselected(items=[item for item in items if first.get(item.path) is not item])
-    items[:] = first.values()
+        if item.get_closest_marker("fast") and not item.get_closest_marker("slow"):
+            cases.setdefault((item.path, item.nodeid.partition("[")[0]), []).append(item)
+    for listed in cases.values():
+        (count,) = listed[0].get_closest_marker("fast").args  # type: ignore[union-attr]
+        kept = {k * len(listed) // count for k in range(count)}
+        for k, item in enumerate(listed):
+            if k not in kept:
+                item.add_marker("slow")
 
 
 def _compile_all_variants() -> None:

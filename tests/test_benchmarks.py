@@ -29,6 +29,7 @@ def from_the_root(monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", "")
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("name", MODULES)
 def test_every_module_loads_without_the_other_libraries(name):
     before = set(sys.modules)
@@ -36,6 +37,7 @@ def test_every_module_loads_without_the_other_libraries(name):
     assert not {"jax", "openturns", "roboticstoolbox"} & (set(sys.modules) - before)
 
 
+@pytest.mark.slow
 def test_all_ways_give_the_same_errors():
     cases, kernel = load("cases"), load("kernel")
     at = cases.ur5()
@@ -208,6 +210,7 @@ def test_a_quick_run_writes_its_page(tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_maps_of_every_arm_are_timed(monkeypatch):
     poses = load("poses")
     assert poses.slope([10, 100, 1000], {10: 1e-3, 100: 1e-2, 1000: 0.1}) == pytest.approx(1)

@@ -156,6 +156,7 @@ def test_samples_that_were_not_kept_have_no_frame(model):
 # analyses ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_frame_of_a_budget_holds_what_the_json_does(results):
     result = results["budget"]
     frame = result.to_pandas()
@@ -190,6 +191,7 @@ def test_the_frame_of_a_budget_holds_what_the_json_does(results):
     assert frame.attrs["poses"]["pose 2"] == dict(zip(("joint1", "joint2", "joint3", "joint4"), FOLDED, strict=True))
 
 
+@pytest.mark.slow
 def test_draws_that_are_correlated_have_no_index_of_their_own(model):
     correlated = pp.Space(model.space.draws[:6], (pp.Correlation(("a2", "a4"), ((1.0, 0.5), (0.5, 1.0))),))
     result = pp.budget(pp.ErrorModel(model.chain, correlated, model.sources, model.poses), samples=1024)
@@ -199,6 +201,7 @@ def test_draws_that_are_correlated_have_no_index_of_their_own(model):
     assert frame["share"].notna().all()
 
 
+@pytest.mark.slow
 def test_the_frame_of_a_worst_case_holds_what_the_json_does(results):
     frame = results["worst case"].to_pandas()
     for label, pose in zip(("paper", "pose 2"), results["worst case"].to_dict()["poses"], strict=True):
@@ -215,6 +218,7 @@ def test_the_frame_of_a_worst_case_holds_what_the_json_does(results):
     assert frame.attrs["k"] == 3.0
 
 
+@pytest.mark.slow
 def test_the_frame_of_exact_laws_holds_what_the_json_does(results):
     frame = results["exact law"].to_pandas()
     for label, pose in zip(("paper", "pose 2"), results["exact law"].to_dict()["poses"], strict=True):
@@ -229,6 +233,7 @@ def test_the_frame_of_exact_laws_holds_what_the_json_does(results):
                 assert same(row[f"quantile_{level}_error"], entry.get("quantile_error", {}).get(f"{level:g}"))
 
 
+@pytest.mark.slow
 def test_the_frame_of_a_reliability_analysis_holds_what_the_json_does(results):
     result = results["reliability"]
     frame, methods = result.to_pandas(), result.to_pandas("methods")
@@ -252,6 +257,7 @@ def test_the_frame_of_a_reliability_analysis_holds_what_the_json_does(results):
         assert read.required == pytest.approx(meant.required, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_only_tables_that_exist(results):
     with pytest.raises(pp.InputError, match="places"):
         results["budget"].to_pandas("joints")
@@ -262,6 +268,7 @@ def test_only_tables_that_exist(results):
 # datasets ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["analysis", "budget", "worst case"])
 def test_datasets_come_back_from_a_file_as_they_were(name, analysis, results):
     dataset = (analysis if name == "analysis" else results[name]).to_xarray()
@@ -272,6 +279,7 @@ def test_datasets_come_back_from_a_file_as_they_were(name, analysis, results):
     assert json.loads(again.attrs["seed"]) in (2, 5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["budget", "worst case"])
 def test_datasets_hold_what_the_frames_do_in_their_order(name, results):
     frame, dataset = results[name].to_pandas(), results[name].to_xarray()
@@ -285,6 +293,7 @@ def test_datasets_hold_what_the_frames_do_in_their_order(name, results):
 # missing packages --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_without_pandas_a_line_says_how_to_install_it(monkeypatch, analysis, results):
     monkeypatch.setitem(sys.modules, "pandas", None)
     calls = [analysis.to_pandas, analysis.samples_to_pandas, *(result.to_pandas for result in results.values())]
@@ -293,6 +302,7 @@ def test_without_pandas_a_line_says_how_to_install_it(monkeypatch, analysis, res
             call()
 
 
+@pytest.mark.slow
 def test_without_xarray_a_line_says_how_to_install_it(monkeypatch, analysis, results):
     monkeypatch.setitem(sys.modules, "xarray", None)
     for one in (analysis, results["budget"], results["worst case"]):

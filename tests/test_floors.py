@@ -214,6 +214,7 @@ RULES: dict[Rule, dict[str, str]] = {
 """Each rule, and files in which it must find a fault."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
 def test_the_package_keeps_the_rule(rule: Rule) -> None:
     assert rule(PACKAGE) == []

@@ -59,6 +59,7 @@ def test_paper_case(tmp_path, monkeypatch, capsys):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_any_arm(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run_script("any_arm.py", monkeypatch=monkeypatch)
@@ -94,6 +95,7 @@ def test_the_table_of_robots_has_them_all_with_the_tips_that_are_proposed(monkey
             assert (tip, int(joints)) == (expected, sum(joint.moves for joint in robot.path(robot.root, tip))), name
 
 
+@pytest.mark.slow
 def test_view_poses(tmp_path, monkeypatch, capsys):
     run_script("view_poses.py", str(tmp_path), monkeypatch=monkeypatch)
     pages = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}

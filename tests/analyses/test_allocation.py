@@ -82,6 +82,7 @@ def test_worst_case_costs_what_the_closed_form_says(tmp_path: Path) -> None:
     assert result.lower_bound == pytest.approx(least, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_quantile_is_as_cheap_as_another_optimiser_finds_and_shown_by_fresh_samples(tmp_path: Path) -> None:
     model = slide_model(tmp_path, law="normal", mean="0.05 mm")
@@ -141,6 +142,7 @@ def test_what_stands_in_the_way_is_named(tmp_path: Path, worst_case: bool) -> No
     assert "(not chosen)" in table
 
 
+@pytest.mark.slow
 def test_tolerances_come_back_to_what_the_samples_need(tmp_path: Path) -> None:
     """Of three uniform errors the quantile is below that of normal ones: the first choice is too dear and is corrected."""
     result = pp.allocate(slide_model(tmp_path), _problem("0.3 mm @ 95 %"))
@@ -213,6 +215,7 @@ def test_group_without_a_common_value_is_refused(tmp_path: Path) -> None:
         pp.allocate(slide_model(tmp_path), problem)
 
 
+@pytest.mark.slow
 def test_front_is_the_closed_form_at_every_limit(tmp_path: Path) -> None:
     """The least cost under a root mean square is inverse to the limit while no bound is reached."""
     result = pp.allocate(slide_model(tmp_path), _problem({"rms": "0.3 mm"}), pareto=7)
@@ -225,6 +228,7 @@ def test_front_is_the_closed_form_at_every_limit(tmp_path: Path) -> None:
     assert len(result.to_dict()["pareto"]) == 7
 
 
+@pytest.mark.slow
 def test_a_limit_that_holds_nothing_costs_no_rounds(tmp_path: Path) -> None:
     """The second limit is kept by far, which is no reason to try again."""
     specs = ["0.3 mm @ 95 %", "2 mm @ 99 %"]
@@ -234,6 +238,7 @@ def test_a_limit_that_holds_nothing_costs_no_rounds(tmp_path: Path) -> None:
     assert both.met
 
 
+@pytest.mark.slow
 def test_what_only_the_first_order_refuses_is_found(tmp_path: Path) -> None:
     """One uniform error of 0.1 mm is never beyond 0.1 mm; a normal one of its variance is in 8 % of the cases."""
     model = slide_model(tmp_path)
@@ -307,8 +312,9 @@ def _nodes(path: str, value: object) -> Iterator[str]:
         yield from _nodes(f"{path}[{k}]", one)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
-@pytest.mark.parametrize("every", ["kind", pytest.param("law", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", ["kind", "law"])
 def test_every_path_is_taken_or_refused_with_one_that_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: str
 ) -> None:

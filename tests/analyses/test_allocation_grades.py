@@ -83,6 +83,7 @@ def _solve(grades: list[Grades], limits: list[Limit]) -> Solution:
     return found
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("kind", ["rms", "worst_case", "quantile"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_cheapest_grades_are_those_of_enumeration(kind: str, seed: int) -> None:
@@ -108,6 +109,7 @@ def test_several_limits_at_once() -> None:
     assert found.cost == pytest.approx(float(cost[kept].min()), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "spec", "mean"),
     [("uniform", {"rms": "0.3 mm"}, 0.0), ("normal", "0.3 mm @ 95 %", 0.0), ("normal", "0.3 mm @ 95 %", 0.25)],
@@ -156,6 +158,7 @@ def test_grades_beside_any_tolerance_are_those_of_enumeration(
     assert result.bound_basis == ("proof" if aimed is None else "normal law")
 
 
+@pytest.mark.slow
 def test_iso_grades_have_half_of_their_width(tmp_path: Path) -> None:
     prices = {"IT6": 12, "IT7": 7, "IT9": 3}
     problem = {
@@ -186,6 +189,7 @@ def test_a_diameter_is_as_wide_as_its_grade_and_a_deviation_is_none() -> None:
         read_cost(given, "here", units.LENGTH, "std")
 
 
+@pytest.mark.slow
 def test_group_of_grades_has_one_value(tmp_path: Path) -> None:
     first, second = [["0.1 mm", 5], ["0.2 mm", 2]], [["0.05 mm", 9], ["0.1 mm", 4], ["0.3 mm", 1]]
     problem = {
@@ -204,6 +208,7 @@ def test_group_of_grades_has_one_value(tmp_path: Path) -> None:
         pp.allocate(slide_model(tmp_path), problem)
 
 
+@pytest.mark.slow
 def test_a_choice_that_is_cut_short_is_the_best_so_far_with_its_gap() -> None:
     grades, limits = _random(7, "quantile", 16, 2)
     programme = Programme(

@@ -51,6 +51,7 @@ def _least(costs: Costs, excess: Callable[[np.ndarray], np.ndarray], bounds: lis
     return float(found.fun)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_root_mean_square_of_three_kinds_of_cost(tmp_path: Path) -> None:
     result = pp.allocate(slide_model(tmp_path), _problem(MIXED, [{"rms": "0.12 mm"}]))
@@ -62,6 +63,7 @@ def test_root_mean_square_of_three_kinds_of_cost(tmp_path: Path) -> None:
     assert result.gap < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_worst_case_with_a_bound_and_a_mean(tmp_path: Path) -> None:
     problem = _problem(SQUARED, [{"worst_case": "0.4 mm"}], max={1: "0.12 mm"})
@@ -82,6 +84,7 @@ def test_worst_case_with_a_bound_and_a_mean(tmp_path: Path) -> None:
     assert result.gap < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_components_at_three_poses(tmp_path: Path) -> None:
     """At an angle θ the x of the tip is cos θ of the first length and sin θ of the second; z is the third."""
@@ -112,6 +115,7 @@ def test_components_at_three_poses(tmp_path: Path) -> None:
     assert result.bound_basis == "normal law"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_several_limits_with_a_group_and_a_lock(tmp_path: Path) -> None:
     specs: list[object] = ["0.3 mm @ 95 %", {"rms": "0.16 mm"}, {"worst_case": "0.25 mm"}]
@@ -133,6 +137,7 @@ def test_several_limits_with_a_group_and_a_lock(tmp_path: Path) -> None:
     assert result.cost == pytest.approx(least, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_of_a_low_probability_no_bound_is_claimed(tmp_path: Path) -> None:
     result = pp.allocate(slide_model(tmp_path, law="normal"), _problem(MIXED, ["0.15 mm @ 60 %"], law="normal"))
     assert result.lower_bound is None
@@ -140,6 +145,7 @@ def test_of_a_low_probability_no_bound_is_claimed(tmp_path: Path) -> None:
     assert "how far above the least is not known" in allocation_table(result)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_a_tolerance_without_effect_is_the_widest(tmp_path: Path) -> None:
     """Nothing of the sheet turns the tip, so that a limit of the attitude leaves every tolerance at its widest."""
@@ -149,6 +155,7 @@ def test_a_tolerance_without_effect_is_the_widest(tmp_path: Path) -> None:
     assert [one.verdict for one in result.limits] == ["nothing to judge", "met"]
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("rank", [1, 2, 3])
 @pytest.mark.parametrize("length", [0.0, 0.5, 4.0])
 def test_slopes_of_quantiles_are_differences(rank: int, length: float) -> None:

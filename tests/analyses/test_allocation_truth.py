@@ -183,6 +183,7 @@ def check(folder: Path, seed: int) -> str:
     return ""
 
 
+@pytest.mark.slow
 def test_the_cheapest_choice_and_its_bound_are_those_of_enumeration(tmp_path: Path) -> None:
     """Limits of rms, worst case and the quantile of a component of normal and uniform laws."""
     assert [found for seed in (1, 2, 3, 4) if (found := check(tmp_path, seed))] == []
@@ -221,6 +222,7 @@ def share_within(other: str, deviation: float) -> float:
     return integrate.quad(integrand, -9, 9, limit=400)[0]
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("graded", [True, False])
 @pytest.mark.parametrize("required", [0.95, 0.985, 0.995])
 @pytest.mark.parametrize("other", OTHERS)
@@ -264,6 +266,7 @@ def test_met_is_what_holds_where_the_other_law_is_far_from_normal(
         assert result.met
 
 
+@pytest.mark.slow
 def test_correlated_tolerances_cost_what_another_optimiser_finds(tmp_path: Path) -> None:
     """Two chosen lengths along one axis and a third that is not chosen, all correlated: σ² is a quadratic form of them."""
     (tmp_path / "ball.urdf").write_text(URDF, encoding="utf-8")

@@ -165,6 +165,7 @@ def test_sources_and_places_of_the_papers_arm(paper_budget):
     assert all(joint[quantity] == pytest.approx(install[quantity], abs=1e-12) for quantity in CLOSED)
 
 
+@pytest.mark.slow
 def test_lengths_of_the_papers_arm_by_hand():
     """Lengths alone, by finite differences of the exact chain, which is linear in them."""
     paper = ErrorModel.load(PAPER_SHEET)
@@ -316,6 +317,7 @@ def test_correlated_places_agree_with_all_orders(monkeypatch, most):
     assert found == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_more_correlated_draws_than_can_be_shared():
     count = 13
     matrix = tuple(tuple(1.0 if i == j else 0.2 for j in range(count)) for i in range(count))

@@ -82,6 +82,7 @@ def test_many_draws_are_cut_and_correlated_ones_have_a_line(correlated):
     assert "attitude not resolved" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["paper", "correlated"])
 def test_figure_has_legible_text_inside_it(which, request):
     made = figure(request.getfixturevalue(which))
@@ -101,6 +102,7 @@ def test_figure_has_legible_text_inside_it(which, request):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_bars_are_the_shares_largest_first_beside_total_indices_and_tolerances(paper):
     upper = figure(paper).axes[0]
     groups = sorted(paper.poses[0].groups, key=lambda group: -round(group.share["position"], 9))[:12]
@@ -132,6 +134,7 @@ def run(tmp_path, monkeypatch, capsys):
     return command
 
 
+@pytest.mark.slow
 def test_command_prints_the_table(run, paper):
     code, out, _ = run("--samples", str(FEW))
     assert code == 0

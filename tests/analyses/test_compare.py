@@ -25,6 +25,7 @@ def hinge(std: float, *more: pp.Source) -> pp.ErrorModel:
     )
 
 
+@pytest.mark.slow
 def test_a_scaled_tolerance_in_closed_form():
     found = pp.compare(
         [hinge(1e-4), hinge(1.1e-4)], [0.0], samples=60_000, model="linear", specifications="0.2 mm @ 95 %"
@@ -120,6 +121,7 @@ def test_intervals_of_quantiles_cover_the_difference(name):
         assert held >= stats.binom.ppf(1e-3, turns, 0.95)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "skewness"), [(5e-4, 44.7), (3e-3, 18.2), (0.05, 4.1)])
 def test_intervals_of_means_cover_the_difference_or_are_not_given(share, skewness):
     # the skewness of a two-point law, (1 - 2 p)/√(p (1 - p))
@@ -131,6 +133,7 @@ def test_intervals_of_means_cover_the_difference_or_are_not_given(share, skewnes
     assert any(one is not None for one in found) == (skewness < 0.4 * np.sqrt(count))
 
 
+@pytest.mark.slow
 def test_models_that_differ_in_a_rare_draw_are_not_told_to_be_alike():
     rare = JointOffset(joint="hinge", offset=pp.Draw("rare", pp.TwoPoint(1e-3, 1e-3, 1e-6)))
     found = pp.compare([hinge(1e-4), hinge(1e-4, rare)], [0.0], samples=2000, model="linear")
@@ -144,6 +147,7 @@ def test_models_that_differ_in_a_rare_draw_are_not_told_to_be_alike():
     assert "do not differ" in headline(alike, 1)
 
 
+@pytest.mark.slow
 def test_intervals_of_shares_cover_the_difference():
     turns, count = 4000, 300
     latent = RNG.standard_normal((turns, count))
@@ -156,6 +160,7 @@ def test_intervals_of_shares_cover_the_difference():
     assert stats.binom.interval(0.9999, turns, 0.94)[0] <= held <= stats.binom.interval(0.9999, turns, 0.975)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "gained", "lost"), [(300, 0.02, 0.0), (300, 0.45, 0.45), (2000, 0.003, 0.001)])
 def test_intervals_of_shares_cover_whatever_changes_sides(count, gained, lost):
     turns = 3000
@@ -175,6 +180,7 @@ def test_few_robots_tell_no_quantile():
     assert mean_difference(values[0, :1], values[1, :1], 0.95).interval is None
 
 
+@pytest.mark.slow
 def test_what_differs_in_the_sheets():
     model = pp.ErrorModel.load(PAPER_SHEET)
     other = model.with_({"axis_install[joint2].radius": "0.2 mm", "parameters.a1": "±0.1 mm", "statics": "equilibrium"})

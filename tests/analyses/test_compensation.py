@@ -44,6 +44,7 @@ def planar_arm(**limits: str):
 PLANE = [1.0, 0, 1.0, 0, 0, 0]
 
 
+@pytest.mark.slow
 def test_the_sag_of_the_papers_arm():
     # 36.770 mm, 0.964 mm after one step, 6.54 mrad that four joints cannot correct: computed with independent code
     model = ErrorModel.load(PAPER_SHEET)
@@ -58,6 +59,7 @@ def test_the_sag_of_the_papers_arm():
     assert made.iterations[0] <= 4
 
 
+@pytest.mark.slow
 def test_every_pose_of_a_six_axis_arm_with_payload():
     model = ErrorModel.load(shipped_sheets()["ur5"])
     result = pp.compensate(model, list(model.poses), mode="pose")
@@ -90,6 +92,7 @@ def test_joint_compliance_alone_has_the_exact_answer():
     assert result.corrected[:, 0] == pytest.approx(expected, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_weighted_squares_are_smallest():
     model = ErrorModel.load(PAPER_SHEET)
     q = model.poses["paper"]
@@ -135,6 +138,7 @@ def least_change(arm: str, q: np.ndarray, offsets: np.ndarray, shift: float, uni
     return min(found, default=np.inf)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "sliding", "mode", "room"),
     [(3, (), "pose", 7.0), (5, (2,), "position", 7.0), (5, (2,), "position", 0.01), (4, (2,), "position", 0.04)],
@@ -159,6 +163,7 @@ def test_a_redundant_arm_moves_least(seed, sliding, mode, room):
     assert np.linalg.norm((result.corrected[:, 0] - q) / units) <= least * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_poses_without_a_correction_are_named():
     limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
     offset = JointOffset(joint="shoulder", offset=Normal(1e-3, mean=MEAN))
@@ -177,6 +182,7 @@ def test_poses_without_a_correction_are_named():
     assert pp.compensate(model, grid).correction.status == ("corrected", "limit", "unreachable")
 
 
+@pytest.mark.slow
 def test_the_other_elbow_corrects_where_a_limit_forbids_the_near_one():
     """The lift would have to go 10 mrad back and may go 5; with the elbow the other way it has room (closed form)."""
     limit = '<limit lower="0.295" upper="3" effort="1" velocity="1"/>'
@@ -222,6 +228,7 @@ def test_a_joint_at_its_limit_stays_and_the_others_correct():
     assert np.linalg.norm(standing(model, result.corrected[:, 0])[:3, 3] - wanted) < 1e-9
 
 
+@pytest.mark.slow
 def test_the_law_that_remains_is_that_of_exact_robots():
     model = ErrorModel.load(shipped_sheets()["ur5"])
     name = next(iter(model.poses))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from benchmarks.coverage import analyses
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 @pytest.mark.parametrize(
     "name", ["normal", "lognormal 100 % and normal", "two-point, 0.001 %, and normal", "arcsine, twice"]
 )
@@ -27,14 +28,12 @@ def test_intervals_of_budget_and_moments(name, monkeypatch):
         assert given["moments, plain: standard deviation"] <= 12
 
 
-@pytest.mark.slow
 def test_intervals_of_nets_over_one_angle():
     rows = analyses._swinging_moments(0.3, "sobol", 60) + analyses._swinging_budget(analyses.SWINGS[1], 60)
     assert not [(row.interval, row.given, row.held) for row in rows if not row.passes]
     assert all(row.given >= 50 for row in rows)
 
 
-@pytest.mark.slow
 def test_bounds_of_exact_laws_and_of_the_worst_case():
     rows = [*analyses._laws(50), analyses._vertices(20)]
     assert all(row.held == row.given == row.runs for row in rows)

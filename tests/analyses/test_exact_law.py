@@ -119,6 +119,7 @@ def test_normal_draws_alone_are_one_normal_number():
         assert value == pytest.approx(stats.norm(1.5, 0.5).ppf(p), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_triangle_is_two_uniforms():
     triangle = law_of_x(laws.Triangular(2.0)).law
     both = law_of_x(laws.Uniform(1.0), laws.Uniform(1.0)).law

@@ -26,7 +26,6 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.sources.joint_offset import JointOffset
 from support.plain_robot import chain_of, joint, link, robot
-from support.thinning import mostly_slow
 
 
 def slides(count: int) -> Chain:
@@ -89,7 +88,8 @@ def lognormal_nodes(cv: float, panels: int):
     return np.expm1(sigma * z - sigma**2 / 2), (half * weights).ravel() * density
 
 
-@pytest.mark.parametrize("cv", mostly_slow([0.05, 0.2, 1.0, 2.0], fast=1))
+@pytest.mark.fast(1)
+@pytest.mark.parametrize("cv", [0.05, 0.2, 1.0, 2.0])
 def test_the_bound_holds_for_a_lognormal_number_with_a_normal_one(cv):
     found = law_of_x(laws.Lognormal(cv, 1.0), laws.Normal(0.1 * cv))
     z, weights = lognormal_nodes(cv, 1000)
@@ -98,7 +98,8 @@ def test_the_bound_holds_for_a_lognormal_number_with_a_normal_one(cv):
     assert np.abs(found.law.cumulative(x) - expected).max() <= found.error < 1e-10
 
 
-@pytest.mark.parametrize("cv", mostly_slow([0.2, 1.0], fast=1))
+@pytest.mark.slow
+@pytest.mark.parametrize("cv", [0.2, 1.0])
 def test_three_lognormal_numbers_take_seconds(cv):
     """They took 72 s with a bound of the characteristic function that fell as 1/ω³; compared with 10⁶ plain samples."""
     begin = time.perf_counter()
@@ -159,6 +160,7 @@ ARM = """<robot name="arm"><link name="base"/><link name="tool"/><joint name="jo
   <joint name="bolt" type="fixed"><parent link="link"/><child link="tool"/><origin xyz="1 0 0"/></joint></robot>"""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*use analyze:precision_pin.base.errors.PrecisionPinWarning")
 def test_a_law_that_is_not_that_of_the_exact_model_is_said():
     """A link along x turned by θ: dx = cos θ - 1 does not vary at first order, dy = sin θ is nonlinear for ±1.5 rad."""

@@ -10,7 +10,6 @@ import pytest
 from scipy.stats import ortho_group
 
 from precision_pin.analyses.worst_case.largest_norm import TOLERANCE, farthest, quadratic_bound
-from support.thinning import mostly_slow
 
 
 class Body:
@@ -96,7 +95,8 @@ def test_a_body_of_one_point_at_the_origin_reaches_nowhere():
     assert (found.lower, found.upper, found.certified) == (0.0, 0.0, True)
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(10), fast=1))
+@pytest.mark.fast(1)
+@pytest.mark.parametrize("seed", range(10))
 def test_no_direction_goes_beyond_the_upper_end(seed):
     generator = np.random.default_rng(seed)
     boxes, discs = generator.normal(size=(15, 3)), [generator.normal(size=(3, 2)) for _ in range(6)]

@@ -115,6 +115,7 @@ def test_best_fit_of_the_base(attained):
 # against theory ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axes", "factor"), [("xyz", 3.616088), ("xy", 3.218723), ("z", 2.606315)])
 def test_repeatability_of_normal_visits(axes, factor):
     model = tool_errors({axis: pp.Normal(20e-6) for axis in axes}, pp.Scope.VISIT)
@@ -137,6 +138,7 @@ def test_limit_of_visits_that_are_not_normal():
     assert found.RP_limit.mean == pytest.approx(t / 2 + 3 * t / math.sqrt(12), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_limit_of_each_robot_by_a_long_test():
     """Robots whose visits scatter differently: joint 2 moves the tool more where joint 3 is built farther out."""
     space = pp.Space((pp.Draw("built", pp.Normal(0.3)), pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT)))
@@ -148,6 +150,7 @@ def test_limit_of_each_robot_by_a_long_test():
     assert stats.pearsonr(found.RP.values, found.RP_limit.values).statistic > 0.9
 
 
+@pytest.mark.slow
 def test_accuracy_is_the_law_of_one_visit_where_visits_do_not_scatter():
     model = joint_errors([pp.Scope.UNIT] * 4)
     found = pp.iso9283(model, Q, robots=3000, seed=2)
@@ -172,6 +175,7 @@ def test_encoder_resolution_belongs_to_accuracy():
     assert "unit" in found.absent["E"]
 
 
+@pytest.mark.slow
 def test_a_load_is_a_payload_of_the_sheet():
     load = pp.sources.Payload(at=CHAIN.tip, mass=4.0, com=(0.0, 0.02, 0.1))
     own = pp.ErrorModel(CHAIN, MODEL.space, [*MODEL.sources, load])
@@ -193,6 +197,7 @@ def test_no_visits_is_warned_of():
 # form ----------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_same_bits_for_any_number_of_threads():
     calls: list[int] = []
     one = pp.iso9283(MIXED, Q, robots=1200, threads=1, progress=calls.append)
@@ -219,6 +224,7 @@ def test_json_has_the_keys_that_users_rely_on():
     assert set(found["AD"]) == set(law)
 
 
+@pytest.mark.slow
 def test_limits_are_kept_at_every_pose():
     middle = pp.iso9283(MIXED, Q, robots=300).worst["RP"].quantile(0.5)
     limits = [f"RP {middle!r} m @ 60 %", "AD 1 mm", "E 100 mm", "RP_c 1 urad"]
@@ -233,6 +239,7 @@ def test_limits_are_kept_at_every_pose():
     assert pp.iso9283(MIXED, Q, robots=300, specifications="E 100 mm @ 90 %").met
 
 
+@pytest.mark.slow
 def test_data_frame_and_dataset():
     found = pp.iso9283(MIXED, Q, robots=50)
     frame = found.to_pandas()
@@ -285,6 +292,7 @@ def largest_where(reach):
     return largest_cube(lambda points, starts=None: np.where(reach(points), points, np.nan), -np.ones(3), np.ones(3))
 
 
+@pytest.mark.slow
 def test_the_largest_cube_of_a_ball_by_hand():
     # within a sphere of radius 1 the largest cube has the edge 2/√3
     side, centre = largest_where(lambda points: (points**2).sum(axis=0) <= 1)
@@ -362,6 +370,7 @@ def test_points_of_the_cube_are_those_of_the_standard(plane):
     assert points[:, 2] == pytest.approx(-points[:, 4])
 
 
+@pytest.mark.slow
 def test_paths_along_the_base_axes_move_the_joints_as_differences_say():
     model = ErrorModel.load(shipped_sheets()["ur5"])
     q = model.poses["ready"]
@@ -376,6 +385,7 @@ def test_paths_along_the_base_axes_move_the_joints_as_differences_say():
         assert way == tuple(np.sign(moved).astype(int))
 
 
+@pytest.mark.slow
 def test_poses_that_are_left_out_are_found_in_the_workspace():
     # three slides of 0.6, 0.9 and 0.7 m reach a box, whose largest cube has its shortest edge
     limits = [f'<limit lower="0" upper="{top}" effort="1" velocity="1"/>' for top in (0.6, 0.9, 0.7)]
@@ -399,6 +409,7 @@ def test_poses_that_are_left_out_are_found_in_the_workspace():
         assert list(pose.label.q.values()) == pytest.approx(points[:, rank], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_variation_over_paths_of_approach():
     # nothing follows the direction in the paper's sheet; a backlash does
     paper = ErrorModel.load(PAPER_SHEET)
@@ -429,6 +440,7 @@ def warming(*sources: Thermal, joints: bool = False) -> pp.ErrorModel:
     return pp.ErrorModel(CHAIN, pp.Space((pp.Draw("change", pp.Uniform(3.0, mean=10.0)), *draws)), [*sources, *again])
 
 
+@pytest.mark.slow
 def test_drift_is_growth_of_the_arm_from_cold():
     """All links alike: the tip moves by α ΔT of its distance from the base."""
     model = warming(Thermal(expansion=2e-5, temperature_change="change", time_constant=2 * 3600.0))
@@ -439,6 +451,7 @@ def test_drift_is_growth_of_the_arm_from_cold():
     np.testing.assert_allclose(found.values, 2e-5 * change * distance * (1 - math.exp(-4)), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_drift_is_largest_on_the_way_where_two_errors_come_and_go():
     """One is there in no time, the other follows slowly against it; half an hour is the first time looked at."""
     quick = Thermal(expansion=2e-5, temperature_change="change", time_constant=60.0)
@@ -450,6 +463,7 @@ def test_drift_is_largest_on_the_way_where_two_errors_come_and_go():
     np.testing.assert_allclose(found.values, growth * math.exp(-0.125), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_drift_of_a_robot_that_scatters_by_a_plain_loop():
     model = warming(Thermal(expansion=2e-5, temperature_change="change", time_constant=3600.0), joints=True)
     found = pp.iso9283(model, Q[:, :1], robots=3, cycles=4, target=(0.0, 0.05, 0.1)).drift

@@ -187,6 +187,7 @@ def test_limit_does_not_depend_on_the_axes():
     assert limits[0] == pytest.approx(limits[1], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_thirty_cycles_by_simulation():
     """Mean 2.2 % below the limit, single tests scatter by some 9 %, and E[l̄] = √(1 - 1/n) m exactly."""
     rng = np.random.default_rng(3)

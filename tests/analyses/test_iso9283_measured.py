@@ -48,6 +48,7 @@ def forecast():
     return pp.iso9283(arm(), list(Q.T), cycles=CYCLES, robots=400, seed=1)
 
 
+@pytest.mark.slow
 def test_robots_of_the_sheet_differ_once_in_twenty(forecast):
     """The share of alarms among robots built as the sheet says is that of the test, exactly: a binomial number."""
     found = [forecast.compare(robot).measured.probability for robot in measure(arm(), 200, seed=2)]
@@ -103,6 +104,7 @@ def test_too_few_robots_to_judge():
     assert "too few to judge" in verdict(found)
 
 
+@pytest.mark.slow
 def test_a_measuring_system_elsewhere_needs_the_fit():
     """The best fit takes out where the measuring system stands; without it every position is far off."""
     robot = measure(arm(), 1, seed=4)[0]

@@ -55,6 +55,7 @@ def test_three_equal_deviations_are_a_noncentral_chi():
     assert value[0] == pytest.approx(std * np.sqrt(stats.ncx2.ppf(0.95, 3, (0.005 / std) ** 2)), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_a_map_is_the_first_order_model_of_each_pose():
     q = around(5)
     made = pp.map_poses(PAPER, q, verify=0)
@@ -71,6 +72,7 @@ def test_a_map_is_the_first_order_model_of_each_pose():
     assert found == [{f"joint{joint + 1}": q[joint, k] for joint in range(4)} for k in range(5)]
 
 
+@pytest.mark.slow
 def test_the_closed_form_agrees_with_exact_robots():
     # 40,000 robots: standard error of the 95 % quantile about 0.7 %; first order and normal: 2 % in all
     made = pp.map_poses(ErrorModel.load(shipped_sheets()["ur5"]), ["ready", "folded"], samples=40_000, seed=5)
@@ -147,6 +149,7 @@ def unreached() -> PoseSet:
     )
 
 
+@pytest.mark.slow
 def test_poses_that_cannot_be_reached_are_not_numbers_and_are_said():
     made = pp.map_poses(PAPER, unreached(), specifications=["1 m"], verify=1)
     assert np.isnan(made.mean[:, 2]).all()
@@ -160,6 +163,7 @@ def test_poses_that_cannot_be_reached_are_not_numbers_and_are_said():
     assert made.to_dict()["poses"][2]["quantile_position"] == [None, None, None]
 
 
+@pytest.mark.slow
 def test_a_map_is_met_only_where_the_worst_was_sampled():
     q = around(3)
     limit = float(pp.map_poses(PAPER, q, verify=0).quantile[1, 0].max())
@@ -172,6 +176,7 @@ def test_a_map_is_met_only_where_the_worst_was_sampled():
     assert missed.to_dict()["spec"][0]["met_at"] < 3
 
 
+@pytest.mark.slow
 def test_dataset_and_netcdf(tmp_path):
     xarray = pytest.importorskip("xarray")
     made = pp.map_poses(PAPER, unreached(), specifications=["30 mm"], relative_to="paper", verify=1)

@@ -126,6 +126,7 @@ def test_a_law_that_is_mostly_normal_has_close_bounds():
     assert made.quantile_bounds[1, 0, :, 0] == pytest.approx([made.quantile[1, 0, 0]] * 2, rel=0.06)
 
 
+@pytest.mark.slow
 def test_numbers_drawn_together_and_correlated():
     names = ("a", "b")
     space = Space(
@@ -142,6 +143,7 @@ def test_numbers_drawn_together_and_correlated():
     assert (np.mean(x**8, axis=1) ** (1 / 8) <= shapes.eighth * 1.001)[[0, 2, 3]].all()
 
 
+@pytest.mark.slow
 def test_what_the_samples_do_not_decide_is_neither_met_nor_missed():
     model = arm(x=TwoPoint(0.6e-3, centre=0.6e-3, probability=0.015), y=Normal(1e-4))
     asked = {"specifications": ["x 1 mm @ 98.5 %"], "verify": 1}
@@ -168,6 +170,7 @@ def test_nothing_sampled_is_not_judged():
     assert pp.map_poses(arm(x=Normal(1e-4)), [[0.0]], verify=0).met
 
 
+@pytest.mark.slow
 def test_quantiles_and_limits_are_computed_in_view_some_poses_at_a_time(monkeypatch):
     model, steps = arm(x=Normal(1e-4), y=Uniform(2e-4)), []
     asked = {"verify": 0, "specifications": ["0.3 mm", "x 0.2 mm"], "relative_to": [0.1]}

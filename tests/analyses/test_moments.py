@@ -23,7 +23,6 @@ from precision_pin.robot import examples
 from precision_pin.sampling import monte_carlo
 from precision_pin.sources.joint_offset import JointOffset
 from support.plain_robot import chain_of, joint, link, robot
-from support.thinning import mostly_slow
 
 SAMPLED = ("control", "sobol", "sobol-control", "plain")
 LENGTHS = (0.7, 0.4)
@@ -223,7 +222,8 @@ def test_closed_form_leaves_out_only_the_next_order(name):
         assert math.log2(wide / narrow) == pytest.approx(order, abs=0.35)
 
 
-@pytest.mark.parametrize("name", mostly_slow(CASES, fast=3))
+@pytest.mark.fast(4)
+@pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("method", SAMPLED)
 def test_samples_of_two_joints_agree_with_quadrature(method, name):
     model, truth, _ = case(name, 0.1)
@@ -232,6 +232,7 @@ def test_samples_of_two_joints_agree_with_quadrature(method, name):
         assert covered(estimate, true).all()
 
 
+@pytest.mark.slow
 def test_correlated_draws_that_are_not_normal():
     """A copula of uniform laws: sampled two ways, and the mean's second order from the known covariance."""
     model = arm(
@@ -287,11 +288,15 @@ def test_intervals_cover_as_often_as_stated_and_nothing_is_biased(method):
     np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=0)) / spread, 1, atol=0.3)
 
 
+@pytest.fixture(scope="module")
+def truth(paper):
+    return moments(paper, method="control", samples=2**20, seed=10**6).poses[0]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["sobol", "sobol-control"])
-def test_intervals_of_sobol_points_cover_as_often_as_stated(paper, method):
+def test_intervals_of_sobol_points_cover_as_often_as_stated(paper, truth, method):
     """60 seeds on the paper's arm, against a thousand times the samples: no fewer hits than of 95 %, at 1e-5."""
-    truth = moments(paper, method="control", samples=2**20, seed=10**6).poses[0]
     found, hits = [], 0
     for seed in range(60):
         pose = moments(paper, method=method, samples=1024, seed=seed).poses[0]
@@ -318,6 +323,7 @@ def test_intervals_grow_with_the_confidence():
             assert (estimate.half_width <= 1.1 * 1.5 * factor * estimate.standard_error).all()
 
 
+@pytest.mark.slow
 def test_control_and_sobol_are_narrower_than_plain_sampling():
     """At 0.02 rad what tangent and products leave, of third order, is σ² √15/6 and so some 1e-3 of the first order."""
     model = arm(Draw("a", laws.Normal(0.02)), Draw("b", laws.Normal(0.02)))
@@ -366,6 +372,7 @@ def test_of_a_linear_arm_nothing_is_left_to_sample(method):
     np.testing.assert_allclose(closed.covariance.value, found.covariance.value, atol=1e-18)
 
 
+@pytest.mark.slow
 def test_where_nothing_is_random_the_error_is_the_moment():
     model = arm(Draw("a", laws.Fixed(0.1)))
     truth = errors_of(np.array([[0.1]]))[:, 0]
@@ -399,6 +406,7 @@ def test_plain_sampling_is_that_of_monte_carlo(paper):
     assert found.norm_std.value[1] == pytest.approx(sampled.attitude.norm.std, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_methods_agree_on_the_papers_arm(paper):
     """Discs, uniform laws and products with loads: closed form, control, Sobol and plain sampling agree."""
     closed = moments(paper, method="closed").poses[0]

@@ -31,6 +31,7 @@ MIXED = pp.ErrorModel(
 )
 
 
+@pytest.mark.slow
 def test_every_number_robot_by_robot() -> None:
     samples, share = 400, 0.9
     found = pp.path_law(MIXED, WAY, samples=samples, seed=4, probability=share)

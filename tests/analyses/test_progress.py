@@ -23,6 +23,7 @@ CALLS: dict[str, tuple[Callable[..., Any], int]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "budget")) for name in CALLS])
 def test_the_steps_are_as_many_as_the_bar_has(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     call, total = CALLS[name]

@@ -137,6 +137,7 @@ def test_the_norm_of_a_nearly_equal_cloud_at_three_in_a_hundred_million():
 # --- intervals ---
 
 
+@pytest.mark.slow
 def test_an_interval_of_skewed_terms_misses_on_both_sides_alike():
     """Means of 60 exponential numbers: the symmetric interval lies too low three times as often as it should."""
     terms = np.random.default_rng(0).exponential(size=(4000, 60))
@@ -339,6 +340,7 @@ def test_strata_together_are_the_law(law):
     )
 
 
+@pytest.mark.slow
 def test_a_rare_value_correlated_with_a_normal_number():
     """With the score s of the jump, z = ρ s + √(1-ρ²) n: one integral over s beyond the jump, one below."""
     p, rho, spread = 1e-4, 0.8, 0.1
@@ -456,9 +458,8 @@ def test_a_bounded_law_that_cannot_fail_but_for_a_rare_value():
     assert high < 5.1e-5
 
 
-@pytest.mark.parametrize(
-    "probability", [5e-5, *(pytest.param(rare, marks=pytest.mark.slow) for rare in (1e-3, 1e-4, 1e-6))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("probability", [5e-5, 1e-3, 1e-4, 1e-6])
 def test_a_rare_jump_is_never_resolved_but_wrong(probability):
     case = rare.jump(probability)
     for seed in range(6):
@@ -469,6 +470,7 @@ def test_a_rare_jump_is_never_resolved_but_wrong(probability):
             assert best.probability == pytest.approx(case.probability, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_tool_length_that_jumps_once_in_20_000():
     """|x| of one of two values and a normal number: 5e-5·P(fails | jump) + P(fails | none), both normal tails."""
     model = slides([(1, 0, 0), (1, 0, 0)], [laws.TwoPoint(0.5e-3, 0.5e-3, 5e-5), laws.Normal(0.1e-3)])

@@ -121,6 +121,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("added")
 def test_an_added_analysis_is_found_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
     # Python

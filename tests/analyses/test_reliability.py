@@ -55,6 +55,7 @@ def test_r6_cantilever():
     np.testing.assert_allclose(margin(found.points[0].u), 0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_r6_capacity_minus_load_as_an_arm():
     """Error x = load - capacity, shifted so that |x| ≤ limit is what fails first: the same β through the whole analysis."""
     model = slides([(1, 0, 0), (-1, 0, 0)], [laws.Normal(0.010, 0.150), laws.Normal(0.020, 0.200)])
@@ -123,6 +124,7 @@ def test_coverage_of_the_intervals():
         assert sum(low <= 1e-7 <= high for low, high in intervals) >= 51
 
 
+@pytest.mark.slow
 def test_uniform_numbers_in_the_far_tail():
     """Six uniform numbers, Irwin-Hall: |x| above 5 of 6 half-widths are two corners of the cube, 2·0.5⁶/6!."""
     half = 1e-3
@@ -245,6 +247,7 @@ def test_disc_from_normals_is_uniform_over_its_area():
     assert stats.kstest(np.arctan2(x[1], x[0]) / (2 * np.pi) + 0.5, "uniform").pvalue > 1e-6
 
 
+@pytest.mark.slow
 def test_a_circle_and_a_normal_number():
     """With x = r cos θ + σ z: P(|x| > L) = 2 · mean over θ of Φ((r cos θ - L)/σ)."""
     space = Space((Draw("c", laws.Circle(1e-3)), Draw("z", laws.Normal(1e-3))))
@@ -273,6 +276,7 @@ def test_correlated_draws_from_normals_and_in_the_importance():
 # --- the paper's arm and the command ---
 
 
+@pytest.mark.slow
 def test_the_papers_arm_deep_in_a_tail_against_the_exact_law():
     """P(|dx| > 18 mm): exact model by two methods beside the first-order law, which needs no sampling."""
     model = ErrorModel.load(examples.PAPER_SHEET)
@@ -303,6 +307,7 @@ def test_bad_settings():
             reliability(model, [demand], **settings)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_result():
     model = slides([(1, 0, 0)], [laws.Normal(1e-3)])
     demand = [Specification("position.x", 4e-3, 0.9)]

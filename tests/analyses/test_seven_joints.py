@@ -48,6 +48,7 @@ def test_budget(panda: pp.ErrorModel, covariance: np.ndarray) -> None:
     assert pose.draw("cut").share["attitude"] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_worst_case(panda: pp.ErrorModel) -> None:
     k = 3.0
     at = panda.at(Q)

@@ -97,6 +97,7 @@ def test_quantiles_of_known_laws():
     np.testing.assert_allclose(plain.value, 0.95, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_intervals_of_quantiles_cover_as_often_as_stated():
     """The 95 % quantile of the sum of two uniform numbers is 2 - √0.1; halved, with the same numbers, half of it."""
     truth = 2 - math.sqrt(0.1)

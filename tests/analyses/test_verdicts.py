@@ -102,6 +102,7 @@ def test_no_failure_among_the_samples_is_no_proof() -> None:
     assert none.position.norm.mean_interval() is None  # too skewed for the samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rare, 1 %", "lognormal of variation 1", "two values"])
 def test_a_limit_of_iso_9283_is_judged_by_tests_of_whole_robots(name: str) -> None:
     laws, below, limit = CASES[name]
@@ -116,6 +117,7 @@ def test_a_limit_of_iso_9283_is_judged_by_tests_of_whole_robots(name: str) -> No
     assert sum(wrong) <= stats.binom.ppf(0.999, len(wrong), 0.025)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [rare(0.01, 3.0), Lognormal(UNIT, UNIT), TwoPoint(0.5 * UNIT, UNIT, 0.3)])
 def test_a_robot_of_the_sheet_is_told_from_it_as_often_as_stated(law: Law) -> None:
     model, cycles, turns, differs = hinge(law, scope=Scope.VISIT), 5, 40, 0

@@ -86,6 +86,7 @@ def test_lengths_of_the_paper_reach_half_a_millimetre():
     assert not pose.attitude.exceeded
 
 
+@pytest.mark.slow
 def test_four_installed_axes_turn_the_tool_by_eight_milliradians():
     pose = pp.worst_case(parts_of_the_paper("axis_install"), PAPER_Q, samples=1000).poses[0]
     bound = pose.attitude.first_order
@@ -258,6 +259,7 @@ class Ball(Law):
         raise NotImplementedError
 
 
+@pytest.mark.slow
 def test_a_law_of_another_package_counts_by_its_support_function():
     generator = np.random.default_rng(5)
     error, jacobian = generator.normal(size=3), generator.normal(size=(3, 4))
@@ -314,6 +316,7 @@ def check_pose(model: ErrorModel, result, q, *, bounded: bool):
         assert np.linalg.norm(first_order[3:], axis=0).max() < pose.attitude.first_order.upper
 
 
+@pytest.mark.slow
 def test_the_papers_arm():
     model = ErrorModel.load(PAPER_SHEET)
     result = pp.worst_case(model, samples=20_000, seed=4)
@@ -392,6 +395,7 @@ def test_where_the_model_bends_the_exact_maximum_is_found_beside_the_bound():
 # --- result and command ---
 
 
+@pytest.mark.slow
 def test_poses_one_by_one_or_together():
     model = ErrorModel.load(PAPER_SHEET)
     folded = {"joint1": 0.0, "joint2": 0.1, "joint3": 1.5, "joint4": 0.0}
@@ -407,6 +411,7 @@ def test_poses_one_by_one_or_together():
             pp.worst_case(model, wrong, samples=100)
 
 
+@pytest.mark.slow
 def test_the_json_holds_what_reproduces_it():
     model = ErrorModel.load(PAPER_SHEET)
     result = pp.worst_case(model, samples=3000, seed=5)

@@ -23,7 +23,6 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
-from support.thinning import mostly_slow
 
 
 @pytest.fixture
@@ -43,6 +42,7 @@ def run(tmp_path, monkeypatch, capsys):
     return command
 
 
+@pytest.mark.slow
 def test_the_papers_arm_takes_less_than_five_seconds(run):
     sampler.warm_up()
     begin = time.perf_counter()
@@ -147,8 +147,9 @@ def _centre_on_axis(axes, axis, tick):
     return axes.transData.transform(point)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
-@pytest.mark.parametrize("case", mostly_slow(CASES, fast=2))
+@pytest.mark.parametrize("case", CASES)
 def test_the_picture_is_readable_and_the_text_says_what_was_cut(case):
     build, q, samples = CASES[case]
     result = pp.worst_case(build(), q, samples=samples)
@@ -170,6 +171,7 @@ def test_the_picture_is_readable_and_the_text_says_what_was_cut(case):
     assert all(name in heads[0] for name in result.cut)
 
 
+@pytest.mark.slow
 def test_bars_end_at_the_bound():
     result = pp.worst_case(paper(), samples=500)
     for axes, bound in zip(figure(result).axes, (result.poses[0].position, result.poses[0].attitude), strict=True):

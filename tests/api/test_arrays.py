@@ -91,6 +91,7 @@ def spoil(value: Any) -> None:
 NAMES = sorted(quantities(np.random.default_rng(0)))
 
 
+@pytest.mark.fast(6)
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=3, deadline=None)
@@ -133,6 +134,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
 }
 
 
+@pytest.mark.fast(3)
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 @pytest.mark.parametrize("name", RESULTS)
 def test_results_cannot_be_changed_by_writing_into_their_arrays(name: str) -> None:

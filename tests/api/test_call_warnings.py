@@ -49,6 +49,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
 }
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("name", CALLS)
 def test_limits_are_warned_of_once_at_the_callers_line(name: str) -> None:
     seen = [one for one in told(lambda: CALLS[name](OUTSIDE)) if "W_JOINT_LIMIT" in str(one.message)]
@@ -57,6 +58,7 @@ def test_limits_are_warned_of_once_at_the_callers_line(name: str) -> None:
     assert Path(seen[0].filename) == Path(__file__)
 
 
+@pytest.mark.slow
 def test_a_sheet_that_is_loaded_tells_its_findings_once_at_the_callers_line(tmp_path: Path) -> None:
     assert told(lambda: pp.ErrorModel.load(PAPER_SHEET)) == []
     sheet = tmp_path / "arm.yaml"
@@ -71,6 +73,7 @@ def test_a_sheet_that_is_loaded_tells_its_findings_once_at_the_callers_line(tmp_
     assert found.stderr.count("W_NO_POSES") == 1
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("name", CALLS)
 def test_inside_the_limits_nothing_is_warned_of(name: str) -> None:
     assert not [one for one in told(lambda: CALLS[name](INSIDE)) if "use analyze" not in str(one.message)]
@@ -95,6 +98,7 @@ def test_findings_that_were_handed_in_are_not_told_again() -> None:
     assert str(finding) in pp.monte_carlo(ARM, INSIDE, findings=[finding], **SAMPLED).warnings
 
 
+@pytest.mark.slow
 def test_the_command_line_tells_by_its_findings_alone() -> None:
     seen = []
 
@@ -142,6 +146,7 @@ def test_a_list_of_poses_may_mix_names_and_values() -> None:
         pp.sample_poses(arm, ["home", "house"])
 
 
+@pytest.mark.slow
 def test_texts_and_lists_are_taken_where_specifications_are() -> None:
     one = pp.specification("1 mm @ 99 %")
     for given in ("1 mm @ 99 %", ["1 mm @ 99 %"], ("1 mm @ 99 %",), one, [one]):

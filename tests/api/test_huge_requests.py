@@ -87,6 +87,7 @@ def test_postures_are_refused_when_their_arrays_are_asked_for(monkeypatch: pytes
             getattr(postures, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("listed", [False, True])
 def test_many_poses_tell_how_far_they_are_within_a_second(listed: bool) -> None:
     pp.sample_poses(MODEL, zeros(JOINTS, 2), samples=10)  # loads what is compiled
@@ -119,6 +120,7 @@ TEXTS: dict[str, Callable[[], object]] = {
 }
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("what", [*FILES, *TEXTS])
 def test_a_text_made_to_take_long_is_refused_at_once(what: str, tmp_path: Path) -> None:
     file = tmp_path / "file"

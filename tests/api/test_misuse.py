@@ -14,6 +14,7 @@ MADE_BY_THE_PACKAGE = {"MonteCarloResult", "PosesResult", "Posture", "Postures"}
 NOT_CALLED = {"InputError", "PrecisionPinError", "Scope", "Source", "mcpc", "sources"}
 
 
+@pytest.mark.slow
 def test_every_public_name_is_called() -> None:
     called = {call.name.partition(".")[0] for call in calls()}
     assert set(pp.__all__) - called == MADE_BY_THE_PACKAGE - called | NOT_CALLED - {"mcpc"}
@@ -25,6 +26,7 @@ def test_valid_calls_are_let_pass() -> None:
             call.run()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_every_mistake_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -51,6 +53,7 @@ def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path: Path, monke
                 assert outcome(call, argument, mistake).kind == "fine", (call.name, argument, mistake)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("kind", sorted({source.kind() for source in model().sources}))
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_a_setting_of_a_source_that_is_none_is_refused_by_name(kind: str) -> None:

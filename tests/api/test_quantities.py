@@ -153,6 +153,7 @@ def test_none_is_forgotten() -> None:
     assert {name for name in NOT_QUANTITIES if name not in found} == set()
 
 
+@pytest.mark.fast(10)
 @pytest.mark.filterwarnings("ignore:.*W_NO_VISITS")
 @pytest.mark.parametrize("name", CASES)
 def test_text_is_the_same_as_the_number(name: str) -> None:

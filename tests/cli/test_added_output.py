@@ -55,6 +55,7 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(commands, "COMMANDS", {**commands.COMMANDS, "variances": line})
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("added")
 def test_an_added_output_is_a_command_as_any_other(run: Run, tmp_path: Path) -> None:
     assert "Write the variance of every random number." in run("--help").out

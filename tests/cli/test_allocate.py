@@ -18,6 +18,7 @@ def _sheet(folder, limit, more=""):
     return "wanted.yaml"
 
 
+@pytest.mark.slow
 def test_tolerances_are_chosen_verified_and_written_as_a_sheet(run, folder, new_files):
     done = run("allocate", _sheet(folder, "37.5 mm @ 95 %"), "--out", "made")
     assert done.code == 0, done.err
@@ -34,6 +35,7 @@ def test_tolerances_are_chosen_verified_and_written_as_a_sheet(run, folder, new_
     assert len(new.poses) == len(result["poses"])
 
 
+@pytest.mark.slow
 def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder):
     done = run("allocate", _sheet(folder, "1 mm"), "--out", "made")
     assert done.code == 1
@@ -52,6 +54,7 @@ def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder
     assert "wrote" not in quiet.err
 
 
+@pytest.mark.slow
 def test_bounds_stand_beside_the_specs_and_a_law_may_be_named_as_a_whole(run, folder):
     text = (folder / "4dof.errors.yaml").read_text()
     sources = "  - length: {frame: tool, along: -z of joint4, parameters: [wide, shifted]}\n"
@@ -76,6 +79,7 @@ def test_bounds_stand_beside_the_specs_and_a_law_may_be_named_as_a_whole(run, fo
     )
 
 
+@pytest.mark.slow
 def test_wrong_input_is_one_line(run, folder):
     done = run("allocate", "4dof.errors.yaml")
     assert done.code == 2
@@ -91,6 +95,7 @@ def test_wrong_input_is_one_line(run, folder):
     assert checked.out == done.err
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

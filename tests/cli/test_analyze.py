@@ -18,6 +18,7 @@ sources:
 """
 
 
+@pytest.mark.slow
 def test_no_arguments_run_the_papers_case(run):
     outcome = run("analyze")
     assert outcome.code == 0
@@ -27,6 +28,7 @@ def test_no_arguments_run_the_papers_case(run):
     assert second == "100,000 samples, seed 0, exact model, statics nominal, base axes, 95% confidence"
 
 
+@pytest.mark.slow
 def test_the_robot_and_the_sheet_may_come_in_either_order(run):
     arguments = ("--samples", "100", "--json", "-")
     one = run("analyze", "4dof.urdf", "4dof.errors.yaml", *arguments)
@@ -35,6 +37,7 @@ def test_the_robot_and_the_sheet_may_come_in_either_order(run):
     assert one.out == other.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [("4dof.urdf",), ("4dof.errors.yaml",)])
 def test_a_sheet_beside_the_robot_is_found_and_a_sheet_names_its_robot(run, arguments):
     outcome = run("analyze", *arguments, "--samples", "100", "--json", "-")
@@ -44,6 +47,7 @@ def test_a_sheet_beside_the_robot_is_found_and_a_sheet_names_its_robot(run, argu
     assert outcome.out == run("analyze", "--samples", "100", "--json", "-").out
 
 
+@pytest.mark.slow
 def test_a_robot_on_the_command_line_overrides_the_sheets(run, folder):
     (folder / "longer.urdf").write_text((folder / "gantry.urdf").read_text().replace("0 0 -0.5", "0 0 -1"))
     (folder / "turning.yaml").write_text(TURNING)
@@ -54,6 +58,7 @@ def test_a_robot_on_the_command_line_overrides_the_sheets(run, folder):
     assert long.json["position"]["norm"]["max"] == pytest.approx(2 * short.json["position"]["norm"]["max"], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_an_example_robot_with_a_sheet(run, folder):
     (folder / "mine.yaml").write_text(
         "precision-pin: 1\nrobot: 4dof.urdf\ntip: tool0\nposes: {bent: 20 -70 80 -100 -90 10 deg}\n"
@@ -100,6 +105,7 @@ def test_base_on_the_command_line(run, folder):
     assert "y_axis" in slide.err  # a source and a pose of the sheet are about the joint that is cut off
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "values"),
     [
@@ -130,6 +136,7 @@ def test_a_pose_by_name_and_the_first_one_without(run):
     assert named == {"name": "home", "q": {"y_axis": 0.0, LONG: 0.0}}
 
 
+@pytest.mark.slow
 def test_values_outside_the_limits_warn_and_run(run):
     outcome = run("analyze", "--q", "0 0 0 200 deg", "--samples", "10", "--json", "-")
     assert outcome.code == 0
@@ -141,6 +148,7 @@ def test_values_outside_the_limits_warn_and_run(run):
     assert listed.endswith(line)
 
 
+@pytest.mark.slow
 def test_the_two_models_agree_to_first_order(run):
     outcome = run("analyze", "--model", "linear", "--samples", "10", "--json", "-")
     assert outcome.json["model"] == "linear"
@@ -161,6 +169,7 @@ def lowest_share(samples: int) -> float:
     return 0.025 ** (1 / samples)
 
 
+@pytest.mark.slow
 def test_a_specification_is_met_when_the_lower_end_reaches_it(run):
     share = lowest_share(1000)  # 99.632 %
     met = run("analyze", "--samples", "1000", "--spec", "1 m @ 99.63 %", "--json", "-")

@@ -18,6 +18,7 @@ FILES = {f"{name}.{suffix}" for name in ("position", "attitude", "components") f
 QUICK = ("analyze", "--samples", "200")
 
 
+@pytest.mark.slow
 def test_out_holds_the_plots_and_the_result(run, folder, new_files):
     outcome = run(*QUICK, "--out", "deep/er")
     assert outcome.code == 0
@@ -44,6 +45,7 @@ def test_out_overwrites_its_own_files_and_leaves_others(run, folder):
     assert (folder / "plots" / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_json_to_a_file_prints_the_table_as_well(run, folder):
     outcome = run(*QUICK, "--json", "result.json")
     assert outcome.code == 0

@@ -35,6 +35,7 @@ def distributions(data):
             yield f"{quantity}.{part}", data[quantity][part]
 
 
+@pytest.mark.slow
 def test_json_alone_on_stdout(run):
     outcome = run("analyze", "--samples", "100", "--json", "-")
     assert outcome.code == 0
@@ -54,6 +55,7 @@ def test_json_alone_on_stdout_when_there_are_warnings_and_files(run):
     assert wrote.startswith("wrote plots")
 
 
+@pytest.mark.slow
 def test_every_key_and_type(run):
     data = run(
         "analyze", "--samples", "5000", "--seed", "7", "--spec", "40 mm", "--spec", "rx 20 mrad", "--json", "-"
@@ -127,6 +129,7 @@ def test_null_where_the_samples_do_not_resolve_a_number(run, samples):
             assert (entry["quantile_interval"][level] is None) == (value is None), (name, level)
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_another_seed_other_numbers(run, folder):
     arguments = ("analyze", "--samples", "20000", "--spec", "40 mm")
     first = run(*arguments, "--seed", "3", "--json", "-").out
@@ -138,6 +141,7 @@ def test_same_seed_same_bytes_another_seed_other_numbers(run, folder):
     assert other["position"]["norm"]["mean"] != json.loads(first)["position"]["norm"]["mean"]
 
 
+@pytest.mark.slow
 def test_numbers_against_the_samples_themselves(run):
     data = run("analyze", "--samples", "20000", "--seed", "5", "--spec", "x 10 mm @ 0.8", "--json", "-").json
     kept = pp.monte_carlo(pp.ErrorModel.load(PAPER_SHEET), samples=20_000, seed=5, keep_samples=True).errors
@@ -170,6 +174,7 @@ def test_numbers_against_the_samples_themselves(run):
     ]
 
 
+@pytest.mark.slow
 def test_nominal_is_the_error_with_every_parameter_at_its_mean(run):
     data = run("analyze", "--samples", "10", "--json", "-").json
     at = pp.ErrorModel.load(PAPER_SHEET).at("paper")

@@ -41,6 +41,7 @@ def test_it_decides_the_flank(run, sheet):
     assert without["nominal"]["attitude"] == pytest.approx([0, 0, 0], abs=1e-15)
 
 
+@pytest.mark.slow
 def test_of_the_sheet_and_in_the_table(run, sheet):
     table = run("analyze", sheet, "--pose", "up", *FEW)
     assert ", 10° (+), 70°, " in table.out.replace("\n  ", " ")
@@ -49,6 +50,7 @@ def test_of_the_sheet_and_in_the_table(run, sheet):
     assert [pose.get("approach") for pose in poses(result)] == [None, {"joint2": "+"}]
 
 
+@pytest.mark.slow
 def test_from_the_pose_before(run, sheet, folder):
     (folder / "way.csv").write_text("joint1,joint2,joint3,joint4\n0,0,0,0\n0.1,0,-0.1,0\n0.1,0.2,-0.1,0\n")
     result = run("analyze", sheet, "--trajectory", "way.csv", "--approach", "previous", *FEW, "--json", "-")

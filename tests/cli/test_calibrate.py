@@ -32,6 +32,7 @@ def write(folder, rows: np.ndarray, header: str = f"{JOINTS}, x [mm], y [mm], z 
     return "data.csv"
 
 
+@pytest.mark.slow
 def test_forecast_begins_with_the_answer_and_is_100_columns_wide(run, folder) -> None:
     found = run("calibrate", SHEET, "--forecast", "--random", "8", *TARGET, "--base-free", "--json", "f.json")
     assert found.code == 0
@@ -41,6 +42,7 @@ def test_forecast_begins_with_the_answer_and_is_100_columns_wide(run, folder) ->
     assert (folder / "f.json").read_text().startswith('{\n  "schema": "precision-pin/calibration-forecast/1"')
 
 
+@pytest.mark.slow
 def test_a_plan_begins_with_what_it_buys_and_is_the_forecast_of_its_poses(run, folder) -> None:
     found = run("calibrate", SHEET, "--plan", "6", "--random", "20", *TARGET, "--json", "p.json", "--out", "plots")
     assert found.code == 0
@@ -59,6 +61,7 @@ def test_a_plan_begins_with_what_it_buys_and_is_the_forecast_of_its_poses(run, f
     assert forecast["rms_position"]["after"] == pytest.approx(plan["rms_position"]["after"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_fit_writes_what_is_asked_for(run, folder, rows) -> None:
     data = write(folder, rows)
     found = run("calibrate", SHEET, data, *TARGET, "--urdf", "new.urdf", "--out", "plots", "--json", "c.json")
@@ -73,6 +76,7 @@ def test_a_fit_writes_what_is_asked_for(run, folder, rows) -> None:
     assert (folder / "new.urdf").read_text().startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_other_commands_run_on_the_calibrated_sheet(run, folder, rows) -> None:
     data = write(folder, rows)
     found = run("calibrate", SHEET, data, *TARGET, "--sheet", "new.errors.yaml", "--json", "-")
@@ -141,6 +145,7 @@ def quick(folder) -> str:
     return "quick.errors.yaml"
 
 
+@pytest.mark.slow
 def test_a_page_shows_the_fit_of_the_command(run, folder, quick) -> None:
     found = run("calibrate", quick, "data.csv", "--json", "-").json
     made = run("view", quick, "--samples", "20", "--calibrate", "data.csv", "--out", "page.html")
@@ -207,6 +212,7 @@ def test_a_page_refuses_readings_before_anything_long_begins(
     assert contents() == before
 
 
+@pytest.mark.slow
 def test_units_do_not_matter(run, folder, rows) -> None:
     one = run("calibrate", SHEET, write(folder, rows), *TARGET, "--json", "-").json
     other = np.hstack([np.radians(rows[:, :4]), rows[:, 4:] / 1e3])
@@ -234,6 +240,7 @@ def test_wrong_data_are_refused_in_one_line(run, folder, rows, header, change, m
     assert "data.csv" in found.err
 
 
+@pytest.mark.slow
 def test_swapped_columns_are_noticed(run, folder, rows) -> None:
     swapped = rows[:, [0, 1, 2, 3, 5, 4, 6]]
     found = run("calibrate", SHEET, write(folder, swapped), *TARGET)
@@ -242,6 +249,7 @@ def test_swapped_columns_are_noticed(run, folder, rows) -> None:
     assert "columns or units are wrong" in found.err
 
 
+@pytest.mark.slow
 def test_copied_rows_are_named(run, folder, rows) -> None:
     found = run("calibrate", SHEET, write(folder, np.vstack([rows, rows[3]])), *TARGET)
     assert "data.csv:12: warning W_REPEATED_READING" in found.err
@@ -296,6 +304,7 @@ SET_UP = (
 )
 
 
+@pytest.mark.slow
 def test_the_set_up_is_that_of_the_sheet_where_options_say_nothing(run, folder) -> None:
     text = (folder / SHEET).read_text()
     (folder / "set.errors.yaml").write_text(text + SET_UP)
@@ -314,6 +323,7 @@ def test_the_set_up_is_that_of_the_sheet_where_options_say_nothing(run, folder) 
     assert changed["std"] == 5e-5
 
 
+@pytest.mark.slow
 def test_random_poses_of_contact_touch(run, folder) -> None:
     text = (folder / SHEET).read_text()
     sockets = (
@@ -328,6 +338,7 @@ def test_random_poses_of_contact_touch(run, folder) -> None:
     assert "1 of 1 poses do not touch a socket, the farthest by " in away.err
 
 
+@pytest.mark.slow
 def test_in_python_the_set_up_of_the_sheet_is_the_default(folder) -> None:
     (folder / "set.errors.yaml").write_text((folder / SHEET).read_text() + SET_UP)
     model, plain = (pp.ErrorModel.load(folder / name) for name in ("set.errors.yaml", SHEET))
@@ -361,6 +372,7 @@ def test_a_wrong_set_up_is_refused_at_its_line(run, folder, text, message) -> No
     assert message in line
 
 
+@pytest.mark.slow
 def test_a_factory_calibration_is_read_and_written(run, folder) -> None:
     from analyses.calibration.test_factory import dh_flange, write_conf
     from precision_pin.robot.chain import Chain
@@ -382,6 +394,7 @@ def test_a_factory_calibration_is_read_and_written(run, folder) -> None:
     np.testing.assert_allclose(tip, dh_flange("UR5", np.array(q)), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_tolerances_of_a_population_are_written_as_a_sheet(run, folder) -> None:
     """Six robots, one of them as its calibration: the sheet keeps its laws with other widths, and says where they come from."""
     text = "precision-pin: 1\nrobot: 4dof.urdf\ntip: tool\nposes: {home: 0 0 0 0 deg}\nparameters:\n  b: ±2 mrad\nsources:\n"

@@ -14,6 +14,7 @@ def tighter(folder):
     return "tighter.yaml"
 
 
+@pytest.mark.slow
 def test_the_better_sheet_comes_first_and_the_verdicts_decide(run, folder, tighter):
     asked = ("compare", "gantry.errors.yaml", tighter, *FEW, "--pose", "home", "--spec", "y 0.16 mm @ 99.9 %")
     done = run(*asked, "--out", "plots")
@@ -29,6 +30,7 @@ def test_the_better_sheet_comes_first_and_the_verdicts_decide(run, folder, tight
     assert run(*asked[:-1], "y 1 mm @ 95 %", "--quiet").code == 0
 
 
+@pytest.mark.slow
 def test_one_sheet_against_what_set_changes(run, folder):
     done = run("compare", "gantry.errors.yaml", *FEW, "--all-poses", "--set", "joint_offset[y_axis].offset=±0.2 mm")
     assert done.code == 0

@@ -15,6 +15,7 @@ SHEET = "4dof.errors.yaml"
 WAY = "t,joint4,joint3,joint2,joint1\n0,-1.588,1.536,0.0524,-1.571\n0.5,-1.4,1.3,0.1,-1.2\n"
 
 
+@pytest.mark.slow
 def test_the_first_lines_answer_the_question(run):
     done = run("compensate", SHEET)
     assert done.code == 0
@@ -25,6 +26,7 @@ def test_the_first_lines_answer_the_question(run):
     assert max(map(len, lines)) <= 100
 
 
+@pytest.mark.slow
 def test_a_trajectory_comes_back_with_its_columns(run, folder, new_files):
     (folder / "way.csv").write_text(WAY)
     done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--json", "right.json")
@@ -42,6 +44,7 @@ def test_a_trajectory_comes_back_with_its_columns(run, folder, new_files):
     assert new_files() == {"way.csv", "right.csv", "right.json"}
 
 
+@pytest.mark.slow
 def test_a_trajectory_in_degrees_comes_back_in_degrees(run, folder):
     (folder / "way.csv").write_text("joint1 [deg],joint2 [deg],joint3,joint4 [mrad]\n-90,3,1.5,-1600\n")
     done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--json", "-")
@@ -52,6 +55,7 @@ def test_a_trajectory_in_degrees_comes_back_in_degrees(run, folder):
     assert [float(cell) * unit for cell, unit in zip(row, units, strict=True)] == pytest.approx(corrected, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_corrected_arm_stands_where_it_was_meant_to(run, folder):
     """The file is read by other commands: nominal pose at the corrected values plus the error there is the pose wanted."""
     done = run("compensate", SHEET, "--csv", "right.csv", "--json", "right.json")
@@ -70,6 +74,7 @@ def test_the_corrected_arm_stands_where_it_was_meant_to(run, folder):
     assert reached + error["nominal"]["position"] == pytest.approx(wanted, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_without_a_correction_the_code_is_one_and_no_joint_values_are_written(run, folder, new_files):
     text = (folder / SHEET).read_text()
     (folder / "way.csv").write_text("joint1,joint2,joint3,joint4\n0,0,0,0\n-1.571,0.0524,1.536,-1.588\n")
@@ -97,6 +102,7 @@ def test_wrong_input_is_one_line(run, new_files, options, message):
     assert new_files() == set()
 
 
+@pytest.mark.slow
 def test_a_page_shows_the_arm_before_and_after(run, folder):
     (folder / "way.csv").write_text(WAY)
     made = run("view", SHEET, "--samples", "20", "--compensate", "way.csv", "--out", "page.html")

@@ -85,12 +85,14 @@ MEANT = {
 }
 
 
+@pytest.mark.fast(11)
 @pytest.mark.parametrize(
     ("command", "typed", "meant"),
     [
-        pytest.param(command, typed, meant, marks=[pytest.mark.slow] * (command != "analyze" and typed != "ur5"))
+        (command, typed, meant)
         for command in WITH_ROBOT
         for typed, meant in MEANT.items()
+        if command == "analyze" or typed == "ur5"
     ],
 )
 def test_a_robot_that_is_not_there_gives_the_one_that_is_meant(run, command, typed, meant):
@@ -140,6 +142,7 @@ def test_a_sheet_that_is_not_there_gives_the_nearest(run):
     assert error_of(run("check", "nosuch.yaml")).endswith("; precision-pin init ROBOT.urdf writes one")
 
 
+@pytest.mark.slow
 def test_init_then_analyze_of_the_same_example_finds_the_sheet_just_written(run, folder):
     shipped = run("analyze", "example:ur5", *FEW)
     assert shipped.code == 0
@@ -151,6 +154,7 @@ def test_init_then_analyze_of_the_same_example_finds_the_sheet_just_written(run,
     assert own.out == run("analyze", "ur5.errors.yaml", *FEW).out
 
 
+@pytest.mark.slow
 def test_init_then_analyze_of_a_robot_in_another_folder(run, folder):
     (folder / "deep").mkdir()
     (folder / "4dof.urdf").rename(folder / "deep" / "arm_robot.urdf")
@@ -324,6 +328,7 @@ LONGER = {
 }
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("command", QUICK)
 def test_quiet_leaves_out_notes_and_keeps_warnings_and_results(run, command):
     told(run, command, *QUICK[command])

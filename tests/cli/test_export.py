@@ -87,6 +87,7 @@ def test_pose_and_joint_values(run, folder):
     assert "Schlitten_ü" in text
 
 
+@pytest.mark.slow
 def test_the_same_command_writes_the_same_bytes(run, folder):
     for name in ("one", "two"):
         assert run("export", "--units", "2", "--out", name).code == 0
@@ -122,6 +123,7 @@ def test_a_tip_that_a_joint_moves_gets_a_frame(run, folder):
     assert np.linalg.norm(error_of(row)) > 1e-6
 
 
+@pytest.mark.slow
 def test_relative_mesh_names_that_lead_nowhere_are_warned_of(run, folder):
     (folder / "meshes").mkdir()
     for name in ("a.stl", "b.stl"):

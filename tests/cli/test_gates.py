@@ -42,6 +42,7 @@ def _spec_entries(data):
     return [one for value in data for one in _spec_entries(value)] if isinstance(data, list) else []
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_joint_outside_its_limits_is_not_judged(run, folder, name):
     command, *options = COMMANDS[name]
@@ -82,6 +83,7 @@ def test_one_pose_of_several_is_enough(run):
     assert (done.code, done.json["spec"][0]["verdict"]) == (1, "not met")
 
 
+@pytest.mark.slow
 def test_of_a_relative_error_both_poses_are_looked_at(run):
     for pose, other, where in (
         ("1200 mm, 30 deg", "home", "the pose"),
@@ -105,6 +107,7 @@ def test_pages_say_so_too(run, folder):
         assert LIMITS not in (folder / page).read_text("utf-8").split("Warnings")[0].split("<script")[0]
 
 
+@pytest.mark.slow
 def test_an_allocation_at_such_a_pose_is_not_judged(run, folder):
     sheet = (folder / SHEET).read_text("utf-8").replace("250 mm", "1200 mm")
     wanted = "allocate:\n  specs: ['5 mm @ 90 %']\n  tolerances:\n"
@@ -147,6 +150,7 @@ def _way(folder, times, places=(0, 50, 100)):
     return ("path", SHEET, "--trajectory", "way.csv", *FEW)
 
 
+@pytest.mark.slow
 def test_a_path_faster_than_a_joint_is_not_judged(run, folder):
     """50 mm in 0.05 s are the 1 m/s of the limit; in 0.04 s they are 1.25 m/s."""
     assert run(*_way(folder, (0, 0.05, 0.1)), *SPEC).code == 0
@@ -200,6 +204,7 @@ def _share(text):
     return float(re.search(r"with this went ([\d.]+) % of the variance of the position", text)[1])
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "map, closed form"])
 def test_what_is_set_to_nothing_is_said_with_its_share(run, folder, name):
     command, *options = COMMANDS[name]
@@ -215,6 +220,7 @@ def test_what_is_set_to_nothing_is_said_with_its_share(run, folder, name):
     assert (missed.code, "taken as exact" in missed.out) == (1, False)
 
 
+@pytest.mark.slow
 def test_named_parameters_and_parts_of_them(run, folder):
     """A parameter that two sources share goes whole, or out of one of them: 1 of 1 + 1 squared parts of a sum of two."""
     sheet = (folder / SHEET).read_text("utf-8").partition("sources:")[0]
@@ -236,6 +242,7 @@ def test_named_parameters_and_parts_of_them(run, folder):
 # calibration ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_fit_without_a_prior_of_what_is_not_determined_ends_with_1(run, folder):
     """Readings at one value of y_axis: its offset and one along the same line are told apart by nothing."""
     sheet = (folder / SHEET).read_text("utf-8")

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.base.text_escape import LONGEST_LINE, one_line, shown, visible
-from support.thinning import mostly_slow
 
 FORGED = "precision-pin: error E_FORGED: forged"
 HOSTILE = {
@@ -22,6 +21,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(st.text())
 def test_a_message_is_one_printable_line(text):
@@ -72,7 +72,8 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("kind", mostly_slow(HOSTILE, fast=2))
+@pytest.mark.fast(26)
+@pytest.mark.parametrize("kind", HOSTILE)
 @pytest.mark.parametrize("where", WRONG)
 def test_command_lines(run, where, kind):
     outcome = run(*WRONG[where](HOSTILE[kind]))
@@ -83,6 +84,7 @@ def test_command_lines(run, where, kind):
     assert len(line) < LONGEST_LINE + 600
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["bidi", "lines"])
 def test_tables_and_json(run, folder, kind):
     name = HOSTILE[kind]

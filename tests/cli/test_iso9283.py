@@ -25,6 +25,7 @@ def sheet(folder):
     )
 
 
+@pytest.mark.slow
 def test_five_poses(run):
     found = run("iso9283", SHEET, *FIVE, *FEW, "--robots", "200")
     assert found.code == 2  # --robots twice

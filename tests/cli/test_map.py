@@ -17,6 +17,7 @@ orientations: {axis: 0 0 -1, tool_axis: 1 0 0}
 """
 
 
+@pytest.mark.slow
 def test_a_grid_is_mapped_and_the_first_lines_answer(run, folder, new_files):
     (folder / "grid.yaml").write_text(GRID)
     done = run("map", SHEET, "--grid", "grid.yaml", "--spec", "1 m", "--relative-to", "paper", "--json", "map.json")
@@ -86,6 +87,7 @@ def test_the_verdict_is_that_of_the_exact_law_and_not_of_the_closed_form(run, fo
         assert made["sampled"]["interval"][1] < required
 
 
+@pytest.mark.slow
 def test_the_map_as_netcdf(run, folder, new_files):
     pytest.importorskip("xarray")
     (folder / "grid.yaml").write_text(GRID)

@@ -84,6 +84,7 @@ def test_check_lists_every_finding_of_a_sheet_with_its_line(run, folder):
     assert any(line.startswith("bad.yaml:8: error ") and "0.1" in line and "mm" in line for line in printed)
 
 
+@pytest.mark.slow
 def test_a_broken_mesh_is_one_warning_of_check_and_no_hindrance_of_view(run, folder):
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     cases = {
@@ -179,6 +180,7 @@ def test_mcpc_of_a_urdf_alone(run):
 # init ----------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_init_then_analyze_unedited(run, folder):
     outcome = run("init", "gantry.urdf", "--out", "fresh.yaml")
     assert outcome.code == 0
@@ -209,6 +211,7 @@ def test_init_overwrites_only_when_told(run, folder):
 # schema and doctor ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_schema_is_valid_and_the_papers_sheet_keeps_it(run):
     outcome = run("schema")
     assert (outcome.code, outcome.err) == (0, "")

@@ -96,6 +96,7 @@ def refused(outcome):
     return line
 
 
+@pytest.mark.fast(9)
 @pytest.mark.parametrize("case", INPUTS)
 def test_no_input_is_written_over(run, files, contents, monkeypatch, case):
     monkeypatch.setattr(
@@ -129,6 +130,7 @@ def test_a_page_goes_into_a_folder_by_its_own_name(run, files, there):
     assert [path.name for path in (files / "pages").iterdir()] == ["view.html"]
 
 
+@pytest.mark.slow
 def test_outputs_of_an_earlier_run_are_written_over(run, files):
     for _ in range(2):
         assert run("export", "4dof.errors.yaml", "--out", "new").code == 0

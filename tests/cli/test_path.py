@@ -15,6 +15,7 @@ def way(folder):
     return "way.csv"
 
 
+@pytest.mark.slow
 def test_table_json_and_plot(run, folder, way):
     done = run("path", SHEET, "--trajectory", way, "--step", "1 s", *FEW, "--spec", "1 mm", "--out", "plots")
     assert done.code == 0

@@ -47,6 +47,7 @@ orientations: any
 """
 
 
+@pytest.mark.slow
 def test_a_grid_makes_a_set_and_poses_without_what_is_out_of_reach(run, folder):
     (folder / "grid.yaml").write_text(GRID)
     poses = read_pose_set(read(SHEET), {**NONE, "grid": "grid.yaml"})
@@ -93,6 +94,7 @@ def test_near_a_singularity_the_note_states_the_value(folder, capsys):
     assert "singular value below 0.26)" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_grid_out_of_reach_or_given_twice_is_refused(run, folder, new_files):
     (folder / "far.yaml").write_text(GRID.replace("0.3 m", "4 m"))
     far = run("analyze", SHEET, "--grid", "far.yaml", "--quiet")
@@ -112,6 +114,7 @@ def test_a_grid_out_of_reach_or_given_twice_is_refused(run, folder, new_files):
     assert "page.html" not in new_files()
 
 
+@pytest.mark.slow
 def test_steps_put_poses_between_the_rows_of_a_trajectory(run, folder):
     (folder / "way.csv").write_text(f"time [s],{LONG} [deg],y_axis [mm]\n0,0,0\n1,10,30\n")
     along = run("moments", SHEET, "--trajectory", "way.csv", "--step", "0.5 s", "--step", "3 deg", "--json", "-")
@@ -132,6 +135,7 @@ def test_steps_put_poses_between_the_rows_of_a_trajectory(run, folder):
     assert (alone.code, "--step needs a --trajectory" in alone.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_a_target_shifts_every_result_by_its_lever_arm(run):
     # the tool turns about x by 0.1 mrad (the sheet gives 3 sigma): a point 200 mm along y from the tip moves by 0.02 mm along z
     for command in ("moments", "budget", "worst-case"):

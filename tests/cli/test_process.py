@@ -57,7 +57,8 @@ def test_tables_need_no_matplotlib_and_mcpc_no_compiler():
     )
 
 
-@pytest.mark.parametrize("command", [("precision-pin",), pytest.param(("-m", "precision_pin"), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [("precision-pin",), ("-m", "precision_pin")])
 def test_installed_and_as_a_module(command, executable):
     line = [executable] if command == ("precision-pin",) else [sys.executable, *command]
     done = subprocess.run([*line, "mcpc", "--json"], capture_output=True, text=True, timeout=60)
@@ -162,10 +163,11 @@ def test_a_reader_that_has_gone_is_no_error(executable, folder, arguments, code)
         assert json.loads((folder / "result.json").read_text("utf-8"))["samples"] == 100
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
 @pytest.mark.parametrize(
     "arguments",
-    [pytest.param(("analyze", "--samples", "100"), marks=pytest.mark.slow), ("init", "4dof.urdf", "--out", "-")],
+    [("analyze", "--samples", "100"), ("init", "4dof.urdf", "--out", "-")],
 )
 def test_a_stdout_that_is_full(executable, folder, arguments):
     with open("/dev/full", "w") as device:

@@ -10,6 +10,7 @@ SHEET = "gantry.errors.yaml"
 FEW = ("--samples", "500")
 
 
+@pytest.mark.slow
 def test_the_other_pose_by_name_and_by_values(run, folder):
     named = run("analyze", SHEET, "--relative-to", "home", *FEW, "--json", "-")
     by_values = run("analyze", SHEET, "--relative-to", "0 mm, 0 deg", *FEW, "--json", "-")

@@ -8,6 +8,7 @@ SHEET = "4dof.errors.yaml"
 FEW = ("--samples", "400", "--json", "-")
 
 
+@pytest.mark.slow
 def test_a_set_value_is_that_of_the_sheet_edited_by_hand(run, folder):
     (folder / "heavy.errors.yaml").write_text((folder / SHEET).read_text().replace("mass: 1 kg", "mass: 3 kg"))
     edited = run("analyze", "heavy.errors.yaml", *FEW)

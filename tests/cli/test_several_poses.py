@@ -13,6 +13,7 @@ FEW = ("--samples", "500")
 LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
 
 
+@pytest.mark.slow
 def test_the_ways_to_give_two_poses_are_one(run, folder):
     header = f"y_axis,{LONG}"
     (folder / "way.csv").write_text(f"{header}\n0.25,{math.radians(30)!r}\n0,0\n")
@@ -53,6 +54,7 @@ def test_the_exit_code_the_worst_pose_and_a_row_for_each_pose(run):
     assert sum("(worst)" in row for row in rows) == 1
 
 
+@pytest.mark.slow
 def test_the_folder_holds_the_result_and_the_plots(run, new_files):
     assert run("analyze", SHEET, "--all-poses", *FEW, "--out", "plots").code == 0
     names = {"plots", "plots/poses.json"} | {f"plots/{q}.{s}" for q in ("position", "attitude") for s in ("png", "svg")}
@@ -61,9 +63,10 @@ def test_the_folder_holds_the_result_and_the_plots(run, new_files):
         assert len(json.load(file)["poses"]) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
-    [*(pytest.param(name, marks=pytest.mark.slow) for name in ("budget", "exact-law")), "worst-case", "moments"],
+    ["budget", "exact-law", "worst-case", "moments"],
 )
 def test_the_analyses_take_poses_in_the_same_ways(run, folder, command):
     (folder / "way.csv").write_text(f"t,y_axis,{LONG}\n0,0.25,0\n1,0,0\n2,0.1,0.1\n")
@@ -87,6 +90,7 @@ def test_what_is_for_one_pose_is_refused_with_several(run, new_files, option, va
     assert new_files() == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["analyze", "map"])
 def test_a_journal_of_several_poses_is_resumed_and_knows_its_run(run, folder, command):
     plain = run(command, SHEET, "--all-poses", *FEW, "--json", "-").out
@@ -173,6 +177,7 @@ def test_of_many_poses_the_six_worst_are_listed_within_100_columns(run, folder):
     assert listed[0].startswith(f"row {worst + 1} (worst)")
 
 
+@pytest.mark.slow
 def test_warnings_at_each_pose_are_those_of_its_own_analysis(run, folder):
     sheet = folder / "4dof.errors.yaml"
     sheet.write_text(re.sub(r"accept:.*\n.*\n", "", sheet.read_text("utf-8")))

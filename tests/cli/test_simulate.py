@@ -42,6 +42,7 @@ def lengths(row) -> np.ndarray:
     return np.array([float(row[f"{axis} [mm]"]) for axis in "xyz"]) / 1e3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pose", ["paper", "other"])
 def test_a_reading_is_where_the_exported_robot_has_its_target(run, folder, sheet, pose):
     """Sag, encoder and bearing are those of this pose, and the turn of a pose is the exported one."""
@@ -75,6 +76,7 @@ def test_the_noise_is_the_instruments(run, folder, sheet):
     assert {row["std [mm]"] for row in rows(folder / "noisy.csv")} == {"0.050000"}
 
 
+@pytest.mark.slow
 def test_calibrate_reads_the_file_as_it_is(run, folder, sheet):
     (folder / "far.yaml").write_text("random: {count: 12, seed: 1}\n")
     made = run("simulate", sheet, "--grid", "far.yaml", *ROBOT, "--out", "r.csv")
@@ -85,6 +87,7 @@ def test_calibrate_reads_the_file_as_it_is(run, folder, sheet):
     assert run("calibrate", sheet, "r.csv", "--json", "-").json["verdict"] == "agrees"
 
 
+@pytest.mark.slow
 def test_cycles_are_the_visits_of_the_forecasts_robot(run, folder, sheet):
     """Its repeatability is that of an offset new at each visit, times its lever arm: by hand from the URDF."""
     made = run("simulate", sheet, "--all-poses", "--cycles", "20", "--seed", "8", *EXACT, "--out", "c.csv")

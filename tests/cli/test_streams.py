@@ -27,14 +27,14 @@ def shell(line: str, folder: Path) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
+@pytest.mark.slow
 @needs_full
-@pytest.mark.parametrize(
-    "words", ["--version", *(pytest.param(words, marks=pytest.mark.slow) for words in ("--help", "schema"))]
-)
+@pytest.mark.parametrize("words", ["--version", "--help", "schema"])
 def test_a_full_stdout_is_one_line(folder, words):
     assert shell(f"PP {words} > /dev/full", folder) == (2, "", FULL)
 
 
+@pytest.mark.slow
 @needs_full
 @pytest.mark.parametrize(
     ("words", "code"),
@@ -49,7 +49,8 @@ def test_a_full_stderr_changes_nothing(folder, words, code):
     assert shell(f"PP {words} 2> /dev/full", folder) == (code, usual[1], "")
 
 
-@pytest.mark.parametrize("closed", [pytest.param("2>&-", marks=pytest.mark.slow), ">&- 2>&- <&-"])
+@pytest.mark.slow
+@pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&- <&-"])
 def test_closed_streams(folder, closed):
     code, _, err = shell(f"PP init 4dof.urdf --out new.yaml {closed}", folder)
     assert (code, "Traceback" in err) == (0, False)

@@ -89,6 +89,7 @@ def test_long_names_go_on_below_where_that_is_enough() -> None:
     assert folded(rows, 100) == rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["", "example:ur5", "example:panda"])
 def test_an_answer_fits_a_screen_and_ends_with_the_verdict(run, monkeypatch: pytest.MonkeyPatch, robot: str) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
@@ -111,6 +112,7 @@ def test_an_answer_fits_a_screen_and_ends_with_the_verdict(run, monkeypatch: pyt
     assert " - worst pose " in several.out.splitlines()[-2] + several.out.splitlines()[-1] or not robot
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("robot", ["4dof.urdf", "example:ur5", "example:panda", "example:xarm7"])
 def test_a_shipped_sheet_gives_no_warning_and_its_result_lists_what_it_accepts(run, robot: str) -> None:
     outcome = run("analyze", robot, "--samples", "50", "--json", "-")
@@ -119,6 +121,7 @@ def test_a_shipped_sheet_gives_no_warning_and_its_result_lists_what_it_accepts(r
     assert all(": note W_" in line and "; accepted: " in line for line in outcome.json["warnings"])
 
 
+@pytest.mark.slow
 def test_a_urdf_has_one_line_in_a_command_and_all_in_check(run, folder) -> None:
     sheet = (
         "robot: example:ur5\ntip: tool0\nposes: {p: 0 -90 90 -90 -90 0 deg}\n"
@@ -134,6 +137,7 @@ def test_a_urdf_has_one_line_in_a_command_and_all_in_check(run, folder) -> None:
     assert spelled == listed
 
 
+@pytest.mark.slow
 def test_warnings_of_one_code_are_one_line_unless_all_are_asked_for(run, folder) -> None:
     drafted = run("init", "example:xarm7", "--tip", "link7", "--out", "seven.yaml")
     lines = [line for line in drafted.err_lines if "W_ANGLE_ROUNDED" in line]

@@ -10,7 +10,6 @@ import shutil
 import pytest
 
 from precision_pin.robot.examples import example_urdfs, shipped_sheets
-from support.thinning import mostly_slow
 
 from .conftest import Run
 
@@ -117,6 +116,7 @@ def test_too_few_samples_are_undecided(run: Run, folder, samples: int) -> None:
 class TestAssumptions:
     LINE = "rests on assumptions: 1 of 1 sources are marked as assumed in the sheet (joint_offset)"
 
+    @pytest.mark.slow
     def test_a_verdict_says_that_it_rests_on_them(self, run: Run, folder) -> None:
         (folder / "assumed.yaml").write_text(HEAD + ASSUMED, "utf-8")
         outcome = run("analyze", "assumed.yaml", "--samples", "300", "--spec", "5 mm", "--json", "found.json", "--all")
@@ -143,7 +143,8 @@ class TestAssumptions:
         assert len(outcome.json["assumed"]) == len(sources) > 3
 
 
-@pytest.mark.parametrize("name", mostly_slow([name for name in shipped_sheets() if name != "4dof"], fast=1))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in shipped_sheets() if name != "4dof"])
 def test_init_starts_from_the_sheet_with_sources(run: Run, folder, name: str) -> None:
     if name not in example_urdfs():
         pytest.skip("example-robot-data is not installed")
@@ -154,6 +155,7 @@ def test_init_starts_from_the_sheet_with_sources(run: Run, folder, name: str) ->
     assert run("check", f"{name}.errors.yaml").code == 0
 
 
+@pytest.mark.slow
 def test_init_names_the_sheet_with_sources_of_an_arm_of_the_same_name(run: Run, folder) -> None:
     if "ur5" not in example_urdfs():
         pytest.skip("example-robot-data is not installed")
@@ -163,6 +165,7 @@ def test_init_names_the_sheet_with_sources_of_an_arm_of_the_same_name(run: Run, 
     assert "(with sources: precision-pin init example:ur5, if this is such an arm)" in outcome.err
 
 
+@pytest.mark.slow
 def test_init_drafts_where_the_chain_is_another(run: Run, folder) -> None:
     if "ur5" not in example_urdfs():
         pytest.skip("example-robot-data is not installed")
@@ -184,6 +187,7 @@ class TestCheckAtPoses:
         assert "W_JOINT_LIMIT: pose 'reach': joint joint2 at 400 deg is outside its limits -180 to 180 deg" in line
         assert line.replace("pose 'reach': ", "") in run("analyze", "out.yaml", "--samples", "10").err
 
+    @pytest.mark.slow
     def test_limits_are_told_of_very_many_poses(self, run: Run, folder) -> None:
         more = "".join(f"  p{k}: 0 0 {400 if k == 299 else 0} 0 deg\n" for k in range(300))
         (folder / "many.yaml").write_text(HEAD + more + TURNS, "utf-8")
@@ -203,6 +207,7 @@ class TestCheckAtPoses:
         outcome = run("check", "bare.yaml")
         assert (outcome.code, "W_NO_POSES" in outcome.out) == (0, True)
 
+    @pytest.mark.slow
     def test_joint_values_of_the_command_line_are_asked_about(self, run: Run, folder) -> None:
         outcome = run("analyze", "--q", "90 0 45 0 rad", "--samples", "10")
         assert "W_ANGLE_UNIT: --q: joint1 at 90 rad is 5157 deg; did you mean deg?" in outcome.err

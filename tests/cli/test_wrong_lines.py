@@ -138,6 +138,7 @@ def odd_files(folder):
     return folder
 
 
+@pytest.mark.fast(32)
 @pytest.mark.parametrize("case", WRONG)
 def test_a_wrong_command_line(run, odd_files, contents, case):
     arguments, message = WRONG[case]

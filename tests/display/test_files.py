@@ -78,6 +78,7 @@ def test_files_of_a_folder_that_is_not_finished_do_not_appear(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_one_module_writes_files():
     writing = re.compile(r"\b(os|part|temporary|file)\.replace\(|\.write_(text|bytes)\(|mkstemp|NamedTemporaryFile")
     found = {

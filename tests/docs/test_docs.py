@@ -32,6 +32,7 @@ from pathlib import Path
 
 import pytest
 
+from cli.conftest import undrawn_figures  # noqa: F401  (a fixture for all of these tests)
 from precision_pin import cli
 from precision_pin.base.errors import InputError
 from precision_pin.cli.commands import list_commands
@@ -51,14 +52,8 @@ from support.package_code import FILES, import_statements
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
-LONG = (
-    "docs/allocate.md",
-    "docs/budget.md",
-    "docs/worst-case.md",
-    "docs/exact-law.md",
-    "docs/case.md",
-    "docs/questions.md",
-)
+QUICK = {"docs/errata.md", "docs/moments.md", "docs/start.md", "docs/sources.md", "docs/export.md", "docs/model.md"}
+"""Pages whose blocks run in less than a second; those without blocks that run take no time."""
 LANGUAGES = {"python", "console", "yaml", "xml", "text"}
 HEAD = {"precision-pin": "1", "robot": "4dof.urdf", "tip": "tool"}
 OF_THE_RUNNER = {"pytest", "_pytest", "pluggy", "iniconfig", "xdist", "execnet"}
@@ -94,8 +89,7 @@ def blocks(page: str) -> Iterator[Block]:
 
 
 def takes_long(page: str) -> bool:
-    """Return whether a page's blocks take long: an analysis of many samples, a report with all of them, twenty questions."""
-    return page in LONG or "$ precision-pin report" in PAGES[page].read_text(encoding="utf-8")
+    return page not in QUICK and any(block.language in ("python", "console") for block in blocks(page))
 
 
 # --- blocks ---
@@ -341,6 +335,7 @@ def test_generated_tables_are_in_step(page):
     assert text == generate.spliced(page, text), "run: python docs/generate.py"
 
 
+@pytest.mark.slow
 def test_the_picture_of_the_architecture_is_in_step():
     assert architecture.PICTURE.read_text(encoding="utf-8") == architecture.picture(), (
         "run: python docs/draw_architecture.py"
@@ -385,6 +380,7 @@ def defined(test: str) -> bool:
     return name in functions_of(file)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", ["eq", "no."])
 def test_every_equation_has_a_function_and_a_test(column):
     for number, _, functions, tests in rows("equations.md", column):
@@ -449,6 +445,7 @@ def test_every_command_has_a_section_and_every_exit_code_a_row():
     }
 
 
+@pytest.mark.slow
 def test_the_keys_of_the_result_are_those_of_the_page(folder, monkeypatch):
     words = ["precision-pin", "analyze", "--samples", "500", "--spec", "45 mm", "--json", "result.json"]
     assert command_line(words, monkeypatch)[0] == 0

@@ -30,7 +30,6 @@ from precision_pin.draws.laws import (
 )
 from precision_pin.draws.space import Space
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
-from support.thinning import mostly_slow
 
 SLOPES = ((0.0, -1.0), (0.3, -0.2), (0.6, 0.0), (0.9, 0.3), (1.0, 2.0))
 GAP = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (1.0, 2.5))
@@ -79,7 +78,8 @@ def integral(law: Law, weight: Callable[[Array], Array], *bends: float) -> float
 # ---- the correlation that follows ----
 
 
-@pytest.mark.parametrize("law", mostly_slow(LAWS, fast=6), ids=repr)
+@pytest.mark.fast(3)
+@pytest.mark.parametrize("law", LAWS, ids=repr)
 @pytest.mark.parametrize(
     "rho", [-0.3, 0.999, *(pytest.param(rho, marks=pytest.mark.slow) for rho in (-0.95, 0.1, 0.6))]
 )
@@ -140,6 +140,7 @@ SMOOTH = [law for law in LAWS if not isinstance(law, Lognormal)]
 PAIRS = list(itertools.combinations_with_replacement(SMOOTH, 2))
 
 
+@pytest.mark.fast(25)
 @pytest.mark.parametrize(("first", "second"), PAIRS, ids=repr)
 def test_every_pair_against_mehler_s_series(first: Law, second: Law) -> None:
     powers = np.arange(400)
@@ -169,7 +170,8 @@ def test_two_pairs_by_scipy_s_double_integral() -> None:
         assert covariance_of(first, second, rho) == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize("law", mostly_slow(LAWS, fast=4), ids=repr)
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS, ids=repr)
 def test_the_correlation_rises_with_that_of_the_scores_from_bound_to_bound(law: Law) -> None:
     """From the countermonotone to the comonotone pair (Hoeffding, 1940), which is the variance."""
     steps = [-1 + 2e-6, -0.99, -0.5, 0.0, 0.5, 0.99, 1 - 2e-6]
@@ -358,6 +360,7 @@ def test_the_first_in_the_alphabet_keeps_its_numbers() -> None:
     np.testing.assert_allclose(mixed[0], 0.6 * plain[1] + 0.8 * plain[0], rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 2**64 - 1])
 @pytest.mark.parametrize("first", [0, 7])
 def test_copula_against_plain_python(seed: int, first: int) -> None:

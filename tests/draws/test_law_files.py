@@ -155,6 +155,7 @@ def test_moments_ends_and_laws_of_an_added_law_are_those_by_hand(trapezoid: Any)
     np.testing.assert_allclose(law.characteristic(omega[None]), np.exp(5e-3j * omega) * known, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_an_added_law_is_sampled_alike_by_both_engines(model: pp.ErrorModel) -> None:
     clear = model.space.sample(3, 0, 20_000)
     assert abs(clear.std() / math.sqrt(VARIANCE) - 1) < 5 * math.sqrt((FOURTH / VARIANCE**2 - 1) / 80_000)
@@ -166,6 +167,7 @@ def test_an_added_law_is_sampled_alike_by_both_engines(model: pp.ErrorModel) -> 
     )
 
 
+@pytest.mark.slow
 def test_an_added_law_is_known_to_the_analyses(model: pp.ErrorModel) -> None:
     size = slope(model)
     assert pp.moments(model, "p").poses[0].std.value[1] == pytest.approx(size * math.sqrt(VARIANCE), rel=1e-3)
@@ -179,6 +181,7 @@ def test_an_added_law_is_known_to_the_analyses(model: pp.ErrorModel) -> None:
     assert pp.budget(model, "p").poses[0].std["position.y"] == pytest.approx(size * math.sqrt(VARIANCE), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_sums_with_an_added_law_are_those_of_its_uniform_parts(trapezoid: Any) -> None:
     """Convolution and Fourier series, against the distribution of a sum of uniform numbers by truncated powers."""
     part, third = trapezoid(A, B).projection(np.ones(1)), pp.Uniform(A / 2).projection(np.ones(1))
@@ -259,6 +262,7 @@ def test_every_law_of_one_number_is_tried() -> None:
     assert {type(law).__name__ for law, *_ in CLOSED} | several == {law.__name__ for law in LAWS}
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(("law", "error", "roughness"), CLOSED, ids=[repr(law)[:30] for law, *_ in CLOSED])
 def test_what_follows_from_the_quantiles_is_what_closed_forms_say(law: Law, error: float, roughness: float) -> None:
     bare, std = Bare(law), math.sqrt(law.covariance[0, 0])
@@ -394,6 +398,7 @@ def law_names(path: Path) -> set[str]:
     return names
 
 
+@pytest.mark.slow
 def test_no_other_file_names_a_law() -> None:
     found: dict[str, Any] = {}
     for path in FILES:

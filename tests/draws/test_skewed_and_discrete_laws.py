@@ -33,7 +33,6 @@ from precision_pin.draws.laws import (
 from precision_pin.draws.laws.law import cumulative
 from precision_pin.draws.space import LabelledSpace, Space
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
-from support.thinning import mostly_slow
 
 QUANTILES = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (0.9, 2.0), (1.0, 2.5))
 """A gap between -0.5 and 0.1, and 0.1 itself with probability 1/2."""
@@ -211,6 +210,7 @@ def test_moments_of_two_points_and_rows_by_hand() -> None:
 # ---- characteristic functions ----
 
 
+@pytest.mark.fast(29)
 @pytest.mark.parametrize("law", ALL, ids=repr)
 @pytest.mark.parametrize("scaled", [0.0, 1e-9, 0.01, 0.7, -2.0, 9.0])
 def test_characteristic_function_by_quadrature_of_the_inverse(law: Law, scaled: float) -> None:
@@ -222,6 +222,7 @@ def test_characteristic_function_by_quadrature_of_the_inverse(law: Law, scaled: 
     assert complex(law.characteristic(np.array([t]))) == pytest.approx(expected, abs=2e-12 + 1e-15 * phase)
 
 
+@pytest.mark.fast(16)
 @pytest.mark.parametrize("spread", [0.01, 0.1, 0.5, 1.0, 3.0, 30.0, 1000.0])
 @pytest.mark.parametrize("scaled", [1e-4, 0.05, 1.0, 4.0, 60.0, 5000.0])
 def test_lognormal_characteristic_function_by_a_fine_sum_along_another_path(spread: float, scaled: float) -> None:
@@ -238,6 +239,7 @@ def test_lognormal_characteristic_function_by_a_fine_sum_along_another_path(spre
     assert complex(law.characteristic(np.array([scaled]))) == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_lognormal_characteristic_function_by_scipy_s_integration() -> None:
     law, sigma = Lognormal(1.0, 1.0), math.sqrt(math.log(2))
     for t in (0.3, 2.0):
@@ -279,7 +281,8 @@ def test_characteristic_function_of_rows_is_the_mean_over_them() -> None:
     np.testing.assert_allclose(Rows(MEASURED).characteristic(t), expected, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("law", mostly_slow(ALL, fast=5), ids=repr)
+@pytest.mark.fast(2)
+@pytest.mark.parametrize("law", ALL, ids=repr)
 def test_characteristic_functions_take_any_shape_and_any_number_of_frequencies(law: Law) -> None:
     t = np.linspace(-3, 3, 24).reshape(1, 4, 6) / math.sqrt(law.covariance[0, 0])
     whole = law.characteristic(t)
@@ -445,6 +448,7 @@ EACH = Space(
 )
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("seed", [0, 20150713, 2**64 - 1])
 @pytest.mark.parametrize("first", [0, 7, 2**33 - 3])
 def test_every_law_against_plain_python(seed: int, first: int) -> None:

@@ -97,6 +97,7 @@ def test_variance_of_a_truncated_normal_by_quadrature(k: float) -> None:
     assert TruncatedNormal(2.0, 5.0, k).covariance[0, 0] == pytest.approx(4 * expected, rel=1e-13)
 
 
+@pytest.mark.fast(33)
 @scalar
 @pytest.mark.parametrize("scaled", [0.0, 1e-9, 0.01, 0.7, -2.0, 9.0, 30.0])
 def test_characteristic_function_by_quadrature(law: Law, frozen: Any, scaled: float) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cli.conftest import Outcome
+from cli.conftest import Outcome, undrawn_figures  # noqa: F401  (a fixture for all of these tests)
 from journeys.arms import ARMS, Arm
 from precision_pin.cli import main
 
@@ -56,7 +56,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
     return Desk(tmp_path)
 
 
-@pytest.fixture(params=list(ARMS))
+@pytest.fixture
 def arm(request: pytest.FixtureRequest) -> Arm:
-    """Return each of the five arms."""
+    """Return the arm of a name; each journey takes some of the five, and each arm takes two journeys or runs test_pairs."""
     return ARMS[request.param]

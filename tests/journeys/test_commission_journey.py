@@ -9,7 +9,7 @@ import pytest
 
 from journeys.arms import SLIDES, Pinocchio, rows_of, text_of
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.parametrize("arm", ["ur5", "gantry"], indirect=True)]
 
 CYCLES, ROBOTS = 10, 8
 HAS_VISITS = {"ur5", "panda"}

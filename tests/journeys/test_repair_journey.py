@@ -10,7 +10,7 @@ import pytest
 from journeys.arms import Pinocchio, rows_of, text_of
 from journeys.tolerances import ranked
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.parametrize("arm", ["4dof", "panda"], indirect=True)]
 
 SAMPLES = ("--samples", 20_000)
 BUILT = 200

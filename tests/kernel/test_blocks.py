@@ -37,6 +37,7 @@ def assert_same_bits(first: State, second: State) -> None:
         np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name), err_msg=field.name)
 
 
+@pytest.mark.fast(6)
 @pytest.mark.parametrize("model", ["exact", "linear"])
 @pytest.mark.parametrize("samples", [1, 2, 255, 256, 257, 16_384, 16_385, 40_001, 3 * BLOCK])
 def test_the_state_has_the_bits_of_observing_the_errors(model, samples: int) -> None:
@@ -57,6 +58,7 @@ def test_errors_do_not_depend_on_the_range_asked_for() -> None:
     np.testing.assert_array_equal(sampler.errors_at(LAYOUT, "exact", components[:, 5:700]), whole[:, 5:700])
 
 
+@pytest.mark.slow
 def test_any_cut_into_calls_and_any_number_of_threads_give_the_same_bits() -> None:
     samples, blocks = 9 * BLOCK + 1234, 10
     whole = sampler.accumulate(LAYOUT, PLAN, "exact", 5, 0, blocks, samples=samples)

@@ -32,6 +32,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[str]]:
     return found
 
 
+@pytest.mark.slow
 def test_jobs_are_done_the_last_after_all_others(tmp_path: Path, started: list[subprocess.Popen[str]]) -> None:
     shares: list[float] = []
 

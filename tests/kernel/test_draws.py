@@ -126,6 +126,7 @@ def test_logarithm_and_turned_are_within_two_units_in_the_last_place() -> None:
     assert ulps(cosine[exact & (cosine != 0)], expected.real[exact & (cosine != 0)]) <= 2
 
 
+@pytest.mark.slow
 def test_normal_scores_equal_scipy_far_into_the_tail() -> None:
     p = np.concatenate([np.linspace(1e-6, 0.5, 5001), np.geomspace(math.exp(-25), 0.5, 5001)])
     scores = np.array([*map(from_python(loops.normal_score), p)])
@@ -141,6 +142,7 @@ GRID = np.concatenate([[2.0**-53, 3 * 2.0**-53, 1e6 * 2.0**-52 + 2.0**-53], INNE
 GRID = np.concatenate([GRID, 1 - GRID])
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize(
     ("function", "arguments", "expected"),
     [
@@ -167,6 +169,7 @@ def test_quantiles_on_an_injected_grid_equal_scipy(function, arguments, expected
     np.testing.assert_allclose(value[lower] - arguments[0], -(value[~lower] - arguments[0]), rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_disc_and_circle_on_an_injected_grid() -> None:
     u, v = (grid.ravel() for grid in np.meshgrid(GRID[::41], GRID[::37]))
     x, y = row_of(loops.disc_law, [u, v], 1.5, rows=2)
@@ -176,6 +179,7 @@ def test_disc_and_circle_on_an_injected_grid() -> None:
     np.testing.assert_allclose(x + 1j * y, 1.5 * np.exp(2j * np.pi * v), rtol=0, atol=3e-15)
 
 
+@pytest.mark.slow
 def test_a_joint_normal_has_the_root_and_mean_of_its_covariance() -> None:
     z = np.random.default_rng(4).normal(size=(3, loops.TILE))
     w = np.zeros((3, loops.STRIDE))

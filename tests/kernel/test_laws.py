@@ -87,6 +87,7 @@ def test_draws_are_those_of_the_space(seed: int, first: int, count: int, pose: i
         np.testing.assert_allclose(drawn[rows], expected[rows], rtol=0, atol=1e-13, err_msg=draw.name)
 
 
+@pytest.mark.slow
 def test_draws_are_those_of_plain_python() -> None:
     space = Space(tuple(draw for draw in SPACE.draws if draw.name != "many"), SPACE.correlations)
     layout = layout_of(space)
@@ -116,6 +117,7 @@ def test_scopes_are_honoured(name: str) -> None:
     assert np.array_equal(pose, both) == (scope is not Scope.VISIT)
 
 
+@pytest.mark.slow
 def test_samples_stay_between_the_bounds_and_the_bounds_are_the_law_s() -> None:
     drawn = sampler.sample(LAYOUT, 3, 0, 300_000)
     assert (drawn >= LAYOUT.lowest[:, None]).all()
@@ -192,6 +194,7 @@ def test_the_farthest_score_is_that_of_the_laws() -> None:
     assert loops._FARTHEST == laws.FARTHEST_NORMAL
 
 
+@pytest.mark.slow
 def test_exponential_is_within_two_units_in_the_last_place() -> None:
     rng = np.random.default_rng(1)
     x = np.concatenate([rng.uniform(-690, 690, 20_000), rng.normal(size=20_000), [0.0, -1e-300, 1e-17]])
@@ -200,6 +203,7 @@ def test_exponential_is_within_two_units_in_the_last_place() -> None:
     assert from_python(loops.exponential)(0.0) == 1.0
 
 
+@pytest.mark.slow
 def test_cumulative_equals_scipy_far_into_the_tail() -> None:
     z = np.concatenate([np.linspace(-8.6, 8.6, 17_201), np.geomspace(1e-12, 8.6, 500), -np.geomspace(1e-12, 8.6, 500)])
     seen = np.array([*map(from_python(loops.cumulative), z)])
@@ -231,6 +235,7 @@ def row_of(function, given, *arguments):
     return result
 
 
+@pytest.mark.slow
 def test_quantiles_on_an_injected_grid_equal_scipy() -> None:
     seen = row_of(loops.arcsine_law, GRID, 0.3, 2.0)
     lower = GRID < 0.5
@@ -243,6 +248,7 @@ def test_quantiles_on_an_injected_grid_equal_scipy() -> None:
     np.testing.assert_array_equal(seen, np.where(GRID > 0.7, 2.3, -1.7))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law", [Empirical(SLOPES), Empirical(GAP), Empirical.from_samples(MANY), Empirical.from_samples([1.5])]
 )
@@ -266,6 +272,7 @@ def test_the_largest_uniform_number_chooses_the_last_row(count: int) -> None:
     assert w[loops.STRIDE : loops.STRIDE + 3].tolist() == [1.0, 2.0 * (count // 2) + 1, 2.0 * count - 1]
 
 
+@pytest.mark.slow
 def test_correlate_is_the_mixing_of_numpy() -> None:
     group = SPACE.correlations[0]
     n = np.random.default_rng(4).normal(size=(4, loops.TILE)) * 3

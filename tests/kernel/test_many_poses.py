@@ -92,6 +92,7 @@ def assert_as_one_at_a_time(
             np.testing.assert_array_equal(norms.sketch[p, part], counts)
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("model", ["exact", "linear"])
 @pytest.mark.parametrize(("poses", "samples"), [(1, 300), (3, 1), (5, BLOCK + 333), (7, 2048), (11, 255)])
 def test_all_scopes_formulas_and_products_have_the_bits_of_one_pose_at_a_time(model, poses: int, samples: int) -> None:
@@ -108,6 +109,7 @@ def test_wide_angles(turn: float) -> None:
     assert_as_one_at_a_time(models, "exact", 700)
 
 
+@pytest.mark.slow
 def test_a_turn_of_nearly_half_a_turn_at_one_pose_of_many() -> None:
     space = Space((Draw("a", Uniform(1.0)), Draw("b", Uniform(1.0), Scope.POSE)))
     rng = np.random.default_rng(4)

@@ -70,6 +70,7 @@ def scaled(arm: Chain, stiffness: float = 1.0, statics="equilibrium") -> ErrorMo
 # --- exact rods ---
 
 
+@pytest.mark.slow
 def test_the_rods_are_those_of_the_reference():
     error = rods_error()
     assert np.linalg.norm(error[:3]) / MM == pytest.approx(35.877, abs=5e-4)
@@ -93,6 +94,7 @@ def test_distance_to_the_rods(arm):
             assert np.linalg.norm((error - exact)[rows]) < 0.1 * bound * np.linalg.norm(exact[rows])
 
 
+@pytest.mark.slow
 def test_slopes_are_those_of_the_rods(arm):
     jacobian = scaled(arm).at(PAPER_Q).jacobian
     h = 0.01
@@ -206,12 +208,14 @@ def test_a_sliding_joint_on_a_spring_by_hand():
 # --- limits ---
 
 
+@pytest.mark.slow
 def test_a_stiff_arm_has_the_nominal_answer(arm):
     nominal, rest = (scaled(arm, 1e6, statics).at(PAPER_Q) for statics in ("nominal", "equilibrium"))
     np.testing.assert_allclose(rest.tangent[0], nominal.tangent[0], rtol=1e-6, atol=1e-13)
     np.testing.assert_allclose(rest.jacobian, nominal.jacobian, rtol=1e-5, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_geometry_keeps_its_terms_exactly(arm):
     """Lengths, frames and offsets stand beside loads as in nominal statics, bit for bit; only loaded terms are new."""
     nominal, rest = (settings(arm, statics) for statics in ("nominal", "equilibrium"))

@@ -25,6 +25,8 @@ from support.checks.beam import integrals
 from support.plain_robot import inserted, motion, pose_error
 from support.sheets import PAPER_Q
 
+pytestmark = pytest.mark.slow
+
 MM = 1e-3
 JOINTS = ("joint1", "joint2", "joint3", "joint4")
 
@@ -103,7 +105,6 @@ def test_the_fixed_point_by_another_route(chain, payload, stiffness):
     np.testing.assert_allclose(error, settled_by_hand(chain, payload, stiffness), atol=1e-12)
 
 
-@pytest.mark.slow
 def test_its_slopes_are_those_of_the_solution_solved_anew(chain):
     jacobian = model(chain, links=STIFF).at(PAPER_Q).jacobian
     step = 1e-3

@@ -24,6 +24,7 @@ from support.plain_robot import inserted, pose_error
 from support.sheets import PAPER_Q, SEVEN_Q, everything, seven_joint_arm
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("scale", [1.0, 30.0])
 @pytest.mark.parametrize("prismatic", [(), (4,), (2, 7)])
 def test_sampled_errors_of_all_sources_against_the_definition(prismatic, scale):
@@ -63,6 +64,7 @@ def frames_and_offsets(chain: Chain, joint_errors, ends, seats) -> ErrorModel:
     return ErrorModel(chain, Space(), sources)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("turn", [0.12, *(pytest.param(turn, marks=pytest.mark.slow) for turn in (1e-4, 0.02))])
 @pytest.mark.parametrize("name", ["seven", "ur5", "panda", "tiago"])
 @pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")

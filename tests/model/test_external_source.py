@@ -94,6 +94,7 @@ def test_in_samples_beside_another_source():
         np.testing.assert_allclose(error, pose_error(displaced_pose(chain, SEVEN_Q, totals), nominal), atol=1e-13)
 
 
+@pytest.mark.slow
 def test_in_a_monte_carlo_run():
     """The blocks of the sampler against the clear engine on the same numbers."""
     sources = [ThermalGrowth(link="link2", expansion=STEEL, warming=WARMING), Frame(joint="joint1", rz=Uniform(1e-3))]

@@ -28,6 +28,7 @@ def configurations(chain, poses: int, seed: int = 5):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (len(chain.joints), poses))
 
 
+@pytest.mark.fast(28)
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize(("kind", "source"), [case[:2] for case in CASES])
 def test_terms_made_together_are_those_made_one_by_one(kind, source, arm):
@@ -70,6 +71,7 @@ def together(chain, sources, q):
     return terms_at_many(Posture(chain, many.q, many.joint_poses, chain.loads), each, bound)
 
 
+@pytest.mark.slow
 def test_a_side_that_turns_between_poses_is_found():
     chain = ARMS["base to tool"]
     q = configurations(chain, 40)
@@ -129,6 +131,7 @@ def test_several_twists_at_one_posture_are_refused():
 # first-order models --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sheet", ["4dof", "ur5"])
 def test_tangents_are_those_of_one_pose(sheet):
     model = ErrorModel.load(shipped_sheets()[sheet])
@@ -142,6 +145,7 @@ def test_tangents_are_those_of_one_pose(sheet):
         assert np.allclose(jacobian[:, :, k], j, rtol=0, atol=1e-12 * np.abs(j).max())
 
 
+@pytest.mark.slow
 def test_tangents_where_formulas_change_between_poses():
     chain = ARMS["base to tool"]
     sources = [

@@ -12,6 +12,8 @@ from precision_pin.export.as_built import AsBuilt
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Overrides, read
 
+pytestmark = pytest.mark.slow
+
 POINT = np.array([0.03, -0.08, 0.2])
 POSES = np.radians([[-90, 3, 88, -91], [20, -40, 70, 10]]).T
 TOOL_SOURCES = """

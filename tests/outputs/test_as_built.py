@@ -143,8 +143,9 @@ def example(name: str) -> tuple[Path, str, str | None, dict[str, float]]:
 # --- geometry at every pose ---
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
-@pytest.mark.parametrize("name", ["panda", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ur5", "kinova"))])
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
 def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
     path, tip, base, locked = example(name)
     chain = Chain.from_urdf(path, tip, base, locked=locked)
@@ -160,6 +161,7 @@ def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
     assert set(after) <= set(before)
 
 
+@pytest.mark.slow
 def test_geometric_errors_of_the_papers_arm():
     chain = Chain.from_urdf(PAPER_SHEET.with_name("4dof.urdf"))
     model = ErrorModel(chain, Space(), every_geometric(chain))
@@ -168,6 +170,7 @@ def test_geometric_errors_of_the_papers_arm():
     assert_reproduced(model, writer, built, poses_of(chain))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("base", "tip", "locked", "ends"),
     [
@@ -317,7 +320,8 @@ def laden(tmp_path: Path, statics: str = "nominal") -> ErrorModel:
     return ErrorModel(model.chain, space, sources, {"export": [0.3, -0.7, 1.1, 0.2, -1.3, 0.8, 0.5]}, statics)
 
 
-@pytest.mark.parametrize("statics", ["nominal", pytest.param("equilibrium", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
 def test_all_errors_are_reproduced_at_the_export_pose(tmp_path, statics):
     model = laden(tmp_path, statics)
     writer = AsBuilt.prepare(model, "export")
@@ -403,6 +407,7 @@ def test_a_robot_that_does_not_stand_where_it_should_is_not_given_out(tmp_path, 
         next(writer.units(0, 0, 1))
 
 
+@pytest.mark.slow
 def test_units_are_those_of_the_sampler(tmp_path):
     from precision_pin import monte_carlo
 

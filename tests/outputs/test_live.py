@@ -34,7 +34,6 @@ from precision_pin.pages.view import ViewPose, page
 from precision_pin.pages.view.live import serve
 from precision_pin.robot.chain import Chain
 from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
-from support.thinning import mostly_slow
 
 HOSTILE = "</title><script>document.title = 'owned'</script><img src=x onerror=alert(1)>\u202e"
 SCRIPT = """
@@ -296,9 +295,10 @@ def rewritten_with_the_same_stamp(path: Path, text: str) -> None:
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize(
     "write",
-    mostly_slow([replaced, lambda path, text: path.write_text(text, "utf-8"), rewritten_with_the_same_stamp], fast=1),
+    [replaced, lambda path, text: path.write_text(text, "utf-8"), rewritten_with_the_same_stamp],
 )
 def test_a_change_is_seen_however_it_is_written(served, sheet, write):
     first = served.get("/version")[2]
@@ -688,6 +688,7 @@ def port_of(process: subprocess.Popen[str]) -> int:
     return int(process.stderr.readline().strip().rstrip("/").rpartition(":")[2])
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_at_once_and_the_port_can_be_used_again(sheet):
     process = started(sheet)
     try:

@@ -42,6 +42,7 @@ def test_the_layout_follows_the_places(poses, kind, axes):
     assert (layout.kind, layout.names) == (kind, axes)
 
 
+@pytest.mark.slow
 def test_a_heat_map_shows_the_value_of_each_place():
     made = pp.map_poses(PAPER, PLANE, verify=1, specifications=["20 mm"])
     drawn = figure(made)
@@ -59,6 +60,7 @@ def test_a_heat_map_shows_the_value_of_each_place():
     assert labels == ["not reached", "specification not met"]
 
 
+@pytest.mark.slow
 def test_of_several_branches_the_worst_is_drawn():
     poses = pp.place_grid(CHAIN, pp.box_places(x=[1.0, 1.5, 2.0], y=[0.2, 0.6], z=0.3), SIDEWAYS, branches="all")
     made = pp.map_poses(PAPER, poses, verify=0)

@@ -147,6 +147,7 @@ def test_no_name_is_markup(hostile_model):
         assert "\n" not in repr(what), type(what)
 
 
+@pytest.mark.slow
 def test_nothing_has_a_colour_or_a_script(paper_things):
     for what in paper_things:
         page = shown(what)
@@ -157,6 +158,7 @@ def test_nothing_has_a_colour_or_a_script(paper_things):
         }
 
 
+@pytest.mark.slow
 def test_plain_text_is_one_useful_line(paper_things):
     for what in paper_things:
         line = repr(what)
@@ -256,6 +258,7 @@ def test_the_lines_of_a_model(model):
     assert poses[1] == ["paper", "joint1 -90°, joint2 3°, joint3 88°, joint4 -91°"]
 
 
+@pytest.mark.slow
 def test_the_numbers_of_a_budget(model, paper_things):
     result = paper_things[5]
     head, *rows = shown(result).tables[0]
@@ -275,6 +278,7 @@ def test_the_numbers_of_a_budget(model, paper_things):
         assert (float(printed[1]) if printed else float(row[4])) == pytest.approx(100 * total.value, abs=0.06)
 
 
+@pytest.mark.slow
 def test_the_numbers_of_the_worst_case(paper_things):
     result = paper_things[6]
     rows = {row[0]: row for row in shown(result).tables[0][1:]}
@@ -290,6 +294,7 @@ def test_the_numbers_of_the_worst_case(paper_things):
         assert rows[symbol][4:] == ["-", *(f"{1e3 * end:.6g}" for end in entry.seen)]
 
 
+@pytest.mark.slow
 def test_the_numbers_of_the_exact_law(paper_things):
     result = paper_things[7]
     rows = {row[0]: row for row in shown(result).tables[0][1:]}
@@ -301,6 +306,7 @@ def test_the_numbers_of_the_exact_law(paper_things):
     assert "not available: only of normal draws" in shown(result).text
 
 
+@pytest.mark.slow
 def test_the_verdict_of_a_reliability_analysis(paper_things):
     (entry,) = paper_things[8].poses[0].specifications
     row = shown(paper_things[8]).tables[0][1]
@@ -318,6 +324,7 @@ def test_of_many_poses_a_few_are_shown(model):
     assert "… and 2 more poses" in page.text
 
 
+@pytest.mark.slow
 def test_the_table_of_mcpc_parameters(paper_things):
     rows = shown(paper_things[1]).tables[0]
     # Table 1 of the paper: α_1 = -90°, y_1 = -a_1, x_2 = a_2, x_3 = a_4, z_4 = -(a_1 + a_3 + a_5)

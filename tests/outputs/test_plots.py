@@ -109,6 +109,7 @@ def drawn_texts(figure: Figure) -> list[Text]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=[pytest.mark.slow] * (case not in FAST_CASES)) for case in CASES]
 )
@@ -132,6 +133,7 @@ def test_text_is_large_enough_inside_the_page_and_does_not_overlap(case: str) ->
                 assert not box.overlaps(other), (name, words, other_words)
 
 
+@pytest.mark.slow
 def test_the_overlap_check_notices_an_overlap() -> None:
     figure = plots.figure_position(summary_of(errors_of("offset")))
     figure.text(0.5, 0.1, "a text laid across the legend, which it must not be")
@@ -140,6 +142,7 @@ def test_the_overlap_check_notices_an_overlap() -> None:
     assert any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[i + 1 :])
 
 
+@pytest.mark.slow
 def test_figures_have_the_column_widths() -> None:
     figures = figures_of(summary_of(errors_of("offset")))
     for name, width in (("position", 85), ("attitude", 85), ("histogram", 85), ("components", 174)):
@@ -282,6 +285,7 @@ def test_saving_writes_the_same_bytes_each_time(tmp_path: Path) -> None:
     assert "date" not in first[1].read_text(encoding="utf-8").lower()
 
 
+@pytest.mark.slow
 def test_a_place_that_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
     figure = plots.figure_position(summary_of(errors_of("five samples")))
     with pytest.raises(OutputError, match=r"cannot write .*No such file") as caught:
@@ -293,6 +297,7 @@ def test_a_place_that_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path:
     assert not list(tmp_path.glob(".*"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="permission bits are those of POSIX")
 def test_files_get_the_usual_permissions(tmp_path: Path) -> None:
     (tmp_path / "plain").write_text("")

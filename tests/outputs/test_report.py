@@ -50,6 +50,7 @@ SECTIONS = (
     "reproduce",
 )  # fmt: skip
 LARGEST = 6_000_000
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +109,7 @@ def test_all_but_the_decision_is_folded_and_a_link_leads_into_the_fold():
     assert made.count('open=""') == 1
 
 
+@pytest.mark.slow
 def test_what_to_change_is_what_a_sheet_with_the_change_gives(model, tmp_path, reader):
     table = reader.table("What to change, and what it brings: |d|")
     assert table.rows[0] == ["change", "share of the variance %", "95 % within [mm]"]
@@ -227,7 +229,6 @@ def test_figures_are_shapes_in_colours_of_the_page():
         assert "currentColor" in figure
 
 
-@pytest.mark.slow
 def test_the_same_results_give_the_same_page_and_no_folder_is_named():
     results, text = paper()
     assert page(results) == text
@@ -332,7 +333,6 @@ def test_only_what_is_met_is_shown_as_met(interval, varies, words):
     assert ('class="verdict met"' in verdict(found).text) == (words == "The specification is met.")
 
 
-@pytest.mark.slow
 def test_a_result_says_what_it_rests_on_and_where_nothing_varies():
     results, _ = paper()
     analysis = results.analysis
@@ -359,7 +359,6 @@ def test_a_result_says_what_it_rests_on_and_where_nothing_varies():
     assert "verdict met" not in made
 
 
-@pytest.mark.slow
 def test_budget_is_that_of_the_analysis(model, reader):
     pose = budget(model, seed=4).poses[0]
     words = dict(zip((draw.name for draw in model.space.draws), model.draw_words, strict=True))
@@ -389,7 +388,6 @@ def test_budget_is_that_of_the_analysis(model, reader):
     ))  # fmt: skip
 
 
-@pytest.mark.slow
 def test_the_two_bearings_of_an_axis_are_one_cause_that_opens(model, reader):
     pose = budget(model, seed=4).poses[0]
     ends = [pose.draw(f"axis_install[joint1].{end}") for end in "AB"]
@@ -404,6 +402,7 @@ def test_the_two_bearings_of_an_axis_are_one_cause_that_opens(model, reader):
     assert agrees(row[6], 1e3 * math.sqrt(total - 0.75 * both * total))
 
 
+@pytest.mark.slow
 def test_worst_case_is_that_of_the_analysis(model, reader):
     pose = worst_case(model, seed=4, samples=SAMPLES).poses[0]
     table = reader.table("Worst case of the sizes")
@@ -425,7 +424,6 @@ def test_worst_case_is_that_of_the_analysis(model, reader):
         )
 
 
-@pytest.mark.slow
 def test_exact_law_is_that_of_the_analysis(model, reader):
     laws = exact_law(model, seed=4).poses[0].laws
     table = reader.table("Exact law of the first-order model")
@@ -487,7 +485,6 @@ def test_assumptions_and_reproduction(model, reader):
 # other inputs --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_hostile_names_are_text(tmp_path):
     text = page(results_of(write_hostile(tmp_path), ("1 mm",), samples=500))
     reader = Reader(text)
@@ -505,7 +502,6 @@ def test_hostile_names_are_text(tmp_path):
     assert f"{HAN} (slides)" in [row[1] for row in reader.table("MCPC").rows]
 
 
-@pytest.mark.slow
 def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path):
     sheet = write_hostile(tmp_path)
     named = "parameters:\n  p: {uniform: 0.1 mrad}\n  r: {uniform: 0.2 mrad}\n"
@@ -519,7 +515,8 @@ def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path
     assert [row[0] for row in reader.table("Causes of the position error").rows].count("correlated: p + r") == 1
 
 
-@pytest.mark.parametrize("samples", [1, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", [1, 40])
 def test_few_samples_are_said_to_resolve_little(model, samples):
     results = sampled_again(model, samples=samples)
     reader = Reader(verdict(results).text + distributions(results).text)
@@ -528,7 +525,6 @@ def test_few_samples_are_said_to_resolve_little(model, samples):
     assert set(reader.table("Numbers of the position").row("99.73 %")) == {"–"}
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
 def test_an_arm_without_errors(tmp_path):
     sheet = tmp_path / "none.yaml"
@@ -540,7 +536,6 @@ def test_an_arm_without_errors(tmp_path):
     assert reader.table("Errors that few robots exceed").row("|d| [mm]") == ["0 [0, 0]", "–"]
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
 def test_a_page_with_meshes_is_small_enough():
     text = page(results_of(PAPER_SHEET.parent / "panda.errors.yaml", samples=6000))
@@ -573,7 +568,6 @@ def three_poses(tmp_path_factory):
     return sheet, collect_poses(read(sheet), ["near", "far", SCRIPT], specifications=limit, **settings)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_several_poses_stand_on_one_page_the_worst_first(three_poses):
     sheet, found = three_poses

@@ -141,6 +141,7 @@ def test_the_arm_stands_out_from_light_and_dark_paper():
         assert 20 < middle.mean() < 235
 
 
+@pytest.mark.slow
 def test_a_posture_alone_is_enough(at):
     posture = dataclasses.replace(at.posture)
     assert draw_picture(posture, Cloud(np.zeros((3, 1)))).points == 1

@@ -37,10 +37,12 @@ def texts(figure: Figure) -> str:
     return " ".join(text.get_text() for text in figure.findobj(Text)).replace("\n", " ")
 
 
+@pytest.mark.slow
 def test_every_analysis_is_tried(results):
     assert set(results) == {name for name, one in declarations().items() if one.heading}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["budget", "worst-case", "exact-law", "reliability", "moments"])
 def test_a_result_draws_itself_and_names_robot_pose_n_and_seed(results, name):
     figure = results[name].plot()
@@ -74,6 +76,7 @@ def test_wrong_arguments_get_one_line(results):
         results["budget"].plot(pose=1)
 
 
+@pytest.mark.slow
 def test_sampled_results_draw_themselves():
     result = monte_carlo(ErrorModel.load(PAPER_SHEET), samples=500, seed=7)
     for quantity in ("position", "attitude", "components", "position.x"):
@@ -90,6 +93,7 @@ def test_sampled_results_draw_themselves():
         result.plot("components", axes=axes)
 
 
+@pytest.mark.slow
 def test_a_bound_below_what_was_found_says_why():
     # joints that turn by a radian bend the arm far beyond its tangent
     from precision_pin.analyses.worst_case.figure import explain_excess

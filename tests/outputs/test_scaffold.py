@@ -22,7 +22,6 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, resolve_robot
 from precision_pin.sheet import read
 from precision_pin.sources import catalogue
-from support.thinning import mostly_slow
 
 # odd robots have findings, which are not what is tested here
 pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
@@ -101,6 +100,7 @@ def active(text: str, kind: str) -> list[str]:
     "name", [*(pytest.param(name, marks=[pytest.mark.slow] * (name not in FAST_ARMS)) for name in ARMS), "paper"]
 )
 class TestAnyArm:
+    @pytest.mark.slow
     def test_it_runs_unedited(self, name: str, tmp_path: Path) -> None:
         chain = chain_of(name)
         path = written(text_of(name), tmp_path)
@@ -272,6 +272,7 @@ def test_joints_that_no_weight_can_move_get_no_compliance(
     assert ErrorModel.load(written(text, tmp_path)).at().posture.load_torque.tolist() == [0.0]
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     "limits",
     [
@@ -297,6 +298,7 @@ def test_poses_stay_within_odd_limits(limits: str, kind: str, tmp_path: Path) ->
         assert model.at(pose).findings("exact") == ()
 
 
+@pytest.mark.slow
 def test_turning_and_sliding_joints_get_their_own_units(tmp_path: Path) -> None:
     text = text_of("tiago")
     assert re.search(r"^    torso_lift_joint: [\d.]+ m$", text, re.MULTILINE)
@@ -382,7 +384,8 @@ ODD_NAMES = [
 ]
 
 
-@pytest.mark.parametrize("name", mostly_slow(ODD_NAMES, fast=10))
+@pytest.mark.fast(4)
+@pytest.mark.parametrize("name", ODD_NAMES)
 def test_odd_names_survive(name: str, tmp_path: Path) -> None:
     body = link("base") + link(f"{name}1", 1.0, "0.1 0 0") + link(name, 1.0, "0.1 0 0") + link(f"{name}3")
     body += joint(name, "base", f"{name}1", axis="0 1 0")
@@ -407,6 +410,7 @@ def loaded(text: str, version: str) -> object:
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), max_size=30) | st.text(string.printable, max_size=12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["1.1", "1.2"])
 @given(name=NAMES)
 def test_quoting_survives_any_name(version: str, name: str) -> None:

@@ -303,6 +303,7 @@ def drawn_points(text):
     return [len(floats(pose["points"])) // 3 for pose in data_block(text, "settings")["poses"]]
 
 
+@pytest.mark.slow
 def test_the_cloud_is_capped_and_the_page_stays_small(tmp_path):
     at = pose_model(tmp_path, arm_text())
     errors = made_up_errors(MOST_POINTS + 1)
@@ -316,6 +317,7 @@ def test_the_cloud_is_capped_and_the_page_stays_small(tmp_path):
     assert len(most) < 3e6
 
 
+@pytest.mark.slow
 def test_all_poses_share_the_points(tmp_path):
     at = pose_model(tmp_path, arm_text())
     errors = made_up_errors(30_000)
@@ -403,6 +405,7 @@ def test_real_arms_with_every_point_make_pages_under_6_mb(name, tip):
     assert len({path.rpartition("/")[0] for path in nodes if "/part" in path}) == meshes
 
 
+@pytest.mark.slow
 def test_the_script_writes_its_pages(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["view_poses.py", str(tmp_path)])
     runpy.run_path(str(SCRIPTS / "view_poses.py"), run_name="__main__")

@@ -22,7 +22,7 @@ from precision_pin.pages.view import ViewPose
 from precision_pin.sources import JointOffset
 from support.browser import chromium, complaints, needs_chromium, visited
 
-pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")]
 
 PLACE = se3.displacement([2.0, -1.0, 0.5, 0.3, -1.2, 0.8])
 ROW = 9
@@ -121,7 +121,6 @@ PLANE = ((0.0, 0.0, 0.1), (0.0, 0.6, 0.8))
 SOCKETS = ((0.9, 0.2, 0.8), (0.2, 0.9, 1.0))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "measurement",
     [
@@ -235,7 +234,6 @@ def test_one_reading_without_residual():
     calibration_chapter(layer.result)
 
 
-@pytest.mark.slow
 def test_names_are_never_markup(case):
     _, result, _ = case
     named = replace(result, poses=(replace(result.poses[0], name="<img src=x>"),))
@@ -275,7 +273,6 @@ def test_the_section_has_the_numbers_of_the_json(case):
     assert "before this calibration" in text
 
 
-@pytest.mark.slow
 def test_the_head_of_the_page_has_the_verdict_what_is_left_and_what_has_no_weight(case):
     _, result, _ = case
     gain, verdict, share, left, gross = calibration_chapter(result).answers
@@ -302,7 +299,6 @@ def test_a_notebook_shows_the_lines_of_the_table(case):
 # the JSON ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_a_result_is_fitted_again_from_its_file():
     """With deviations and groups of the rows, and at two visits of a pose."""
     model, q = plain_model(), random_poses(4, 8)
@@ -348,7 +344,6 @@ STATE = """() => {
 }"""
 
 
-@pytest.mark.slow
 @needs_chromium
 def test_a_press_marks_a_reading(case, tmp_path):
     _, _, layer = case

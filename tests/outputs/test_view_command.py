@@ -60,6 +60,7 @@ def sampled_positions(pose: dict) -> np.ndarray:
     return floats(pose["points"]).reshape(-1, 3).T
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     ("options", "names"),
     [
@@ -79,6 +80,7 @@ def test_the_poses_asked_for_are_shown(run, folder, options, names):
     assert [pose["texts"]["caption-pose"] for pose in shown_poses(folder / "page.html")] == names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["exact", "linear"])
 def test_the_same_units_stand_at_every_pose(run, folder, model):
     run("--all-poses", "--model", model, "--out", "page.html")
@@ -91,6 +93,7 @@ def test_the_same_units_stand_at_every_pose(run, folder, model):
         assert len(pose["ghosts"]) == 3
 
 
+@pytest.mark.slow
 def test_many_samples_are_drawn_in_pieces_and_are_those_of_one(run, folder):
     run("--samples", "40000", "--out", "page.html")
     (pose,) = shown_poses(folder / "page.html")
@@ -108,6 +111,7 @@ def test_a_limit_is_judged_in_the_page_and_by_the_exit_code(run, folder, limit, 
     assert pose["answers"][0][2] == verdict
 
 
+@pytest.mark.slow
 def test_what_is_assumed_is_said_below_the_answer(run, folder):
     sheet = folder / "4dof.errors.yaml"
     sheet.write_text(sheet.read_text("utf-8").replace("scope: pose}}", "scope: pose}, assumed: true}"), "utf-8")
@@ -116,6 +120,7 @@ def test_what_is_assumed_is_said_below_the_answer(run, folder):
     assert "Rests on assumptions: 1 of" in text[: text.index("<main")]
 
 
+@pytest.mark.slow
 def test_a_warning_of_many_poses_is_one_line(run, folder):
     (folder / "way.csv").write_text(f"{HEADER}\n0,0,0,0\n" + "9,0,0,0\n" * 5)
     code, said = run("--trajectory", "way.csv", "--out", "page.html")
@@ -162,6 +167,7 @@ def test_a_sheet_without_poses_has_none_to_show(run, folder):
 # served --------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_without_a_file_the_page_is_served_and_made_anew(run, folder, monkeypatch):
     served = {}
 
@@ -249,6 +255,7 @@ def test_a_wrong_trajectory_is_refused_with_its_line(tmp_path, chain, content, l
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_the_map_of_a_grid_is_in_the_page_and_its_file_is_not_written_over(run, folder):
     lines = ("joints:", "  joint1: 0 90 deg", "  joint2: 10 40 deg", "  joint3: 45 deg", "  joint4: 0 deg")
     grid = folder / "grid.yaml"

@@ -67,6 +67,7 @@ def test_the_page_says_what_it_draws(case):
     assert any(path.endswith("/compensation/wanted") for path in nodes_of(text))
 
 
+@pytest.mark.slow
 def test_a_pose_without_a_correction_is_said(case):
     model, _, _ = case
     far = model.configuration("paper").copy()

@@ -52,6 +52,7 @@ def test_the_numbers_are_those_of_the_path(page):
     assert f"most have their largest error at {found.poses.labels[found.worst_pose(0)]}" in legend
 
 
+@pytest.mark.slow
 def test_colours_do_not_show_the_scatter_of_samples():
     model = pp.ErrorModel.load(PAPER_SHEET)
     q = model.configuration("paper")[:, None] + np.outer([1, 0, 0, 0], np.linspace(0, 1, 4))

@@ -158,6 +158,7 @@ def test_a_displacement_moves_what_lies_beyond_it(tmp_path, source, moved):
     assert set(counts.values()) <= {0, targets}
 
 
+@pytest.mark.slow
 def test_the_tips_of_arms_with_every_kind_of_source_are_the_exact_samples():
     model = everything(seven_joint_arm(), scale=3.0)
     poses = [SEVEN_Q, tuple(-0.5 * value for value in SEVEN_Q)]
@@ -182,6 +183,7 @@ def test_superposed_errors_have_the_same_arms():
     assert exact["poses"][0]["ghosts"] == linear["poses"][0]["ghosts"]
 
 
+@pytest.mark.slow
 def test_errors_of_another_seed_or_pose_have_no_arms():
     model = ErrorModel.load(PAPER_SHEET)
     at, x = model.at(), model.space.sample(2, 0, 10)

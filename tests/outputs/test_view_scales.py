@@ -26,6 +26,7 @@ def test_round_numbers_are_the_nearest_in_proportion(value, rounded):
     assert round_number(value) == rounded
 
 
+@pytest.mark.slow
 @given(st.floats(1e-6, 1e6))
 def test_round_numbers_are_1_2_5_and_near(value):
     rounded = round_number(value)
@@ -55,6 +56,7 @@ def picture(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.column_stack([turned[:, 1], up])
 
 
+@pytest.mark.slow
 @given(st.floats(1e-8, 1e-3))
 def test_the_cloud_spans_a_fifth_to_a_third_of_the_picture(posture, deviation):
     factor = default_factor(ball(deviation), posture)

@@ -132,6 +132,7 @@ def _moves(whole: urdf.Robot, tip: str) -> bool:
     return any(joint.moves for joint in way) and all(joint.mimic is None for joint in way)
 
 
+@pytest.mark.slow
 def test_a_sheet_and_a_python_result_have_the_sum(tmp_path):
     (tmp_path / "r.urdf").write_bytes(robot(many=3))
     sheet = tmp_path / "r.errors.yaml"
@@ -175,6 +176,7 @@ def results(text: str, tip: str, base: str | None, locked: tuple[str, ...]) -> l
     return [posture.pose, posture.load_torque, posture.link_wrench, posture.joint_jacobian]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tip", "base", "locked"),
     [CUTS[0], CUTS[-1], *(pytest.param(*cut, marks=pytest.mark.slow) for cut in CUTS[1:-1])],

@@ -71,6 +71,7 @@ def test_link_wrenches_against_free_bodies(base, tip):
     np.testing.assert_array_equal(posture.link_wrench[-1], np.zeros(6))
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("name", ["link1", "bracket", "half2", "link6", "tool", "finger"])
 def test_the_load_basis_is_the_slope_of_pinocchio_to_mass_and_first_moments(name):
     """Torques and wrenches are linear in mass and first moments, so differences over any step are exact."""
@@ -110,6 +111,7 @@ def rewritten(name: str, mass: float, com) -> str:
     return ARM.replace(old, new)
 
 
+@pytest.mark.slow
 def test_torques_are_linear_in_gravity_and_vanish_without_it():
     def torque(gravity):
         return chain_of(ARM, tip="tool", gravity=gravity).at(Q).load_torque
@@ -132,6 +134,7 @@ def test_turning_arm_and_gravity_together_changes_no_torque():
     np.testing.assert_allclose(tilted.link_wrench[1:], straight.link_wrench[1:], atol=1e-11)
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("where", ["tool", "finger", "bracket", "link4", "half2", "base"])
 def test_a_payload_is_a_link_more(where):
     centre = (0.1, -0.2, 0.3)

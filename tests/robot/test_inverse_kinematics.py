@@ -54,6 +54,7 @@ def test_the_nearest_to_the_reference_comes_first_by_its_nearest_turn(ur5):
     assert (np.diff(distances) > 0).all()
 
 
+@pytest.mark.slow
 def test_solutions_do_not_depend_on_the_other_poses(ur5):
     q = np.random.default_rng(4).uniform(-3, 3, (6, 7))
     wanted = ur5.at_columns(q).pose

@@ -43,6 +43,7 @@ def test_a_joint_grid_has_every_combination_the_last_joint_first():
     assert poses.node is None
 
 
+@pytest.mark.slow
 def test_a_place_grid_of_a_gantry_by_hand():
     # the tool turns by 1 rad at most: of four angles a quarter of a turn apart one is within
     places = pp.plane_places((0, 0, 0.5), (0, 2, 0), (0, 0, 1), [-0.5, 1.5], [0, 0.25])
@@ -59,6 +60,7 @@ def test_a_place_grid_of_a_gantry_by_hand():
     np.testing.assert_array_equal(poses.position[:, -1], [0, 1.5, 0.75])
 
 
+@pytest.mark.slow
 def test_every_node_of_a_ur5_is_reached_with_its_branches():
     if "ur5" not in example_urdfs():
         pytest.skip("example-robot-data is not installed")
@@ -135,6 +137,7 @@ def test_of_several_branches_the_best_has_the_largest_singular_value():
     assert best.names == ("500 200 300 mm",)
 
 
+@pytest.mark.slow
 def test_a_random_design_lies_evenly_over_joints_or_places(monkeypatch):
     arm = gantry()
     joints = pp.random_poses(arm, 2000, seed=3)

@@ -75,6 +75,7 @@ def compare(chain: Chain, q: np.ndarray) -> None:
             np.testing.assert_allclose(actual[..., k], expected, rtol=0, atol=1e-12 * max(1, np.abs(expected).max()))
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("name", CHAINS)
 def test_as_one_posture_at_a_time(name):
     compare(CHAINS[name], values(CHAINS[name], 40))
@@ -312,6 +313,7 @@ def compare_models(
     return many
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["4dof", "ur5", "panda"])
 @pytest.mark.filterwarnings("ignore:.*W_SQUARE_POSES", "ignore:.*W_JOINT_LIMIT")
 def test_shipped_sheets_at_many_poses_as_one_at_a_time(name):
@@ -322,6 +324,7 @@ def test_shipped_sheets_at_many_poses_as_one_at_a_time(name):
     assert np.abs(many[0].table.twists - many[1].table.twists).max() > 1e-9
 
 
+@pytest.mark.slow
 def test_equilibrium_at_many_poses_as_one_at_a_time():
     """Its slopes are differences over a step of 1e-7, which makes 1e-9 of a rounding of 1e-16.
 

@@ -43,6 +43,7 @@ def test_backlash_alone_by_hand() -> None:
     np.testing.assert_allclose(two.errors[0, 0, 1], np.sin(zero - GAP / 2), rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_visits_against_the_formulas_of_the_standard() -> None:
     model = hinge(Draw("visit", Uniform(2e-3), Scope.VISIT), Draw("pose", Normal(1e-3), Scope.POSE))
     found = pp.sample_approaches(model, [0.0], approaches=["hinge +", "hinge -"], robots=3, cycles=30, seed=5, number=7)

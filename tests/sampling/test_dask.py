@@ -20,7 +20,6 @@ from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling import workers
 from precision_pin.sampling.workers import dask_cluster
 from sampling.cases import MODEL, wait_until
-from support.thinning import mostly_slow
 
 
 class Cluster:
@@ -161,6 +160,7 @@ def test_no_address_is_one_line() -> None:
         pass
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("address", ["foo", "tcp://host", "ftp://a:1", "host:abc", "tcp://", ":::", "/tmp/x"])
 def test_no_client_is_made_of_what_is_no_address(monkeypatch, address: str) -> None:
     monkeypatch.setattr("distributed.Client", None)
@@ -171,7 +171,8 @@ def test_no_client_is_made_of_what_is_no_address(monkeypatch, address: str) -> N
         pass
 
 
-@pytest.mark.parametrize("address", mostly_slow(["tcp://127.0.0.1:1", "127.0.0.1:1", "no address"], fast=1))
+@pytest.mark.fast(1)
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "no address"])
 def test_no_scheduler_is_one_line(monkeypatch, address: str) -> None:
     monkeypatch.setattr(workers, "PATIENCE", 0.5)
     with (

@@ -127,6 +127,7 @@ def test_torn_at_every_byte_of_the_last_record(whole: bytes, file: Path, no_wait
         assert file.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_torn_at_every_byte_of_the_beginning(whole: bytes, file: Path, no_waiting_for_disks) -> None:
     for length in range(record_ends(whole)[0]):
         file.write_bytes(whole[:length])
@@ -177,6 +178,7 @@ def test_other_files_are_left_as_they_are(file: Path, contents: bytes) -> None:
     assert file.read_bytes() == contents
 
 
+@pytest.mark.slow
 def test_a_state_comes_back_whole_and_only_as_what_it_was() -> None:
     state = in_one_go(work(3, 2 * BLOCK))
     assert_same_bits(unpacked(packed(state), start(PLAN), SAMPLES.check), state)
@@ -215,6 +217,7 @@ def test_what_a_process_killed_while_replacing_left_does_no_harm(file: Path, mon
     assert sorted(os.listdir(file.parent)) == [file.name]
 
 
+@pytest.mark.slow
 def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks) -> None:
     now = 0.0
     monkeypatch.setattr(journal_module.time, "monotonic", lambda: now)
@@ -321,6 +324,7 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", disk], check=True)
 
 
+@pytest.mark.slow
 def test_a_run_on_a_tiny_disk(tiny_disk: Path, monkeypatch) -> None:
     for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
         monkeypatch.setattr(journal_module, name, 0)
@@ -397,6 +401,7 @@ def names() -> dict[str, str]:
     return identity(work(), AT.posture, {"URDF": AT.posture.chain.robot.file})
 
 
+@pytest.mark.slow
 def test_the_identity_tells_runs_apart(names: dict[str, str], monkeypatch, tmp_path: Path) -> None:
     def changed(task=None, posture=AT.posture, file=AT.posture.chain.robot.file) -> set[str]:
         now = identity(task or work(), posture, {"URDF": file})
@@ -462,17 +467,16 @@ class Stopping:
             raise self.error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "first",
     [
         {"threads": 3},
-        pytest.param({"threads": 1}, marks=pytest.mark.slow),
+        {"threads": 1},
         pytest.param({"executor": Muddled(), "tasks_under_way": 4}, marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize(
-    "then", [{"executor": Muddled(), "tasks_under_way": 3}, pytest.param({"threads": 2}, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("then", [{"executor": Muddled(), "tasks_under_way": 3}, {"threads": 2}])
 def test_an_interrupted_run_goes_on_with_any_workers(file: Path, first, then) -> None:
     settings = {"samples": 25 * BLOCK + 77, "seed": 3, "specifications": PLAN.specifications}
     whole = pp.monte_carlo(MODEL, "paper", **settings).to_json()
@@ -515,6 +519,7 @@ def test_a_second_interrupt_stops_at_once(file: Path) -> None:
     assert sampling.state.count == 2 * BLOCK
 
 
+@pytest.mark.slow
 def test_an_error_keeps_what_was_done(file: Path) -> None:
     class Broken(Muddled):
         def submit(self, function, /, *arguments):
@@ -533,6 +538,7 @@ def test_an_error_keeps_what_was_done(file: Path) -> None:
     assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", **settings).to_json()
 
 
+@pytest.mark.slow
 def test_a_journal_that_fails_ends_the_run_and_its_threads(file: Path, monkeypatch) -> None:
     for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
         monkeypatch.setattr(journal_module, name, 0)
@@ -546,6 +552,7 @@ def test_a_journal_that_fails_ends_the_run_and_its_threads(file: Path, monkeypat
     assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=30 * BLOCK).to_json()
 
 
+@pytest.mark.slow
 def test_a_run_may_end_before_it_began(file: Path) -> None:
     class Never(Muddled):
         def submit(self, function, /, *arguments):

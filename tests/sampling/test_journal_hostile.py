@@ -82,6 +82,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "run.journal"
 
 
+@pytest.mark.fast(7)
 @pytest.mark.parametrize("name", MEMBERS)
 def test_a_record_made_to_harm_is_refused_at_once(name: str, file: Path) -> None:
     journal_of(file, json.dumps(IDENTITY).encode(), changed(*MEMBERS[name]))
@@ -96,6 +97,7 @@ def test_a_record_made_to_harm_is_refused_at_once(name: str, file: Path) -> None
     assert file.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_record_that_inflates_without_end_is_refused_at_once(file: Path) -> None:
     inflate = zlib.compressobj(9)
     bomb = b"".join([inflate.compress(bytes(2**20)) for _ in range(64)]) + inflate.flush()

@@ -56,6 +56,7 @@ def test_twenty_seeds_in_every_layout(two_processes: Processes) -> None:
         workers.close(done=True)
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("samples", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK, 17 * BLOCK + 5])
 def test_runs_of_any_length(samples: int) -> None:
     task = work(7, samples)
@@ -63,6 +64,7 @@ def test_runs_of_any_length(samples: int) -> None:
         assert_same_bits(sampled(task, Foreign(Muddled(), most), size), in_one_go(task))
 
 
+@pytest.mark.slow
 def test_a_run_by_its_public_name_is_the_same_run() -> None:
     settings = {"samples": 3 * BLOCK + 9, "seed": 5, "specifications": PLAN.specifications}
     known = pp.monte_carlo(MODEL, "paper", threads=1, **settings)
@@ -78,6 +80,7 @@ def test_a_run_by_its_public_name_is_the_same_run() -> None:
     assert known.summary.samples == in_one_go(work(5, 3 * BLOCK + 9)).count
 
 
+@pytest.mark.slow
 def test_kept_errors_do_not_depend_on_the_layout() -> None:
     settings = {"samples": 4 * BLOCK + 9, "seed": 5, "keep_samples": True}
     known = sampler.errors(work().layout, "exact", 5, 0, 4 * BLOCK + 9)

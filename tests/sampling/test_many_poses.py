@@ -46,6 +46,7 @@ def offsets(scopes: dict[int, Scope]) -> ErrorModel:
 MIXED = offsets({1: Scope.POSE, 2: Scope.VISIT})
 
 
+@pytest.mark.slow
 def test_each_pose_has_the_samples_of_one_pose_alone() -> None:
     # more poses than are worked on together, and a last block that is not full
     samples = BLOCK + 3000
@@ -95,6 +96,7 @@ def test_few_samples_resolve_little(model: Any, samples: int) -> None:
     assert np.isnan(found.quantile[0]).all() == (samples < 6)
 
 
+@pytest.mark.slow
 def test_any_number_of_threads_gives_the_same_bits() -> None:
     told: list[int] = []
     samples = 9 * BLOCK + 77
@@ -197,6 +199,7 @@ def test_poses_by_name_and_by_joint() -> None:
         by_joint.pose("paper")
 
 
+@pytest.mark.slow
 def test_as_a_dataset() -> None:
     pytest.importorskip("xarray")
     found = sample_poses(MODEL, Q[:, :3], samples=1000, seed=9, specifications=SPECIFICATIONS)
@@ -211,6 +214,7 @@ def test_as_a_dataset() -> None:
     assert "3 poses" in repr(found)
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_run() -> None:
     def interrupt(_: int) -> None:
         raise KeyboardInterrupt
@@ -271,6 +275,7 @@ def test_between_poses_that_do_not_exist() -> None:
             found.between(0, wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_strained_statics_are_said_of_the_worst_pose() -> None:
     loaded = ErrorModel.load(PAPER_SHEET)
     assert loaded.sheet is not None

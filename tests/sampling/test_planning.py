@@ -17,7 +17,6 @@ from precision_pin.sampling.histogram_plan import first_order_skewness, planned
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import QUANTITIES, Plan, finish, observe, quantity_values, start
 from sampling.cases import AT, MODEL
-from support.thinning import mostly_slow
 
 JOINTS = MODEL.chain.joint_names
 STRETCHED = ([0, 0, 0, 0], [0, 90, 0, 0], [-90, 0, 0, -90], [-90, 0, 0, 0], [0, -90, 0, 0], [90, 0, 90, 0])
@@ -36,10 +35,11 @@ def values_of(errors: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip(QUANTITIES, rows, strict=True))
 
 
+@pytest.mark.fast(6)
 @pytest.mark.parametrize(
     "law", [Normal(1e-3), Uniform(1e-3), Lognormal(1e-3, 1e-3)], ids=lambda law: type(law).__name__
 )
-@pytest.mark.parametrize("pose", mostly_slow(STRETCHED, fast=2), ids=str)
+@pytest.mark.parametrize("pose", STRETCHED, ids=str)
 def test_quantiles_are_those_of_the_sorted_samples_where_the_first_order_vanishes(pose, law):
     found = pp.monte_carlo(offsets(law), np.radians(pose), samples=20_000, keep_samples=True)
     assert found.errors is not None
@@ -55,6 +55,7 @@ def test_quantiles_are_those_of_the_sorted_samples_where_the_first_order_vanishe
     assert not any("W_BINS" in warning for warning in found.warnings)
 
 
+@pytest.mark.slow
 def test_squares_and_products_of_numbers_of_mean_zero():
     """X₁² + X₂² of normal numbers has the median 2 ln 2; planned from first-order spreads it was eight times that."""
     random = np.random.default_rng(1)
@@ -69,6 +70,7 @@ def test_squares_and_products_of_numbers_of_mean_zero():
             assert distribution.quantile(level) == pytest.approx(np.quantile(values, level), abs=0.01 * values.std())
 
 
+@pytest.mark.slow
 def test_the_plan_is_decided_by_the_model_and_the_seed_alone():
     layout = sampler.to_arrays(AT)
     plan, again = planned(AT, layout, "exact", 3), planned(AT, layout, "exact", 3)

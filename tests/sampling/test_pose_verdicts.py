@@ -34,6 +34,7 @@ def judged(*outcomes: tuple[float, float, float, bool]) -> PosesSpecification:
     return PosesSpecification(results, tuple("abcd"[: len(results)]), tuple(float(k) for k in range(len(results))))
 
 
+@pytest.mark.slow
 def test_every_pose_has_the_verdict_of_that_pose_alone() -> None:
     found = sample_poses(MODEL, Q, samples=3000, seed=4, specifications=SPECIFICATIONS)
     alone = [pp.monte_carlo(MODEL, q, samples=3000, seed=4, specifications=SPECIFICATIONS) for q in Q.T]
@@ -64,6 +65,7 @@ def test_the_worst_pose_decides() -> None:
     assert judged(met, met, met).worst == 2
 
 
+@pytest.mark.slow
 def test_a_quantity_that_no_sample_moved_but_the_first_order_does_is_judged() -> None:
     # one sample varies in nothing; the single pose falls back on the first order as well
     found = sample_poses(MODEL, Q[:, :2], samples=1, specifications=["1 m @ 1 %"])
@@ -76,6 +78,7 @@ def test_a_quantity_that_no_sample_moved_but_the_first_order_does_is_judged() ->
     assert not nothing.met
 
 
+@pytest.mark.slow
 def test_without_specifications_the_worst_pose_has_the_largest_error() -> None:
     found = sample_poses(MODEL, Q, samples=2000)
     assert found.worst_pose == np.argmax(found.quantile[1, 0])
@@ -96,6 +99,7 @@ def test_json_tells_each_pose_the_worst_and_the_verdict() -> None:
     assert {"quantity", "limit", "required"} <= set(data["spec"][0])
 
 
+@pytest.mark.slow
 def test_the_plot_shows_the_quantiles_the_limit_and_the_poses_that_miss_it() -> None:
     found = sample_poses(MODEL, Q, samples=2000, specifications=["40 mm"])
     missed = [pose for pose, of in enumerate(found.specification_results[0].results) if of.verdict == "not met"]
@@ -120,6 +124,7 @@ def test_two_specifications_of_one_kind_keep_their_order() -> None:
     assert [of.met for of in found.specification_results] == [True, False]
 
 
+@pytest.mark.slow
 def test_everywhere_is_the_count_of_robots_that_keep_the_limit_at_all_poses() -> None:
     # more robots than a task has, the last task not full
     samples = 18_000

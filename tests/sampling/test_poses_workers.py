@@ -12,6 +12,8 @@ from precision_pin.base.errors import InputError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import many_poses
 
+pytestmark = pytest.mark.slow
+
 MODEL = pp.ErrorModel.load(PAPER_SHEET)
 POSES = MODEL.poses["paper"][:, None] + np.random.default_rng(3).uniform(-0.3, 0.3, (4, 70))
 RUN = {"samples": 400, "seed": 4, "specifications": ["40 mm"]}
@@ -34,7 +36,6 @@ def test_a_sampled_map_on_an_executor_has_the_same_bits():
     assert found.to_json() == pp.map_poses(MODEL, POSES[:, :5], **sampled, threads=1).to_json()
 
 
-@pytest.mark.slow
 def test_processes_give_the_same_bits(plain):
     assert pp.sample_poses(MODEL, POSES, **RUN, processes=2).to_json() == plain
 

@@ -52,6 +52,7 @@ def test_each_robot_is_the_one_that_the_model_displaces_at_both_poses() -> None:
     np.testing.assert_allclose(found.nominal, 0.0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_the_difference_of_slopes_and_of_both_visits() -> None:
     samples = 2 * BLOCK
     found = pp.relative(MIXED, P, Q, samples=samples, model="linear", threads=1)
@@ -81,6 +82,7 @@ def test_a_pose_relative_to_itself_leaves_what_two_visits_differ_by() -> None:
     assert stats.kstest(turned / (2 * STD), lambda x: 1 - (1 - np.clip(x, 0, 1)) ** 2).pvalue > 1e-3
 
 
+@pytest.mark.slow
 def test_what_is_counted_said_and_refused() -> None:
     found = pp.relative(
         MODEL, "paper", Q, samples=2000, specifications=["1 mm", "100 mm"], keep_samples=True, confidence=0.9

@@ -272,6 +272,7 @@ def test_wrong_options_are_refused_in_one_line(analyze: Any, tmp_path: Path, arg
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_a_changed_input_is_told(analyze: Any, tmp_path: Path) -> None:
     for file in PAPER_SHEET.parent.glob("4dof.*"):
         (tmp_path / file.name).write_bytes(file.read_bytes())

@@ -21,6 +21,7 @@ def numbers(result: pp.MonteCarloResult) -> dict[str, object]:
     return {key: value for key, value in result.to_dict().items() if key != "until"}
 
 
+@pytest.mark.slow
 def test_it_stops_at_the_first_look_that_is_precise_enough() -> None:
     found = pp.monte_carlo(MODEL, samples=10**8, until=[TARGET])
     looks = found.samples // BLOCK
@@ -47,6 +48,7 @@ def test_it_stops_at_the_first_look_that_is_precise_enough() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_what_it_finds_is_what_so_many_samples_give() -> None:
     found = pp.monte_carlo(MODEL, samples=10**8, until=[TARGET, "attitude std to 1 %"], seed=3)
     assert numbers(found) == numbers(pp.monte_carlo(MODEL, samples=found.samples, seed=3))
@@ -55,6 +57,7 @@ def test_what_it_finds_is_what_so_many_samples_give() -> None:
         assert again.to_dict() == found.to_dict()
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_to_the_same_end(tmp_path: Path) -> None:
     whole = pp.monte_carlo(MODEL, samples=10**8, until=[TARGET])
     journal = tmp_path / "run.journal"
@@ -96,6 +99,7 @@ def test_what_no_number_of_samples_gives_is_refused() -> None:
         pp.monte_carlo(MODEL, until=[TARGET], keep_samples=True)
 
 
+@pytest.mark.slow
 def test_the_units_of_the_largest_errors_can_be_built_again() -> None:
     found = pp.monte_carlo(MODEL, samples=50_000, seed=8)
     at = MODEL.at()
@@ -109,6 +113,7 @@ def test_the_units_of_the_largest_errors_can_be_built_again() -> None:
             np.testing.assert_allclose(x, at.space.sample(8, entry["unit"], 1)[:, 0], rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_the_sketch_tells_its_own_error() -> None:
     found = pp.monte_carlo(MODEL, samples=300_000, keep_samples=True)
     values = np.linalg.norm(found.errors[:3], axis=0)

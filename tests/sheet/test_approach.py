@@ -13,6 +13,7 @@ Q = "-90 3 88 -91 deg"
 ALL = {"joint1": -90, "joint2": 3, "joint3": 88, "joint4": -91}
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(
     ("pose", "approach"),
     [

@@ -38,6 +38,7 @@ def model(tmp_path):
     return pp.ErrorModel.from_dict(DATA, tmp_path)
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     ("path", "value", "before", "after"),
     [
@@ -70,6 +71,7 @@ def test_a_change_is_the_sheet_edited_by_hand(tmp_path, path, value, before, aft
     assert (changed.sources, changed.space.draws, changed.statics) != (model.sources, model.space.draws, model.statics)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_TAKEN_AS_EXACT")
 def test_the_same_seed_gives_the_same_robots_but_for_the_change():
     # halving radius and laws of one joint's axis halves what its draws do; all other draws stay: e = rest + J x
@@ -135,6 +137,7 @@ def test_wrong_changes_are_one_line_that_names_the_path(changes, message):
     assert message in line
 
 
+@pytest.mark.slow
 def test_the_path_of_a_source_is_that_of_its_only_number(model):
     for path in ("joint_offset[a.b]", "joint_offset", "joint_offset[*]", "*[a.b]"):
         changed = model.with_({path: "±2 mrad"})

@@ -48,6 +48,7 @@ def table_of_the_page() -> dict[str, list[float]]:
     return {key: [float(x) for x in next(cells[name] for name in cells if name.startswith(key))] for key in wanted}
 
 
+@pytest.mark.slow
 def test_the_numbers_of_the_documentation_by_many_sets_of_samples():
     table = table_of_the_page()
     rng = np.random.default_rng(11)

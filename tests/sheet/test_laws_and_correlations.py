@@ -101,6 +101,7 @@ def mistakes(refuse: Refuse, law: str) -> Finding:
     return finding
 
 
+@pytest.mark.fast(19)
 @pytest.mark.parametrize(
     ("law", "message"),
     [
@@ -302,6 +303,7 @@ def faults(text: str) -> list[str]:
     return [error.message for error in validator.iter_errors(json.loads(json.dumps(sheet)))]
 
 
+@pytest.mark.slow
 def test_the_schema_passes_what_the_reader_reads(load: Load, folder: Path) -> None:
     (folder / "plane.csv").write_text("x [mm], rz [deg]\n0.1, 0.2\n", encoding="utf-8")
     assert faults(WHOLE) == []
@@ -310,6 +312,7 @@ def test_the_schema_passes_what_the_reader_reads(load: Load, folder: Path) -> No
     assert len(sheet.space.correlations) == 2
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(
     ("old", "new"),
     [

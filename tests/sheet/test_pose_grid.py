@@ -44,6 +44,7 @@ joints:
     np.testing.assert_allclose(poses.q.T, expected, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_grids_over_places_are_those_of_python(tmp_path, chain):
     down = pp.Orientation.along((0, 0, -1), tool_axis=(1, 0, 0))
     text = """
@@ -80,6 +81,7 @@ orientations:
     ]
 
 
+@pytest.mark.slow
 def test_random_poses_are_those_of_python(tmp_path, chain):
     text = """
 random: {count: 20, seed: 5, box: {x: 1 2 m, y: -1000 1000 mm, z: 0 0.5 m}}
@@ -97,6 +99,7 @@ BOX = "box: {x: 1 m, y: 0 m, z: 0 m}\n"
 JOINTS = "joints:\n  joint1: 0 deg\n  joint2: 0 deg\n  joint3: 0 deg\n"
 
 
+@pytest.mark.fast(18)
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [

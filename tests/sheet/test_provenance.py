@@ -44,6 +44,7 @@ def shares(model: pp.ErrorModel) -> dict[str, float]:
 TURNED = 0.05**2 / (0.05**2 + 0.1**2 / 3)
 
 
+@pytest.mark.slow
 def test_shares_by_hand(model_of):
     model = model_of({"provenance": {"data sheet": "guide, p. 3"}}, {"assumed": "true"})
     assert shares(model) == pytest.approx({"data sheet": 1 - TURNED, "assumed": TURNED})

@@ -138,6 +138,7 @@ def test_no_finding_about_the_sheet(robot):
     assert tuple(sheet.poses) == POSES
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(("robot", "pose"), CASES)
 def test_analyses_run_without_a_warning(robot, pose):
     assert forecast(robot, pose).warnings == ()
@@ -168,6 +169,7 @@ def test_measured_arms_lie_within_the_forecast(robot, pose):
     assert low < np.median(chances) < high
 
 
+@pytest.mark.slow
 def test_ur5_over_its_workspace_as_a_laser_tracker_measured_it():
     """2.57 mm on average, one arm of Yao et al. (2026); 1.3 to 3.5 mm, the nine arms of the sheet."""
     model = model_of("ur5")

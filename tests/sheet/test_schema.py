@@ -24,6 +24,7 @@ def faults(sheet: Any) -> list[str]:
     return [error.message for error in jsonschema.Draft202012Validator(json_schema()).iter_errors(sheet)]
 
 
+@pytest.mark.slow
 def test_it_is_a_schema_and_json() -> None:
     jsonschema = pytest.importorskip("jsonschema")
     schema = json_schema()
@@ -71,6 +72,7 @@ def test_good_sheets_pass(text: str) -> None:
     assert faults(contents(text)) == []
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     ("text", "is_right"),
     [
@@ -87,6 +89,7 @@ def test_a_measurement_is_judged(text: str, is_right: bool) -> None:
     assert (faults(contents(sheet)) == []) is is_right
 
 
+@pytest.mark.fast(5)
 @pytest.mark.parametrize(
     ("old", "new"),
     [

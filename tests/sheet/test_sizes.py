@@ -48,6 +48,7 @@ def test_reading_takes_time_in_proportion_to_what_is_read(load: Load) -> None:
     assert spent[1] < 8
 
 
+@pytest.mark.slow
 def test_a_number_is_found_among_many_as_soon_as_among_few() -> None:
     spent = []
     for count in (2000, 16_000):
@@ -254,6 +255,7 @@ def test_no_regular_expression_takes_long_over_any_text() -> None:
 # what a machine cannot hold ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_what_a_machine_cannot_hold_is_refused_at_once() -> None:
     space = Space((Draw("a", Normal(1.0)), Draw("b", Normal(1.0))))
     large = Space(tuple(Draw(f"a{k}", Normal(1.0)) for k in range(60_000)))
@@ -269,6 +271,7 @@ def test_what_a_machine_cannot_hold_is_refused_at_once() -> None:
     assert time.process_time() - start < 10
 
 
+@pytest.mark.slow
 def test_analyses_that_take_hours_are_refused_at_once(load: Load) -> None:
     few = ErrorModel.from_sheet(load(many(4)))
     wide = ErrorModel(
@@ -288,7 +291,8 @@ def test_a_tolerance_beyond_any_number_is_refused(load: Load) -> None:
 # changed sheets ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("count", [12, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [12, 60])
 def test_a_small_share_of_the_changed_sheets(tmp_path: Path, count: int) -> None:
     """``python -m fuzzing sheets`` tries more of them."""
     write_files(tmp_path)
@@ -298,6 +302,7 @@ def test_a_small_share_of_the_changed_sheets(tmp_path: Path, count: int) -> None
     assert count / 6 < sum(outcome.accepted for outcome in outcomes) < count * 5 / 6
 
 
+@pytest.mark.slow
 def test_a_sheet_of_very_many_poses_is_read_soon(tmp_path: Path) -> None:
     write_files(tmp_path)
     poses = "".join(f"  p{k}: {k % 90} 1 2 3 deg\n" for k in range(2000))

@@ -62,6 +62,7 @@ def test_merge_keys_are_not_known(refuse: Refuse) -> None:
     assert [(finding.line, "'<<'" in finding.message) for finding in found] == [(5, True)]
 
 
+@pytest.mark.fast(12)
 @pytest.mark.parametrize(
     ("text", "line"),
     [
@@ -250,6 +251,7 @@ def edited(data: st.DataObject, text: str) -> str:
     return text
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_an_edited_sheet_is_read_or_refused_but_never_crashes(write: Write, data: st.DataObject) -> None:
@@ -294,6 +296,7 @@ def outcome(text: str) -> object:
     return found.data, list(found.lines.items()), found.findings
 
 
+@pytest.mark.slow
 def test_large_text_is_read_by_libyaml(monkeypatch: pytest.MonkeyPatch) -> None:
     text = HEAD + "sources:\n" + "- {a: [1, x y], b: 'é'}  # ±\n" * 2000
     monkeypatch.delattr("precision_pin.sheet.text.YAML")
@@ -302,7 +305,8 @@ def test_large_text_is_read_by_libyaml(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (found.line(("sources", 1999, "a", 1)), len(found.lines)) == (2003, 3 + 1 + 2000 * 5)
 
 
-@pytest.mark.parametrize("count", [12, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [12, 150])
 def test_libyaml_reads_what_the_pure_parser_reads(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     texts = [path.read_text() for path in Path("robots").glob("*.yaml")] if count > 12 else []
     texts += [sheet_of(3, number)[0].decode("utf-8", "replace") for number in range(count)]

@@ -125,6 +125,7 @@ def arm_with_loads(statics: Any = "nominal") -> ErrorModel:
     return ErrorModel(chain, Space(), [*loads, *plays, *bearings, *soft], {"here": list(Q7)}, statics=statics)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
 def test_the_compiled_sampler_against_numpy(statics: str) -> None:
     model = arm_with_loads(statics)
@@ -210,6 +211,7 @@ def test_equilibrium_takes_the_load_on_the_deflected_arm() -> None:
     assert found == {"nominal": -5e-4, "equilibrium": 5e-4}
 
 
+@pytest.mark.slow
 def test_equilibrium_says_where_single_robots_lie_otherwise() -> None:
     """The lever of the hand about the wrist is that of the droop, which differs from robot to robot."""
     chain = chain_of(
@@ -237,6 +239,7 @@ def test_equilibrium_says_where_single_robots_lie_otherwise() -> None:
     assert found(0.6, 1e-7) == []  # an arm that hardly bends
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_many_poses_with_their_own_approaches_are_those_of_each_alone() -> None:
     model = hinge_with_load()

@@ -20,6 +20,7 @@ from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm, r
 L, EI_Y, EI_Z, GI, EA = 1.7, 900.0, 2500.0, 700.0, 3e5
 
 
+@pytest.mark.slow
 def test_reference_table_axes_integrals_and_settings():
     check_beam(beam)
 

@@ -159,6 +159,7 @@ RANDOM = {
 }
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("weight", ["uniform", "section"])
 @pytest.mark.parametrize("shape", RANDOM)
 def test_slopes_to_random_dimensions_are_those_of_beams_made_anew(shape, weight):

@@ -21,6 +21,7 @@ from support.plain_robot import chain_of, joint, link, robot
 from support.sheets import PAPER_Q
 
 
+@pytest.mark.slow
 def test_by_hand_and_by_the_balance_of_forces():
     check_clearance(clearance)
 

@@ -43,7 +43,6 @@ from precision_pin.terms.term import JointValue, Term
 from support.checks.common import one_link
 from support.dependence import hidden_dependence
 from support.plain_robot import chain_of, random_arm
-from support.thinning import mostly_slow
 
 TEXT = random_arm(51, prismatic=(4,))
 ARMS = {"base to tool": chain_of(TEXT, tip="tool"), "tool to base": chain_of(TEXT, base="tool", tip="base")}
@@ -113,7 +112,8 @@ def test_every_kind_is_here():
     assert {*SAYS, "table"} == set(catalogue())
 
 
-@pytest.mark.parametrize("arm", mostly_slow(ARMS, fast=1))
+@pytest.mark.fast(9)
+@pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize(("kind", "source", "depends_on", "alike"), CASES)
 def test_what_a_source_says_is_true(kind, source, depends_on, alike, arm):
     assert source.kind() == kind
@@ -131,6 +131,7 @@ def test_every_number_a_source_uses_has_a_quantity(kind, source, depends_on, ali
     assert {name for draw in source.draws(label) for name in draw.components} == set(numbers)
 
 
+@pytest.mark.slow
 def test_a_direction_of_the_base_link():
     for chain in ARMS.values():
         source = Length(joint="joint5", along=f"y of {chain.base}", parameters=(TOLERANCE,))

@@ -19,6 +19,7 @@ def test_against_hand_computed_and_published_numbers():
     check_encoder(encoder)
 
 
+@pytest.mark.slow
 def test_from_a_sheet_through_every_engine(tmp_path):
     file = written(
         tmp_path,

@@ -102,6 +102,7 @@ LOADED = (
 )
 
 
+@pytest.mark.fast(11)
 @pytest.mark.parametrize("source", LOADED, ids=lambda source: source.label())
 def test_what_gives_under_a_load_gives_the_same_from_either_end(source):
     forth, back = (mean_errors(chain, source) for chain in chains(WEIGHT))

@@ -14,6 +14,7 @@ from support.checks.common import one_link
 from support.checks.length import check_length
 
 
+@pytest.mark.slow
 def test_by_hand_and_by_moving_the_origin():
     check_length(length)
 

@@ -33,6 +33,7 @@ def test_by_hand_and_against_a_turned_base_and_turned_gravity():
     check_levelling(levelling)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_SUPERPOSITION")
 def test_from_a_sheet_through_every_engine(tmp_path):
     model = ErrorModel.load(written(tmp_path, SHEET))
@@ -40,6 +41,7 @@ def test_from_a_sheet_through_every_engine(tmp_path):
     check_engines(model)
 
 
+@pytest.mark.slow
 def test_in_equilibrium_the_slope_is_that_of_turned_gravity(tmp_path):
     """Slope to a tilt, at rest: difference of two arms at rest under gravity turned either way."""
     model = ErrorModel.load(written(tmp_path, SHEET, extra="statics: equilibrium"))
@@ -74,6 +76,7 @@ def test_a_tilted_base_shares_its_angle_with_its_mounting():
     np.testing.assert_allclose(error, [0, -swing, 0, tilt, 0, -swing], rtol=0, atol=1e-18)
 
 
+@pytest.mark.slow
 def test_without_it_loads_are_as_before_and_order_does_not_matter():
     chain = chain_of(random_arm(43, prismatic=(4,)), tip="tool")
     space, laden = loads()

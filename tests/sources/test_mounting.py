@@ -20,6 +20,7 @@ def test_against_the_displaced_robot():
     check_mounting(mounting)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(
     "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.base.errors.PrecisionPinWarning"
 )

@@ -70,6 +70,7 @@ def named(code: str, module: ast.Module) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_no_file_outside_its_home_names_a_source():
     assert len(OUTSIDE) > 100
     assert {name: kinds for name in OUTSIDE if (kinds := named(CODE[name], tree(PACKAGE / name)))} == {}
@@ -108,6 +109,7 @@ def reflects(name: str) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_one_file_reflects_over_sources():
     assert [name for name, code in CODE.items() if "get_type_hints" in code] == ["terms/source.py"]
     knowing = [

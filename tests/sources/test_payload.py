@@ -15,6 +15,7 @@ from support.checks.payload import check_payload
 from support.plain_robot import chain_of, random_arm
 
 
+@pytest.mark.slow
 def test_by_hand_and_by_a_chain_that_carries_it():
     check_payload(payload)
 

@@ -32,6 +32,7 @@ def spreads(source) -> tuple[float, float]:
     return float(np.sqrt(at.covariance[5, 5])) / ARCSEC, float(sampled.std()) / ARCSEC
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("amplitude", "expected", "first_order"),
     [
@@ -94,6 +95,7 @@ def test_others_are_not_warned_of(tmp_path, line):
     assert "W_AMPLITUDE" not in [finding.code for finding in read(written(tmp_path, line)).findings]
 
 
+@pytest.mark.slow
 def test_no_example_and_no_shipped_sheet_has_an_amplitude_about_zero():
     lines = [line for page in DOCS.glob("*.md") for line in page.read_text(encoding="utf-8").splitlines()]
     examples = [line for line in lines if re.match(r"\s+- (transmission|encoder): \{", line)]

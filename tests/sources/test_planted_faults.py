@@ -253,6 +253,7 @@ def test_every_kind_has_a_check_and_a_fault_of_either_sort():
         assert {fault.user or fault.module for fault in faults} == set(catalogue())
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("kind", CHECKS)
 def test_the_copies_that_faults_are_planted_in_pass(kind):
     CHECKS[kind](original(kind))

@@ -31,6 +31,7 @@ def test_by_hand_and_against_the_displaced_robot():
     check_table(table)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(
     "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.base.errors.PrecisionPinWarning"
 )

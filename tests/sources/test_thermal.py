@@ -15,6 +15,7 @@ from support.engines import check_engines, check_no_spread, written
 from support.plain_robot import chain_of, joint, link, random_arm, robot
 
 
+@pytest.mark.slow
 def test_against_similarity_roark_and_slices():
     check_thermal(thermal)
 

@@ -20,6 +20,7 @@ def test_against_hand_computed_numbers_and_the_potential_energy():
     check_transmission(transmission)
 
 
+@pytest.mark.slow
 def test_from_a_sheet_through_every_engine(tmp_path):
     file = written(
         tmp_path,

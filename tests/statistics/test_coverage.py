@@ -24,6 +24,7 @@ def order_statistic_coverage(samples: int, p: float, confidence: float, seeds: i
     return float(np.mean((values[:, lower - 1] <= truth) & (truth < values[:, upper - 1])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("p", [0.05, 0.5, 0.95])
 def test_order_statistics_enclose_the_quantile_as_often_as_computed(p: float) -> None:
     measured = order_statistic_coverage(150, p, 0.95)
@@ -31,6 +32,7 @@ def test_order_statistics_enclose_the_quantile_as_often_as_computed(p: float) ->
     assert measured == pytest.approx(quantile_coverage(150, p, quantile_ranks(150, p, 0.95)), abs=TOLERANCE)
 
 
+@pytest.mark.slow
 def test_the_measurement_notices_intervals_that_are_too_short() -> None:
     assert order_statistic_coverage(150, 0.5, 0.92) < LEAST
 
@@ -48,6 +50,7 @@ def _holds(interval: tuple[float, float], truth: float) -> bool:
     return interval[0] <= truth <= interval[1]
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("probability", [0.01, 0.3, 0.95, 0.9973])
 def test_clopper_pearson_holds_the_truth_as_often_as_computed(probability: float) -> None:
     samples = 200

@@ -37,6 +37,7 @@ def test_digits_are_added_until_the_number_is_inside(value, interval, text) -> N
         assert interval[0] <= float(text) <= interval[1]
 
 
+@pytest.mark.slow
 def test_any_number_is_printed_inside_any_interval_that_holds_it() -> None:
     random = np.random.default_rng(1)
     for _ in range(5000):
@@ -51,6 +52,7 @@ def test_any_number_is_printed_inside_any_interval_that_holds_it() -> None:
             assert not interval[0] <= round(value, digits - 1) <= interval[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [40, 120, 700, 20_000])
 def test_every_cell_of_the_table_lies_in_its_interval_and_bounds_are_rounded_outwards(samples) -> None:
     for seed in range(6):

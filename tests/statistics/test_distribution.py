@@ -55,6 +55,7 @@ def test_moments_and_mode_of_the_isotropic_norm(isotropic) -> None:
         assert norm.mode_bandwidth == pytest.approx((4 / 5) ** (1 / 7) * deviation * 1e6 ** (-1 / 7), rel=0.02)
 
 
+@pytest.mark.slow
 def test_an_evenly_spaced_grid_of_the_law_gives_its_quantiles_without_chance() -> None:
     samples = 200_000
     grid = (np.arange(samples) + 0.5) / samples
@@ -91,6 +92,7 @@ def test_mode_of_a_norm_at_the_boundary_is_zero_and_not_pushed_inwards() -> None
     assert norm.mode >= 0
 
 
+@pytest.mark.slow
 def test_mode_of_skewed_and_of_two_lumped_laws() -> None:
     generator = np.random.default_rng(22)
     gamma = component_of(generator.gamma(5.0, 1e-3, 200_000))
@@ -100,6 +102,7 @@ def test_mode_of_skewed_and_of_two_lumped_laws() -> None:
     assert component_of(lumps).mode == pytest.approx(-3.0, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_law_without_peak_has_no_mode_and_few_samples_have_none() -> None:
     generator = np.random.default_rng(23)
     assert component_of(generator.uniform(-1, 1, 100_000)).mode is None

@@ -56,6 +56,7 @@ def test_of_unequal_spreads_the_interval_holds_the_mode() -> None:
         assert high - low < found.std
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize(
     ("law", "truth"),
     [
@@ -71,6 +72,7 @@ def test_of_laws_with_one_peak_the_interval_holds_it(law, truth) -> None:
         assert low <= truth <= high
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize(
     "samples", [500, *(pytest.param(samples, marks=pytest.mark.slow) for samples in (5_000, 50_000))]
 )

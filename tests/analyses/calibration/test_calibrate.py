@@ -19,6 +19,8 @@ from precision_pin.base import se3
 from precision_pin.robot.chain import Chain
 from precision_pin.sources import Backlash, Frame, JointOffset, Mounting
 
+pytestmark = pytest.mark.slow
+
 TRACKER = pp.Measurement(std=20e-6, target=OFF_AXIS)
 FREE = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
 MOVED = se3.displacement([2.0, -1.0, 0.5, 0.3, -1.2, 0.8])
@@ -91,7 +93,6 @@ def correlation(found: CalibrationResult) -> np.ndarray:
     return found.posterior.covariance / np.outer(std, std)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["position", "pose"])
 def test_an_unknown_base_and_target_are_found(kind: str) -> None:
     """Readings in the axes of a tracker that is somewhere else: the same estimates, and its place."""
@@ -114,7 +115,6 @@ def test_an_unknown_base_and_target_are_found(kind: str) -> None:
         assert abs(value) < 5 * here.set_up.std[f"target.{name}"]
 
 
-@pytest.mark.slow
 def test_distances_find_their_anchor() -> None:
     model, q = plain_model(), random_poses(4, 60)
     at = pp.Measurement("distance", std=10e-6, anchor=(1.2, 0.4, 0.3))
@@ -127,7 +127,6 @@ def test_distances_find_their_anchor() -> None:
         assert abs(value) < 5 * found.set_up.std[f"anchor.{axis}"]
 
 
-@pytest.mark.slow
 def test_gross_errors_are_named_and_have_no_weight() -> None:
     model, q = plain_model(), random_poses(4, 30)
     readings = readings_of(model, q, TRACKER, seed=3)
@@ -145,7 +144,6 @@ def test_gross_errors_are_named_and_have_no_weight() -> None:
     assert without.gross_errors == ()
 
 
-@pytest.mark.slow
 def test_leaving_a_reading_out_predicts_it_as_a_fit_without_it_does() -> None:
     model, q = plain_model(), random_poses(4, 15)
     readings = readings_of(model, q, FREE, seed=3)
@@ -160,7 +158,6 @@ def test_leaving_a_reading_out_predicts_it_as_a_fit_without_it_does() -> None:
     assert np.linalg.norm(found.left_out[6]) == pytest.approx(in_base, rel=1e-2)
 
 
-@pytest.mark.slow
 def test_a_group_is_left_out_as_a_fit_without_it_does(tmp_path: Path) -> None:
     """Two groups of the file's column: the second one predicted by a fit without it."""
     model, q = plain_model(), random_poses(4, 16)
@@ -188,7 +185,6 @@ def test_a_planted_backlash_is_noticed() -> None:
     assert "an error of joint3" in doubt.message
 
 
-@pytest.mark.slow
 def test_without_a_prior_the_means_of_the_sheet_do_not_matter() -> None:
     model, q = plain_model(), random_poses(4, 30)
     precise = pp.Measurement("pose", std=1e-7)
@@ -204,7 +200,6 @@ def test_without_a_prior_the_means_of_the_sheet_do_not_matter() -> None:
     assert (np.array(list(both.posterior.std.values())) <= std * (1 + 1e-9)).all()
 
 
-@pytest.mark.slow
 def test_another_choice_of_parameters_gives_the_same_predictions() -> None:
     """All 36 displacements of frames, and the 22 of axes' lines and tool: the same arm, to 1e-8 m at poses not measured."""
     chain, measurement = paper_model().chain, pp.Measurement("pose", std=20e-6)
@@ -237,7 +232,6 @@ def test_readings_that_determine_nothing_are_refused() -> None:
     assert forecast.rms("after") == pytest.approx(forecast.rms("before"), rel=1e-9)
 
 
-@pytest.mark.slow
 def test_what_no_reading_sees_keeps_its_law() -> None:
     model, q = paper_model(), random_poses(4, 30)
     measurement = pp.Measurement("pose", std=20e-6)
@@ -324,7 +318,6 @@ def test_json_of_every_result_is_what_its_fields_declare() -> None:
     assert [entry["name"] for entry in json.loads(found.to_json())["poses"]] == ["work", "home"]
 
 
-@pytest.mark.slow
 def test_intervals_cover_the_truth() -> None:
     """95 % intervals of 4,000 simulated robots, every number and the tip at a pose: 94.5 to 95.5 %."""
     model, q = plain_model(), random_poses(4, 15)
@@ -354,7 +347,6 @@ def touching(
     return result
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["socket", "plane"])
 def test_contact_recovers_a_robot_and_its_places(kind: str, tmp_path: Path) -> None:
     """The robot touches places that are 3 mm from where the first guess has them; only joint values are given."""

@@ -137,6 +137,7 @@ def test_nominal_arms_are_those_of_the_drivers_description(
         np.testing.assert_allclose(nominal_ur(kind).pose(q), read.pose(q), rtol=0, atol=2e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["UR5", "UR3"])
 def test_differences_of_parameters_make_the_arm_of_their_matrices(kind: str, tmp_path: Path) -> None:
     """As a model and as a URDF read by Pinocchio, to 1e-9 m; of a UR5 with frames of an older description."""
@@ -158,6 +159,7 @@ def test_differences_of_parameters_make_the_arm_of_their_matrices(kind: str, tmp
     assert 1e-3 < found.rms_position < found.largest_position
 
 
+@pytest.mark.slow
 def test_other_base_and_tip_move_with_their_links(tmp_path: Path) -> None:
     conf = write_conf(tmp_path, "UR5")
     one, other = (

@@ -62,6 +62,7 @@ def textbook(model: pp.ErrorModel, q: np.ndarray, measurement: pp.Measurement) -
     return (np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale))[: unit.size, : unit.size]
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("measurement", SET_UPS, ids=lambda one: f"{one.kind}-{one.base}")
 def test_covariance_is_that_of_the_normal_equations(measurement: pp.Measurement) -> None:
     q = random_poses(4, 8)
@@ -113,6 +114,7 @@ def test_simulated_calibrations_of_the_paper_agree() -> None:
     np.testing.assert_allclose(simulated.rms_position, [entry.rms("after") for entry in forecast.poses], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_better_instrument_and_more_poses_help_down_to_the_floor() -> None:
     found = pp.forecast_calibration(plain_model(), random_poses(4, 40), SET_UPS[0])
     for curve, direction in ((found.by_count, -1), (found.by_instrument, 1)):
@@ -125,6 +127,7 @@ def test_a_better_instrument_and_more_poses_help_down_to_the_floor() -> None:
     assert whole.rms_position == pytest.approx(found.rms("after"), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_repeating_a_pose_does_not_remove_its_own_error() -> None:
     """A pose-scope error is the same at every visit of a pose: visits average the others only."""
     model, measurement = plain_model(), pp.Measurement(std=1e-7)
@@ -139,6 +142,7 @@ def test_repeating_a_pose_does_not_remove_its_own_error() -> None:
     assert np.trace(left) > 0.3 * pose_scope @ pose_scope
 
 
+@pytest.mark.slow
 def test_the_arm_that_is_left_runs_through_other_analyses() -> None:
     found = pp.forecast_calibration(plain_model(), random_poses(4, 20), SET_UPS[0], at=["work"])
     sampled = pp.monte_carlo(found.model, "work", samples=20_000, seed=0)
@@ -146,6 +150,7 @@ def test_the_arm_that_is_left_runs_through_other_analyses() -> None:
     np.testing.assert_allclose(np.trace(nominal), np.trace(found.poses[0].covariance_after[:3, :3]), rtol=0.03)
 
 
+@pytest.mark.slow
 def test_a_map_of_the_arm_that_will_be_left_is_the_forecast_at_its_poses() -> None:
     """`map_poses` of the forecast's model against the error forecast at the same poses."""
     q = random_poses(4, 5, seed=2)

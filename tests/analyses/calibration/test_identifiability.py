@@ -13,6 +13,7 @@ from precision_pin.sources import JointOffset, Mounting
 from support.sheets import seven_joint_arm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "ur5", "panda"])
 def test_ranks_of_all_geometric_errors(name: str) -> None:
     """4R + 2P + 6 with poses, 4R + 2P + 3 with points, two fewer with the tip on the last axis."""
@@ -33,6 +34,7 @@ def test_ranks_of_all_geometric_errors(name: str) -> None:
     assert free.rank == base + 6 - 12
 
 
+@pytest.mark.slow
 def test_ranks_with_a_prismatic_joint() -> None:
     chain = seven_joint_arm(prismatic=(2, 6))
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (7, 40))
@@ -56,6 +58,7 @@ def test_an_offset_and_a_turned_base_cannot_be_told_apart() -> None:
     np.testing.assert_allclose(group.unseen.weights, [np.sqrt(0.5), -np.sqrt(0.5)], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_subspaces_do_not_depend_on_the_order_of_the_sources() -> None:
     model, q = paper_model(), random_poses(4, 30)
     turned = pp.ErrorModel(model.chain, Space(model.space.draws[::-1]), model.sources[::-1], model.poses)
@@ -70,6 +73,7 @@ def test_subspaces_do_not_depend_on_the_order_of_the_sources() -> None:
     np.testing.assert_allclose(other.projector[np.ix_(places, places)], one.projector, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_subspaces_do_not_depend_on_the_order_of_poses_or_on_rounding() -> None:
     """Readings in another order, at joint values off by 1e-9: the same groups, as ties are broken nowhere."""
     model, q = pp.every_frame(paper_model().chain), random_poses(4, 30)
@@ -83,6 +87,7 @@ def test_subspaces_do_not_depend_on_the_order_of_poses_or_on_rounding() -> None:
     np.testing.assert_allclose(other.projector, one.projector, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_joint_without_load_has_no_identifiable_compliance() -> None:
     found = pp.identifiability(paper_model(), random_poses(4, 30), pp.Measurement("pose"))
     # joint 1 is upright, and the load hangs in the axis of joint 4
@@ -98,6 +103,7 @@ SOCKETS = ((0.9, 0.2, 0.8), (0.2, 0.9, 1.0), (-0.6, 0.5, 0.5))
 PLANE = ((0.0, 0.0, 0.5), (0.1, -0.2, 1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "ur5"])
 def test_ranks_of_contact(name: str) -> None:
     """What moves no target against its place, of the 4R + 3 combinations that points determine.

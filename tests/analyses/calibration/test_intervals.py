@@ -56,6 +56,7 @@ def test_of_a_number_that_no_reading_shows_the_law_is_left() -> None:
     )
 
 
+@pytest.mark.slow
 def test_intervals_of_normal_numbers_are_those_of_the_posterior() -> None:
     model, q = plain_model(), random_poses(4, 12)
     found = pp.calibrate(model, (q, readings_of(model, q, TRACKER, seed=3)), TRACKER)

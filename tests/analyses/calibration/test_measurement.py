@@ -159,6 +159,7 @@ def test_slopes_of_the_model_at_other_values_are_finite_differences() -> None:
     np.testing.assert_allclose(slopes * std, (ahead - behind) / 2e-3, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_what_is_measured_does_not_move_with_the_point_that_results_are_about() -> None:
     model, q = plain_model(), random_poses(4, 12)
     measurement = pp.Measurement(std=20e-6, target=OFF_AXIS)
@@ -172,6 +173,7 @@ def test_what_is_measured_does_not_move_with_the_point_that_results_are_about() 
     assert plans[0] == plans[1]
 
 
+@pytest.mark.slow
 def test_the_load_of_a_measurement_takes_the_place_of_payloads() -> None:
     """Without a payload its mass cannot be learned; with a known one the readings are those of an arm that carries it."""
     from dataclasses import replace
@@ -196,6 +198,7 @@ def test_the_load_of_a_measurement_takes_the_place_of_payloads() -> None:
         np.testing.assert_allclose(one.at.error_at_means, other.at.error_at_means, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("facing", "axis"), [((0.0, 3.0, 0.0), 1), (None, 2)])
 def test_a_target_is_seen_within_its_cone(facing: tuple[float, ...] | None, axis: int) -> None:
     """A target 0.1 m off the tip that faces along its y, or z, seen from 2 m along the base's y: by angles of plain vectors."""

@@ -51,6 +51,7 @@ def test_the_best_of_all_choices_is_found(criterion: str, measurement: pp.Measur
     assert 0 < plan.random_efficiency <= plan.efficiency <= 1
 
 
+@pytest.mark.slow
 def test_plan_and_forecast_agree_and_a_seed_gives_one_plan() -> None:
     model, q, measurement = plain_model(), random_poses(4, 30), SET_UPS[0]
     one, other = (pp.plan_calibration(model, q, 8, measurement, seed=3) for _ in range(2))
@@ -73,6 +74,7 @@ def test_forty_of_two_hundred_poses_in_time_and_certified() -> None:
     assert time.perf_counter() - began < 20
 
 
+@pytest.mark.slow
 def test_weights_within_limits_by_general_solvers() -> None:
     """The closest weights satisfy the conditions of a minimum, and the least sum of slopes is that of a linear programme."""
     generator = np.random.default_rng(0)

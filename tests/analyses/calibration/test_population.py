@@ -48,6 +48,7 @@ def robots_of(count: int, poses: int = 6, seed: int = 0) -> list[tuple[np.ndarra
     return [(q, readings[:, :, k]) for k in range(count)]
 
 
+@pytest.mark.slow
 def test_planted_tolerances_are_recovered() -> None:
     """40 robots by the exact model: each planted factor within its interval, and the sheet's refuted where it is wrong."""
     found = pp.population(model_of({}), robots_of(40), TRACKER)
@@ -65,6 +66,7 @@ def test_planted_tolerances_are_recovered() -> None:
     assert "W_OTHER_TOLERANCE" in {finding.code for finding in found.findings}
 
 
+@pytest.mark.slow
 def test_calibrations_say_what_their_readings_say() -> None:
     """From posterior less prior the same as from the readings; the calibrated numbers themselves are no sample of the law."""
     model, robots = model_of({}), robots_of(8, poses=3)
@@ -145,6 +147,7 @@ def test_means_are_found_and_cost_a_degree_of_freedom() -> None:
     assert estimated.means[0] == pytest.approx(values.mean(), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_tolerances_that_act_alike_are_named() -> None:
     """Two offsets of one joint: only their joint tolerance shows."""
     chain = paper_model().chain
@@ -187,6 +190,7 @@ def test_widths_of_a_sheet_are_multiplied_in_every_spelling(tmp_path: Path) -> N
     np.testing.assert_allclose(std, expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_calibration_that_does_not_say_what_its_readings_show_is_fitted_again(tmp_path: Path) -> None:
     """One without prior, and one with a number at the bound of its law."""
     model, robots = model_of({}), robots_of(4)
@@ -200,6 +204,7 @@ def test_a_calibration_that_does_not_say_what_its_readings_show_is_fitted_again(
         pp.population(model, [tmp_path / "b.json", without], pp.Measurement())
 
 
+@pytest.mark.slow
 def test_misuse_is_refused_in_one_line(tmp_path: Path) -> None:
     model, robots = model_of({}), robots_of(2)
     result = pp.calibrate(model, robots[0], TRACKER)

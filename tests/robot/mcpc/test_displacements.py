@@ -14,9 +14,8 @@ from scipy.linalg import expm
 from precision_pin.base.errors import InputError
 from precision_pin.robot import mcpc
 from robot.mcpc import cases
-from support.thinning import mostly_slow
 
-SEEDS = mostly_slow(range(25), fast=10)
+SEEDS = range(25)
 CHARTS = ("complete", "offsets")
 
 
@@ -32,6 +31,7 @@ def random_sixes(seed, count, size):
     return size * generator.uniform(-1, 1, (count, 6))
 
 
+@pytest.mark.fast(26)
 @pytest.mark.parametrize("chart", CHARTS)
 @pytest.mark.parametrize("size", [1e-3, 0.5, 2.5])
 @pytest.mark.parametrize("seed", SEEDS)
@@ -63,6 +63,7 @@ def test_eq20_holds_for_parameters_anywhere(seed, chart):
     np.testing.assert_allclose(cases.literal_tip(arm, q, errors), expected, rtol=0, atol=2e-14)
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_eq20_which_parameters_each_chart_uses(seed):
     chain = cases.random_chain(seed)
@@ -73,7 +74,8 @@ def test_eq20_which_parameters_each_chart_uses(seed):
     assert mcpc.parameter_errors(arm, sixes, "offsets")[:joints].all()
 
 
-@pytest.mark.parametrize("seed", [4, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (7, 13, 28, 31, 39))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [4, 7, 13, 28, 31, 39])
 @pytest.mark.parametrize("chart", CHARTS)
 def test_eq20_linearised_is_eq15_with_the_six_vectors_put_straight_in(seed, chart):
     """J_E ∂ΔΩ/∂D = [Ad(U_1⁻¹) … Ad(U_{n+1}⁻¹)]; the derivative by central differences of fourth order."""
@@ -182,6 +184,7 @@ def test_eq20_prismatic_joint_takes_the_shift():
     assert errors["theta_1"] == 0
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_frame_displacements_come_back_as_the_same_errors(seed):
     """All 5n+6 of them in chart "offsets"; in "complete" those without Δθ and Δd."""
@@ -195,6 +198,7 @@ def test_frame_displacements_come_back_as_the_same_errors(seed):
     np.testing.assert_allclose(back, errors, rtol=0, atol=1e-13)
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_frame_displacements_give_the_perturbed_tip(seed):
     chain = cases.random_chain(seed)

@@ -13,9 +13,8 @@ from precision_pin.base.errors import InputError
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Chain
 from robot.mcpc import cases
-from support.thinning import mostly_slow
 
-SEEDS = mostly_slow(range(40), fast=10)
+SEEDS = range(40)
 
 
 def shipped_arm():
@@ -59,6 +58,7 @@ def test_table_row_shows_turns_and_slides():
     assert [row.prismatic for row in rows] == [False, *arm.prismatic.tolist()]
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_eq3_forward_kinematics_is_pinocchios_on_random_chains(seed):
     chain = cases.random_chain(seed)
@@ -86,6 +86,7 @@ def test_r7_arms_of_example_robot_data(name):
     np.testing.assert_array_equal(mcpc.to_placements(arm, arm, own), own.placements)
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_ranges_of_the_sign_choices(seed):
     arm = mcpc.from_chain(cases.random_chain(seed))
@@ -97,6 +98,7 @@ def test_ranges_of_the_sign_choices(seed):
     assert arm.base_turn in (0.0, np.pi / 2)
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_frame_in_link_has_its_axis_on_the_joints_axis(seed):
     """The z axis along the joint's, the origin on it and in the plane through the one before, normal to z."""
@@ -111,6 +113,7 @@ def test_frame_in_link_has_its_axis_on_the_joints_axis(seed):
         assert abs((joint_before[:3, 3] - before) @ joint_before[:3, 2]) < 1e-13
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_frame_in_link_stands_where_the_partial_products_lead(seed):
     """Frame i after Q_i, by eqs 1-3 from the base, against Pinocchio's joint frame times frame_in_link."""
@@ -212,6 +215,7 @@ def test_tilt_on_either_side_of_parallel_loses_nothing(tilt):
     np.testing.assert_allclose(got, cases.pinocchio_tip(chain, [0.3, 0.4]), rtol=0, atol=1e-15)
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_joint_placements_make_an_equivalent_chain(seed):
     chain = cases.random_chain(seed)
@@ -225,6 +229,7 @@ def test_joint_placements_make_an_equivalent_chain(seed):
         np.testing.assert_allclose(got, case.forward_kinematics(q), rtol=0, atol=2e-14)
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_to_placements_builds_the_perturbed_robot(seed):
     """By Pinocchio, at several configurations, against eqs 1-3 read letter by letter."""

@@ -9,9 +9,8 @@ from scipy.linalg import expm
 
 from precision_pin.robot import mcpc
 from robot.mcpc import cases
-from support.thinning import mostly_slow
 
-SEEDS = mostly_slow(range(25), fast=10)
+SEEDS = range(25)
 ARM_SIZES = (0, 1, 2, 3, 6)
 
 
@@ -49,6 +48,7 @@ def test_eq16_order_of_the_parameters():
     ]
 
 
+@pytest.mark.fast(12)
 @pytest.mark.parametrize("joints", ARM_SIZES)
 @pytest.mark.parametrize("seed", range(5))
 def test_eq8_eq11_columns_are_the_derivatives_of_eqs_1_and_2(joints, seed):
@@ -107,6 +107,7 @@ def test_eq16_jacobian_is_the_derivative_of_eq3(joints, seed):
     np.testing.assert_allclose(arm.jacobian(q), expected, rtol=0, atol=2e-14)
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_eq17_jacobian_base_by_central_differences_of_the_perturbed_arm(seed):
     """Position p' - p and δ = Log(R'Rᵀ) in base axes. T_s is blockdiag(R, R), not the adjoint of T."""
@@ -123,6 +124,7 @@ def test_eq17_jacobian_base_by_central_differences_of_the_perturbed_arm(seed):
     np.testing.assert_allclose(arm.jacobian_base(q), np.column_stack(columns), rtol=0, atol=2e-9)
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_eq15_eq16_against_pinocchios_frame_kinematic_regressor(seed):
     """The regressor is the derivative of the tip to a right perturbation of every joint placement.
@@ -153,6 +155,7 @@ def test_eq15_eq16_against_pinocchios_frame_kinematic_regressor(seed):
         np.testing.assert_allclose(jacobian[:, in_link], expected, rtol=0, atol=5e-14)
 
 
+@pytest.mark.fast(10)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_eq16_columns_of_the_joints_are_pinocchios_joint_jacobian(seed):
     chain = cases.random_chain(seed)

@@ -172,6 +172,7 @@ def drawn(arm: str, folder: Path, filename: str) -> tuple[str, ...]:
     return draw_arm(Scene(), chain.at(np.zeros(3)))[1]
 
 
+@pytest.mark.slow
 def test_sound_scenes_are_drawn(arm, tmp_path):
     (tmp_path / "part.bin").write_bytes(CORNERS + INDICES)
     meshes = {
@@ -188,6 +189,7 @@ def test_sound_scenes_are_drawn(arm, tmp_path):
     assert read_mesh(tmp_path / "beside.gltf").companions == {"part.bin": CORNERS + INDICES}
 
 
+@pytest.mark.slow
 def test_only_regular_files_beside_a_mesh_are_opened(arm, tmp_path):
     folder = tmp_path / "robot" / "urdf"
     folder.mkdir(parents=True)
@@ -216,6 +218,7 @@ def test_only_regular_files_beside_a_mesh_are_opened(arm, tmp_path):
         assert [found.code for found in check(folder / "arm.urdf")] == ["W_MESH_BAD"]
 
 
+@pytest.mark.slow
 def test_images_and_material_files_that_are_no_files_are_not_opened(arm, tmp_path):
     os.mkfifo(tmp_path / "pipe.png")
     os.mkfifo(tmp_path / "pipe.mtl")

@@ -16,6 +16,7 @@ from precision_pin.robot.urdf import Robot, canonical, parse
 SEED = 15
 
 
+@pytest.mark.slow
 def test_robots_as_they_are_hold(tmp_path):
     for number, text in enumerate(base_robots()):
         outcome = try_robot(text.encode(), str(number), tmp_path)
@@ -23,7 +24,8 @@ def test_robots_as_they_are_hold(tmp_path):
         assert outcome.problems == []
 
 
-@pytest.mark.parametrize("start", [0, *(pytest.param(start, marks=pytest.mark.slow) for start in range(50, 300, 50))])
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [0, *range(50, 300, 50)])
 def test_changed_robots_are_refused_or_read_as_others_read_them(start, tmp_path):
     problems = {}
     for number in range(start, start + 50):
@@ -88,6 +90,7 @@ def attempt(data: bytes) -> None:
     assert model.nq == len(robot.moving_joints)
 
 
+@pytest.mark.slow
 @QUIET
 @given(edits=st.lists(EDIT, min_size=1, max_size=4))
 def test_edited_arms(arm, edits):
@@ -98,6 +101,7 @@ def test_edited_arms(arm, edits):
     attempt(data)
 
 
+@pytest.mark.slow
 @QUIET
 @given(values=st.lists(st.sampled_from(TEXTS), min_size=1, max_size=3), places=st.lists(st.integers(0, 69), min_size=3))
 def test_edited_attributes(arm, values, places):
@@ -108,6 +112,7 @@ def test_edited_attributes(arm, values, places):
     attempt(b'"'.join(parts))
 
 
+@pytest.mark.slow
 @QUIET
 @given(data=st.binary(max_size=200))
 def test_any_bytes(data):

@@ -232,6 +232,7 @@ def random_values(robot, seed):
     return {joint.name: rng.uniform(-2, 2) for joint in robot.moving_joints}
 
 
+@pytest.mark.fast(7)
 @pytest.mark.parametrize("arm", ARMS)
 def test_pinocchio_agrees(shipped, arm):
     robot = read(shipped / ARMS[arm])
@@ -320,6 +321,7 @@ def test_what_is_refused_among_all_shipped_files(shipped):
     }
 
 
+@pytest.mark.slow
 def test_rounded_right_angles_among_shipped_files(shipped):
     found = {name for name in ARMS if any("W_ANGLE_ROUNDED" in str(one) for one in read(shipped / ARMS[name]).findings)}
     assert found == {"xarm7", "so101", "baxter"}
