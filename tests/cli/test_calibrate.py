@@ -66,7 +66,8 @@ def test_a_fit_writes_what_is_asked_for(run, folder, rows) -> None:
     data = write(folder, rows)
     found = run("calibrate", SHEET, data, *TARGET, "--urdf", "new.urdf", "--out", "plots", "--json", "c.json")
     assert found.code == 0
-    assert found.out.splitlines()[0].startswith("4dof.urdf, base to tool: the model explains the readings; residuals: ")
+    assert found.out.startswith("4dof.urdf, base to tool: the calibration helps: left-out error ")
+    assert "the model explains the readings" in found.out
     assert max(map(len, found.out.splitlines())) <= 100
     assert sorted(path.name for path in (folder / "plots").iterdir()) == [
         "calibration.json",

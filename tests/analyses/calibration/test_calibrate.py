@@ -314,7 +314,7 @@ def test_json_of_every_result_is_what_its_fields_declare() -> None:
             elif isinstance(value, bool | int | float | str):
                 assert data[key] == value
             else:
-                assert len(data[key]) == len(value) if isinstance(value, tuple) else data[key]
+                assert len(data[key]) == len(value) if isinstance(value, tuple) else bool(data[key]) == bool(value)
     assert [entry["name"] for entry in json.loads(found.to_json())["poses"]] == ["work", "home"]
 
 

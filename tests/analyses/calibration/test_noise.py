@@ -75,7 +75,7 @@ def test_the_std_is_that_of_a_dense_likelihood(kind: str) -> None:
     fixed = np.zeros((15 * size, 15 * size))
     for k, (one, at) in enumerate(zip(slopes, stations, strict=True)):
         own = slice(k * size, (k + 1) * size)
-        fixed[own, own] = at.noise(one.error, np.zeros((1, size)))
+        fixed[own, own] = at.noise(one.error, np.zeros(size), np.zeros(size, dtype=int))
     null = np.linalg.svd(set_up)[0][:, 6:]
     readings = null.T @ (found.residuals.ravel() + by_z @ z)
     lengths = np.tile(np.arange(size) < 3, 15)

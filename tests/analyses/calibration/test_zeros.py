@@ -53,7 +53,7 @@ def test_a_reversed_joint_by_hand():
     read = np.radians([[-60.0, -30, 0, 30, 60]])
     places = 0.5 * np.vstack([np.cos(-read), np.sin(-read), 0 * read]).T
     given = pp.Measurement("position", std="0.1 mm")
-    data = read_data(model, (read, places), given)
+    data = read_data(model, (read, places), (given,))
     expected = 2 * 0.5 * np.sqrt((np.sin(read) ** 2).mean())
     assert fit_zeros(chain, data, given, np.ones(1)).rms == pytest.approx(expected, rel=1e-6)
     assert fit_zeros(chain, data, given, -np.ones(1)).rms < 1e-9
@@ -77,7 +77,7 @@ def test_reversed_joints_of_a_printed_arm_are_named(signs, base):
     read, places = readings(zeros, signs, seed=3, count=12)
     if base == "free":
         places = places @ np.array(pin.exp3(np.array([0.2, -0.1, 1.0]))).T + [0.5, -0.2, 0.1]
-    data = read_data(model, (read, places), given)
+    data = read_data(model, (read, places), (given,))
     wrong = [name for name, sign in zip(model.chain.joint_names, signs, strict=True) if sign < 0]
     if wrong:
         with pytest.raises(InputError) as refused:
