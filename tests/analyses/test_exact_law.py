@@ -12,7 +12,6 @@ import pytest
 from scipy import integrate, special, stats
 
 import precision_pin as pp
-from precision_pin.analyses.exact_law import number_law
 from precision_pin.analyses.exact_law.exact_law import exact_law
 from precision_pin.analyses.exact_law.exact_law_result import LEVELS
 from precision_pin.analyses.exact_law.figure import figure
@@ -299,18 +298,6 @@ def test_norms_against_chi_square_laws():
     np.testing.assert_allclose(plane.cumulative(r), expected, atol=1e-12)
     line = NormalNorm(np.array([1.0, 0.0, 0.0]), np.diag([4.0, 0.0, 0.0]))
     np.testing.assert_allclose(line.cumulative(r), stats.norm(1, 2).cdf(r) - stats.norm(1, 2).cdf(-r), atol=1e-14)
-
-
-def test_a_density_in_metres_needs_no_more_nodes_than_one_in_standard_deviations(monkeypatch):
-    taken = []
-    monkeypatch.setattr(number_law, "_rule", lambda nodes, rule=number_law._rule: taken.append(nodes) or rule(nodes))
-    r = np.array([0.3, 1.0, 2.5])
-    law = NormalNorm(np.array([0.4, -0.3, 0.2]), np.diag([1.0, 0.5, 0.2]))
-    density, most = law.density(r), max(taken)
-    taken.clear()
-    small = NormalNorm(1e-4 * law.centre, 1e-8 * law.matrix)
-    np.testing.assert_allclose(small.density(1e-4 * r), 1e4 * density, rtol=1e-12)
-    assert max(taken) == most < 200
 
 
 def imhof(radius: float, variances, means) -> float:
