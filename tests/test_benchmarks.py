@@ -217,5 +217,5 @@ def test_maps_of_every_arm_are_timed(monkeypatch):
     monkeypatch.setattr(poses, "MAPPED", (1, 2))
     monkeypatch.setattr(poses, "STEADY", 1)
     part = poses.measure_maps(1)
-    assert [row[0] for row in part.tables[0].rows] == ["4dof", "panda", "ur5", "xarm7"]
+    assert [row[0] for row in part.tables[0].rows] == ["4dof", "panda", "ur10e", "ur3e", "ur5", "ur5e", "xarm7"]
     assert all(ratio.value > 1 and ratio.aim == 1000 for ratio in part.ratios)

@@ -200,7 +200,8 @@ def _calibration_calls(call: Callable[..., Call]) -> Iterator[Call]:
             "visible_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 1.0), "cone": 1.0,
         },
         {"std": "standard deviation"}, std=POSITIVE, target_known="true", attitude_std="nothing, one half",
-        cone="one half", plane="nothing", sockets="empty list, empty tuple", load="nothing, empty list, empty tuple",
+        cone="one half", facing="nothing", plane="nothing", sockets="empty list, empty tuple",
+        load="nothing, empty list, empty tuple",
     )  # fmt: skip
 
 

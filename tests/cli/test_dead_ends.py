@@ -214,7 +214,9 @@ def test_values_without_quotes_are_told_from_inputs(run):
 
 
 def test_several_tips_say_how_to_name_one(run):
-    assert error_of(run("init", "forked.urdf")).endswith("left, right (--tip, or tip: in a sheet)")
+    assert error_of(run("init", "forked.urdf")).endswith(
+        "left, right (--tip, or tip: in a sheet); likely --tip left: precision-pin init forked.urdf --tip left"
+    )
 
 
 # --out ---------------------------------------------------------------------------------------------------------------

@@ -176,7 +176,7 @@ def test_a_reader_has_the_examples_and_not_what_only_the_tests_need(monkeypatch)
 @pytest.mark.slow
 def test_the_package_imports_nothing_that_is_neither_locked_nor_an_extra():
     # Pinocchio is found by a path of its own, this package by its sources
-    owners = owners_of_modules() | {"precision_pin": ["precision-pin"], "pinocchio": ["pin"]}
+    owners = owners_of_modules() | {"precision_pin": ["precision-pin"], "pinocchio": ["pin"], "coal": ["coal"]}
     here = locked()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = " ".join(itertools.chain.from_iterable(project["optional-dependencies"].values()))

@@ -315,7 +315,7 @@ def compare_models(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["4dof", "ur5", "panda"])
-@pytest.mark.filterwarnings("ignore:.*W_SQUARE_POSES", "ignore:.*W_JOINT_LIMIT")
+@pytest.mark.filterwarnings("ignore:.*W_SQUARE_POSES", "ignore:.*W_JOINT_LIMIT", "ignore:.*W_COLLISION")
 def test_shipped_sheets_at_many_poses_as_one_at_a_time(name):
     model = ErrorModel.load(shipped_sheets()[name])
     q = model.configuration()[:, None] + np.random.default_rng(6).normal(size=(len(model.chain.joints), 4))

@@ -25,6 +25,13 @@ _FREE: Final = 0.5
 """Standard deviation of a number where all others are given, as a share of its own, above which it counts as independent."""
 
 
+def held_at_mean(draw: Draw) -> Draw:
+    """Return a draw of the same names whose numbers do not vary."""
+    mean = tuple(draw.law.mean_vector.tolist())
+    law = JointNormal(tuple((0.0,) * len(mean) for _ in mean), mean)
+    return dataclasses.replace(draw, law=law, names=draw.components)
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Estimates:

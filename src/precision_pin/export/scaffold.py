@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.base.arrays import Array
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.collision import CollisionCheck, Obstacles
 from precision_pin.robot.inverse_kinematics import spread_points
 from precision_pin.robot.urdf import Joint, gripper_joint
 from precision_pin.sheet import catalogue
@@ -89,9 +90,9 @@ class Survey:
     """Figures of a chain from T trial poses ``(T, n)`` within the limits.
 
     ``units`` are those of each joint's values: deg or m; rad where a joint's limits coincide, so that its value equals them
-    exactly. ``start`` is the trial that is best conditioned, ``far``, of the others, the one whose tip is farthest from the
-    first joint. ``loads`` are the largest torque or force of the weights on every joint, N·m or N; ``loadable``: whether a
-    weight beyond the joint can turn or slide it in some pose.
+    exactly. Of the trials at which the arm hits nothing, ``start`` is the best conditioned, ``far``, of the others, that whose
+    tip is farthest from the first joint. ``loads`` are the largest torque or force of the weights on every joint, N·m or N;
+    ``loadable``: whether a weight beyond the joint can turn or slide it in some pose.
     """
 
     chain: Chain
@@ -128,8 +129,11 @@ class Survey:
             along = np.abs(posture.joint_axes @ down)
             across = np.linalg.norm(np.cross(posture.joint_axes, down), axis=1)
             tilts.append(np.where(chain.prismatic, along, across))
+        free = CollisionCheck(chain, chain.obstacles or Obstacles()).free(np.ascontiguousarray((trials * to_si).T))
+        if free.sum() > 1:
+            conditions, distances = (np.where(free, one, -1.0).tolist() for one in (conditions, distances))
         start = int(np.argmax(conditions))
-        distances[start] = -1.0
+        distances[start] = -2.0
         loadable = np.max(tilts, axis=0) > _SMALLEST_TILT
         return cls(chain, trials, units, start, int(np.argmax(distances)), np.max(loads, axis=0), loadable)
 

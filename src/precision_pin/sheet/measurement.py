@@ -267,7 +267,7 @@ class Measurement:
         check_flag("target_known of a measurement", self.target_known)
         check_flag("std_known of a measurement", self.std_known)
         given: object = self.std
-        if given == ESTIMATE:
+        if isinstance(given, str) and given == ESTIMATE:
             self._fix("std", type(self).std)
             self._fix("std_known", False)
         above, what = "above zero and finite", "std, the standard deviation of a measurement,"

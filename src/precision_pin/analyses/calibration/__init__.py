@@ -281,7 +281,7 @@ DECLARATION = Declaration(
         ),
         Option("--no-prior", "no_prior", "Maximum likelihood: the sheet's tolerances are no prior.", bool, group=_FIT),
         Option(
-            "--only", "only", "Estimate the numbers of this kind of source alone, such as joint_offset; repeats.",
+            "--only", "only", "Estimate the numbers of this kind of source alone; repeats.",
             metavar="KIND", is_repeated=True, group=_FIT,
         ),
         Option("--urdf", "urdf", "Write the calibrated robot as a URDF.", metavar="FILE", group=_FIT),

@@ -52,8 +52,7 @@ from precision_pin.base.files import write_files
 from precision_pin.base.input_files import UnreadableFileError, read_text_file
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.estimates import Estimates
-from precision_pin.draws.laws import JointNormal
+from precision_pin.draws.estimates import Estimates, held_at_mean
 from precision_pin.draws.space import Space
 from precision_pin.export.as_built import AsBuilt
 from precision_pin.model.error_model import ErrorModel
@@ -392,9 +391,7 @@ def _held(model: ErrorModel, only: Sequence[str]) -> tuple[ErrorModel, list[Find
     draws, count = [], 0
     for draw, owners in zip(model.space.draws, model.owners, strict=True):
         if draw.scope is Scope.UNIT and not wanted & {kinds[owner] for owner in owners}:
-            mean = tuple(draw.law.mean_vector.tolist())
-            still = JointNormal(tuple((0.0,) * len(mean) for _ in mean), mean)
-            draw, count = replace(draw, law=still, names=draw.components), count + len(mean)
+            draw, count = held_at_mean(draw), count + draw.law.size
         draws.append(draw)
     free = {draw.name for draw, other in zip(draws, model.space.draws, strict=True) if draw is other}
     space = Space(tuple(draws), tuple(one for one in model.space.correlations if set(one.names) <= free))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Final, final
 
 import numpy as np
@@ -92,7 +92,7 @@ class FactoryCalibration(Outcome):
             The robot's file has changed.
         """
         name = check_path("the path of the URDF", path)
-        chain = self.model.chain
+        chain = replace(self.model.chain, obstacles=None)
         bare = displaced_arm(chain, chain.placements @ np.array([se3.displacement(one) for one in self.displacements]))
         writer = AsBuilt.prepare(bare, np.zeros(6))
         write_files({name: writer.fitted(np.zeros(bare.space.size))})

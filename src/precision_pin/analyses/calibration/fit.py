@@ -437,7 +437,7 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     if zeros is not None and zeros.rms < median / 10:
         message += (
             f"; zeros of the joints alone would explain them to {1e3 * zeros.rms:.3g} mm rms "
-            f"({describe_zeros(problem.model.chain, zeros)}): give joint_offset wide tolerances"
+            f"({describe_zeros(problem.model.chain, zeros)}): give the zeros of joints wide tolerances"
         )
     raise InputError([Finding("error", "E_DATA", message, data.file or None)])
 

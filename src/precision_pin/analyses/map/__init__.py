@@ -16,7 +16,7 @@ def prepare(asked: Asked) -> Job:
     from precision_pin.model.error_model import ErrorModel
 
     model = ErrorModel.from_sheet(asked.sheet)
-    if options["json_path"] is not None or options["out"] is not None:
+    if options.get("json_path") is not None or options.get("out") is not None:
         is_relative = options["relative_to"] is not None
         check_json(len(poses), len(poses.q), len(source_lines(model)), len(options["specs"]), is_relative)
     names = ("samples", "seed", "relative_to", "verify")
