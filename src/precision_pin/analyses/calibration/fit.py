@@ -361,9 +361,8 @@ def leave_out(
     ``estimator``: a number that stops at a bound follows no reading, but is not known.
     """
     shape = residuals.shape
-    inverse = scipy.sparse.block_diag(
-        [scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True) for root in problem.roots], format="csr"
-    )
+    inverses = (scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True) for root in problem.roots)
+    inverse = scipy.sparse.block_diag([scipy.sparse.coo_array(one) for one in inverses], format="csr")
     pull, noise = inverse.T @ problem.whiten(residuals), (inverse.T @ inverse).tocsr()
     throughs = [inverse.T @ one.leverage_root() for one in (estimator, *([] if local is estimator else [local]))]
     rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
