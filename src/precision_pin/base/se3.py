@@ -137,6 +137,13 @@ def displaced(transform: Array, error: Array) -> Array:
     return pose(exp_rotation(error[3:]) @ transform[:3, :3], transform[:3, 3] + error[:3])
 
 
+def nearest_rotation(matrix: Array) -> Array:
+    """Return the rotation R ``(3, 3)`` with the largest trace of Rᵀ times a matrix: that which turns points onto others best."""
+    left, _, right = np.linalg.svd(matrix)
+    result: Array = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    return result
+
+
 def inverse(transform: ArrayLike) -> Array:
     """Return the inverse of a pose ``(4, 4[, N])``."""
     t = np.asarray(transform, dtype=float)

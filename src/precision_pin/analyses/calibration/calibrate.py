@@ -332,6 +332,7 @@ def calibrate(
     )
     refuse_where_nothing_is_seen(seen)
     mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
+    variances = np.diag(estimator.nuisance_covariance())
     gross = tuple(
         GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])), row)
         for row in sorted(distances)
@@ -344,7 +345,7 @@ def calibrate(
         without_bounds=unit.values(best.without_bounds),
         identifiability=seen,
         set_ups=tuple(
-            SetUp.of(part, base, best.nuisances[columns], np.diag(estimator.nuisance_covariance())[columns])
+            SetUp.of(part, base, best.nuisances[columns], variances[columns])
             for part, base, columns in zip(given.measurements, bases, used.instruments.columns, strict=True)
         ),
         chi_square=best.chi_square,

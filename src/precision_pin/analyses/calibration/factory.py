@@ -220,8 +220,7 @@ def _model_of(chain: Chain) -> tuple[str, Array]:
 
 def _fitted(points: Array, directions: Array, places: Array, axes: Array) -> tuple[Array, float, float]:
     """Return the pose that moves lines onto others, and the largest distance and angle left between them; ``(n, 3)`` each."""
-    left, _, right = np.linalg.svd(axes.T @ directions)
-    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    rotation = se3.nearest_rotation(axes.T @ directions)
     across = np.eye(3) - np.einsum("ki,kj->kij", axes, axes)
     wanted = np.einsum("kij,kj->i", across, places - points @ rotation.T)
     shift = np.linalg.solve(across.sum(axis=0), wanted)

@@ -164,8 +164,7 @@ def _base(nominal: Array, measured: Array, attitudes: Array, turned: Array) -> A
         values = np.linalg.svd(turns, compute_uv=False)
         if len(nominal) < 3 or values[1] < 1e-6 * values[0]:
             raise InputError("a free base needs at least three positions that do not lie on one line")
-    left, _, right = np.linalg.svd(turns)
-    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    rotation = se3.nearest_rotation(turns)
     return se3.pose(rotation, other - rotation @ centre)
 
 

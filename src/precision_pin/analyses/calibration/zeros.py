@@ -11,6 +11,7 @@ import numpy as np
 import scipy.optimize
 
 from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.robot.chain import Chain
@@ -77,8 +78,7 @@ def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, sig
 def _aligned(points: Array, readings: Array) -> Array:
     """Return points ``(P, 3)`` turned and shifted onto readings best."""
     centre, other = points.mean(axis=0), readings.mean(axis=0)
-    left, _, right = np.linalg.svd((readings - other).T @ (points - centre))
-    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    rotation = se3.nearest_rotation((readings - other).T @ (points - centre))
     result: Array = (points - centre) @ rotation.T + other
     return result
 
