@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final, final
+from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,7 +40,6 @@ from precision_pin.base.text_escape import shown
 from precision_pin.base.units import ACCELERATION, LENGTH, MASS
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.robot.approach import Approach
-from precision_pin.robot.collision import CollisionCheck, Obstacles
 from precision_pin.robot.configurations import Configurations
 from precision_pin.robot.examples import ELSEWHERE, resolve_robot
 from precision_pin.robot.loads import (
@@ -58,6 +57,9 @@ from precision_pin.robot.pinocchio_model import PinocchioModel, model_poses
 from precision_pin.robot.places import LinkFrame, Place, link_frames, locked_values
 from precision_pin.robot.postures import ChainConstants, Postures, alignment
 from precision_pin.robot.urdf import Joint, Robot, ask_for_tip, parse, read, rerooted
+
+if TYPE_CHECKING:
+    from precision_pin.robot.collision import CollisionCheck, Obstacles
 
 FARTHEST_TARGET: Final = 1000.0
 """Largest coordinate of a target in the tip's axes, m."""
@@ -247,7 +249,12 @@ class Chain:
     @cached_property
     def collision_check(self) -> CollisionCheck | None:
         """What tells whether the arm hits itself or its obstacles; None where nothing is checked."""
-        return None if self.obstacles is None else CollisionCheck(self, self.obstacles)
+        if self.obstacles is None:
+            return None
+        # late: coal takes as long to import as Pinocchio
+        from precision_pin.robot.collision import CollisionCheck
+
+        return CollisionCheck(self, self.obstacles)
 
     @property
     def collision_notes(self) -> tuple[Finding, ...]:

@@ -18,7 +18,6 @@ from typing import Any, Final, Literal, NamedTuple, Protocol, final
 import coal
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
@@ -393,6 +392,8 @@ def _body(name: str, owner: str, where: LinkFrame, shape: Shape, reader: MeshRea
     solid.addVertices(vertices)
     solid.addTriangles(faces.astype(np.int64))
     solid.endModel()
+    from scipy.spatial import ConvexHull, QhullError  # late: a third of a second, of arms with meshes alone
+
     try:
         hull = vertices[ConvexHull(vertices).vertices]
     except QhullError:  # flat

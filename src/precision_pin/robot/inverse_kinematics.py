@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal, cast, final, get_args
+from typing import TYPE_CHECKING, Final, Literal, cast, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +26,10 @@ from precision_pin.base.errors import InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.collision import Obstruction
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet, PoseStatus, chain_length, smallest_singular_values
+
+if TYPE_CHECKING:
+    from precision_pin.robot.collision import Obstruction
 
 Task = Literal["pose", "axis", "position"]
 """What must agree with the wanted pose: position and attitude; position and the direction of the tool axis, whatever the angle
