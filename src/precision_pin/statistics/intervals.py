@@ -76,8 +76,8 @@ def tolerance_ranks(samples: int, content: float, confidence: float) -> tuple[in
     return (rank, samples + 1 - rank) if rank >= 1 else None
 
 
-def clopper_pearson(inside: int, samples: int, confidence: float) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability, given the number of samples inside.
+def clopper_pearson(inside: float, samples: int, confidence: float) -> tuple[float, float]:
+    """Return the Clopper-Pearson interval of a probability, given the number of samples inside, which may be an effective one.
 
     Its coverage is at least the confidence for every probability (Clopper and Pearson, Biometrika 26,
     1934). The lower end is 0 if no sample is inside, the upper end 1 if all are.
@@ -110,7 +110,8 @@ def upper_ends(inside: ArrayLike, samples: int, tail: float) -> Array:
         Probability of a value beyond the end.
     """
     few = np.asarray(inside)
-    return np.where(few >= samples, 1.0, betaincinv(few + 1, np.maximum(samples - few, 1), 1 - tail))
+    beyond = np.where(few >= samples, 1, samples - few)
+    return np.where(few >= samples, 1.0, betaincinv(few + 1, beyond, 1 - tail))
 
 
 def _at_most(k: int, samples: int, p: float) -> float:

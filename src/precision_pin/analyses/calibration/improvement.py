@@ -8,7 +8,7 @@ from typing import ClassVar, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse, spatial, special, stats
+from scipy import sparse, spatial, stats
 
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Estimator
@@ -16,6 +16,7 @@ from precision_pin.analyses.calibration.fit import STEPS, Fit, LeftOut, Problem,
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding
 from precision_pin.base.record import Keys, Record
+from precision_pin.statistics import clopper_pearson
 
 LEVEL: Final = 0.95
 """Probability of the intervals, and of the ellipsoids that left-out readings should be within."""
@@ -45,10 +46,7 @@ class LeftOutShare(Record):
     def of(cls, is_within: NDArray[np.bool_], groups: int) -> LeftOutShare:
         """Return the share of readings ``(P,)`` of so many groups."""
         within = float(is_within.mean())
-        met, side = within * groups, (1 - LEVEL) / 2
-        low = float(special.betaincinv(met, groups - met + 1, side)) if met > 0 else 0.0
-        high = float(special.betaincinv(met + 1, groups - met, 1 - side)) if met < groups else 1.0
-        return cls(within, (low, high))
+        return cls(within, clopper_pearson(within * groups, groups, LEVEL))
 
     @property
     def verdict(self) -> Literal["over-confident", "honest", "over-cautious"]:
