@@ -15,9 +15,9 @@ from precision_pin.base.errors import InputError, UrdfError
 from precision_pin.robot.approach import PREVIOUS, Approach, approaches_along, read_approach
 from precision_pin.robot.chain import EARTH, FARTHEST_TARGET, Chain
 from precision_pin.robot.collision import KeepOut, Obstacles
-from precision_pin.robot.configurations import SLACK
+from precision_pin.robot.configurations import SLACK, joint_quantity
 from precision_pin.robot.examples import resolve_robot
-from precision_pin.robot.urdf import Joint, Limit, Robot
+from precision_pin.robot.urdf import Limit, Robot
 from precision_pin.robot.urdf import read as read_urdf
 from precision_pin.sheet.findings import POSE_VALUES, Findings
 from precision_pin.sheet.schema import Document
@@ -102,11 +102,6 @@ def parse_pose(value: PlainPose, chain: Chain) -> Array:
     if len(value) != len(quantities):
         raise InputError(f"{len(value)} joint values for {len(quantities)} joints: {', '.join(chain.joint_names)}")
     return chain.configuration([_parse_at(k, text, quantities[k]) for k, text in enumerate(value)])
-
-
-def joint_quantity(joint: Joint) -> units.Quantity:
-    """Return the quantity of a joint's value."""
-    return units.LENGTH if joint.kind == "prismatic" else units.ANGLE
 
 
 def _parse_at(where: str | int, text: str, quantity: units.Quantity) -> float:

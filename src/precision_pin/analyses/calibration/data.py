@@ -30,6 +30,7 @@ from precision_pin.base.record import Record
 from precision_pin.base.se3 import log_rotation
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, pose_findings
+from precision_pin.robot.configurations import joint_quantity
 from precision_pin.robot.trajectory import joint_columns
 from precision_pin.sheet.measurement import Measurement
 
@@ -251,13 +252,7 @@ def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]
     )
     targets = [target for one in measurements for target in _targets(table, joints, one, path, len(measurements) == 1)]
     _check_columns(model.chain, table, targets, path)
-    turning = [joint.kind != "prismatic" for joint in model.chain.joints]
-    q = np.array(
-        [
-            table.column(name, units.ANGLE if turns else units.LENGTH)
-            for name, turns in zip(joints, turning, strict=True)
-        ]
-    )
+    q = np.array([table.column(joint.name, joint_quantity(joint)) for joint in model.chain.joints])
     std = np.array(table.column("std", units.LENGTH)) if "std" in table.names else np.zeros(0)
     if (std <= 0).any():
         raise _wrong(path, "std must be above zero", table.lines[int(np.nanargmin(std))])
@@ -368,7 +363,7 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
         raise _wrong(path, message, 1)
     quantities = {name: units.LENGTH for name in (*read, "std") if name in table.names and not name.startswith("r")}
     quantities |= {name: units.ANGLE for name in read if name.startswith("r")}
-    quantities |= {joint.name: units.LENGTH if joint.kind == "prismatic" else units.ANGLE for joint in chain.joints}
+    quantities |= {joint.name: joint_quantity(joint) for joint in chain.joints}
     bare = [name for name, quantity in quantities.items() if not table.unit_of(name, quantity)]
     if bare:
         needed = [("m", "lengths", units.LENGTH), ("rad", "angles", units.ANGLE)]
@@ -438,7 +433,7 @@ def _dependent(
 def _check_joint_values(chain: Chain, q: Array, path: str, table: csv_columns.Measured) -> None:
     low, high = chain.configurations.limits
     for k, joint in enumerate(chain.joints):
-        unit = table.unit_of(joint.name, units.LENGTH if joint.kind == "prismatic" else units.ANGLE)
+        unit = table.unit_of(joint.name, joint_quantity(joint))
         span = high[k] - low[k] if np.isfinite(high[k] - low[k]) else 2 * np.pi
         middle = (high[k] + low[k]) / 2 if np.isfinite(high[k] - low[k]) else 0.0
         beyond = np.abs(q[k] - middle) > (0.5 + _FAR) * span

@@ -452,7 +452,7 @@ def _settles(problem: Problem) -> bool:
 
 def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
     """Refuse joint values that fit far better in degrees than in radians or the other way, all of them or those of one joint."""
-    turning = np.array([joint.kind != "prismatic" for joint in model.chain.joints])
+    turning = ~model.chain.prismatic
     each = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
     found: list[tuple[float, bool, str]] = [(np.inf, False, "")]
     before = nominal_distance(model.chain, data)
