@@ -53,7 +53,7 @@ autodoc_typehints = "none"  # types are shown as they are written, see signature
 autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 88
 python_use_unqualified_type_names = True
-napoleon_google_docstring = False
+napoleon_numpy_docstring = False
 napoleon_custom_sections = [("Attributes", "params_style")]
 
 PAGES: Final = Path(__file__).parent
