@@ -68,10 +68,8 @@ def installed_libraries() -> tuple[dict[str, others.Other], list[str]]:
 def check_agreement(ways: Mapping[str, loops.Errors]) -> None:
     """Stop unless all ways, and the compiled sampler, give the same errors for the same parameters.
 
-    Raises
-    ------
-    SystemExit
-        One of them differs by more than `AGREEMENT`.
+    Raises:
+        SystemExit: One of them differs by more than `AGREEMENT`.
     """
     x = cases.draw_with_numpy(np.random.default_rng(0), 300)
     expected = sampler.errors_at(sampler.to_arrays(cases.ur5()), "exact", x)

@@ -48,10 +48,9 @@ def arm() -> tuple[pinocchio.Model, int]:
 def plain_loop(*, copied: bool) -> Errors:
     """Return the loop that one writes first: displace the placements of the model, then ask Pinocchio for the pose.
 
-    Parameters
-    ----------
-    copied
-        Displace a new copy of the model, with data of its own, for every sample; otherwise one copy, again and again.
+    Args:
+        copied: Displace a new copy of the model, with data of its own, for every sample; otherwise one copy, again and
+            again.
     """
     nominal, tip = arm()
     q = np.array(POSE)

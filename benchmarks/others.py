@@ -26,12 +26,9 @@ __all__ = ["Other", "jax_compiled", "openturns_function", "robotics_toolbox"]
 class Other:
     """An alternative that another library makes.
 
-    Attributes
-    ----------
-    errors
-        From parameters ``(36, N)`` to errors ``(6, N)``.
-    sampled
-        Draws N samples and returns their errors; None: numpy draws for it.
+    Attributes:
+        errors: From parameters ``(36, N)`` to errors ``(6, N)``.
+        sampled: Draws N samples and returns their errors; None: numpy draws for it.
     """
 
     errors: Errors

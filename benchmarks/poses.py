@@ -91,10 +91,8 @@ class Together:
 def check_agreement(models: Sequence[PoseModel]) -> None:
     """Stop unless the sums over many poses are those of the clear numpy engine.
 
-    Raises
-    ------
-    SystemExit
-        A mean differs by more than 1e-12 m or rad.
+    Raises:
+        SystemExit: A mean differs by more than 1e-12 m or rad.
     """
     plans = [Plan(np.zeros(8), np.ones(8))] * len(models)
     found = observe_norms(sampler.to_arrays_at_poses(models), plans, "exact", 0, 0, 1, samples=1000)

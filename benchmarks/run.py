@@ -107,10 +107,8 @@ def _printed(name: str, tell: Callable[[str], None]) -> str:
 def replaced(page: str, measured: str) -> str:
     """Return a page with what was measured between its marks.
 
-    Raises
-    ------
-    ValueError
-        The page does not have both marks, once each and in order.
+    Raises:
+        ValueError: The page does not have both marks, once each and in order.
     """
     if page.count(BEGIN) != 1 or page.count(END) != 1 or page.index(BEGIN) > page.index(END):
         raise ValueError(f"it needs the lines {BEGIN} and {END}, once each and in this order")

@@ -33,14 +33,10 @@ _JOINTS_OF_ARMS = 6
 class Line:
     """A straight line ``at_zero + slope · x`` through measurements.
 
-    Attributes
-    ----------
-    at_zero, slope
-        Least squares.
-    worst
-        Largest distance of a measurement from the line, relative to the measurement.
-    bend
-        Slope of a line through the upper half, to that of one through the lower half; 1 is straight.
+    Attributes:
+        at_zero, slope: Least squares.
+        worst: Largest distance of a measurement from the line, relative to the measurement.
+        bend: Slope of a line through the upper half, to that of one through the lower half; 1 is straight.
     """
 
     at_zero: float
@@ -63,14 +59,10 @@ def fitted(x: Sequence[float], y: Sequence[float]) -> Line:
 class Scaling:
     """What was measured, for tables and pictures.
 
-    Attributes
-    ----------
-    sampler, numpy
-        Time and peak memory by number of samples, of `monte_carlo` and of numpy with everything kept.
-    joints, parameters
-        Nanoseconds per sample by how many there are.
-    threads
-        Seconds that passed, by how many threads.
+    Attributes:
+        sampler, numpy: Time and peak memory by number of samples, of `monte_carlo` and of numpy with everything kept.
+        joints, parameters: Nanoseconds per sample by how many there are.
+        threads: Seconds that passed, by how many threads.
     """
 
     sampler: dict[int, memory.Spent]

@@ -14,16 +14,11 @@ __all__ = ["Part", "Ratio", "Table", "figure", "times"]
 class Table:
     """A table.
 
-    Attributes
-    ----------
-    title
-        What it shows.
-    columns
-        The heads; the first column holds names, the others figures.
-    rows
-        The cells.
-    notes
-        Sentences below it.
+    Attributes:
+        title: What it shows.
+        columns: The heads; the first column holds names, the others figures.
+        rows: The cells.
+        notes: Sentences below it.
     """
 
     title: str
@@ -57,14 +52,10 @@ class Table:
 class Ratio:
     """A figure that holds on any machine, near enough, and what it should be.
 
-    Attributes
-    ----------
-    name
-        What is divided by what.
-    value
-        The quotient; None: this machine cannot tell.
-    aim
-        At least this, or with ``at_most`` at most; None: nothing is aimed at.
+    Attributes:
+        name: What is divided by what.
+        value: The quotient; None: this machine cannot tell.
+        aim: At least this, or with ``at_most`` at most; None: nothing is aimed at.
     """
 
     name: str

@@ -25,12 +25,9 @@ _SHORTEST_TURN: Final = 2e-3
 class Work:
     """Something to be timed.
 
-    Attributes
-    ----------
-    call
-        What to do.
-    samples
-        How many samples that makes.
+    Attributes:
+        call: What to do.
+        samples: How many samples that makes.
     """
 
     call: Callable[[], object]
@@ -42,15 +39,12 @@ def best_times(
 ) -> dict[Name, float]:
     """Return the seconds of each work, the best of its turns, after one call each that is not timed.
 
-    Parameters
-    ----------
-    works
-        What to time, by name; they take turns.
-    turns
-        How many each has.
-    clock
-        ``time.process_time`` counts the processor's time of all threads, so that a library that starts threads of its
-        own gains nothing by it; ``time.perf_counter`` counts the time that passes, for what is meant to be parallel.
+    Args:
+        works: What to time, by name; they take turns.
+        turns: How many each has.
+        clock: ``time.process_time`` counts the processor's time of all threads, so that a library that starts threads
+            of its own gains nothing by it; ``time.perf_counter`` counts the time that passes, for what is meant to be
+            parallel.
     """
     repeats = {}
     for name, work in works.items():

@@ -50,10 +50,9 @@ HIGH: Final = 0.95
 def measure(share: float) -> list[Coverage]:
     """Return the coverage of every interval of these analyses.
 
-    Parameters
-    ----------
-    share
-        Of the runs: 1 is a thousand budgets and five hundred moments of each small arm, a hundred of each shipped sheet.
+    Args:
+        share: Of the runs: 1 is a thousand budgets and five hundred moments of each small arm, a hundred of each
+            shipped sheet.
     """
     runs, few = max(5, round(1000 * share)), max(2, round(100 * share))
     rows = [row for case in BUDGETS for row in _budget(case, runs)]

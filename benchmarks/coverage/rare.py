@@ -39,20 +39,13 @@ CONFIDENCE: Final = 0.95
 class Case:
     """A limit state of known probability.
 
-    Attributes
-    ----------
-    name
-        In words.
-    space
-        Its draws.
-    margin
-        What is left up to failure, for component values ``(d, N)``.
-    probability
-        Of failure.
-    truth
-        Where it comes from.
-    runs
-        Seeds to try.
+    Attributes:
+        name: In words.
+        space: Its draws.
+        margin: What is left up to failure, for component values ``(d, N)``.
+        probability: Of failure.
+        truth: Where it comes from.
+        runs: Seeds to try.
     """
 
     name: str

@@ -21,20 +21,13 @@ LEAST: Final = 0.94
 class Coverage:
     """How often one kind of interval held the truth in one case.
 
-    Attributes
-    ----------
-    interval
-        What it is about, as the program calls it: ``"standard deviation"``, ``"quantile 99 %"``.
-    case
-        Law, pose and number of samples.
-    truth
-        Where the truth comes from: a closed form, quadrature, a long run of other code.
-    runs
-        Seeds tried.
-    given
-        Runs in which an interval was given; in the others the program says "not resolved".
-    held
-        Runs in which an interval was given and held the truth.
+    Attributes:
+        interval: What it is about, as the program calls it: ``"standard deviation"``, ``"quantile 99 %"``.
+        case: Law, pose and number of samples.
+        truth: Where the truth comes from: a closed form, quadrature, a long run of other code.
+        runs: Seeds tried.
+        given: Runs in which an interval was given; in the others the program says "not resolved".
+        held: Runs in which an interval was given and held the truth.
     """
 
     interval: str

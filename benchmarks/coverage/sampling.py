@@ -54,17 +54,12 @@ RUNS_OF_SHEETS: Final = 1_000
 class Truth:
     """What is true of one quantity.
 
-    Attributes
-    ----------
-    mean, std
-        Of the law.
-    modes
-        Every place that may be called its mode: one for a law of one peak, several for peaks alike, none where the density
-        has none between its ends.
-    below
-        P(value ≤ x).
-    before
-        P(value < x).
+    Attributes:
+        mean, std: Of the law.
+        modes: Every place that may be called its mode: one for a law of one peak, several for peaks alike, none where
+            the density has none between its ends.
+        below: P(value ≤ x).
+        before: P(value < x).
     """
 
     mean: float

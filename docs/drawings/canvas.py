@@ -46,12 +46,9 @@ _DARK: Final = (
 class Canvas:
     """A drawing in the making.
 
-    Parameters
-    ----------
-    title
-        What the drawing shows, for those who do not see it.
-    height
-        In pixels; the width is always the same.
+    Args:
+        title: What the drawing shows, for those who do not see it.
+        height: In pixels; the width is always the same.
     """
 
     def __init__(self, title: str, height: int) -> None:

@@ -60,16 +60,11 @@ NO_CHAIN = re.compile(
 class Outcome:
     """What became of one robot.
 
-    Attributes
-    ----------
-    loaded
-        Whether it was accepted.
-    codes
-        Of its findings.
-    problems
-        What did not hold.
-    remarks
-        Known differences to urdfdom, by kind.
+    Attributes:
+        loaded: Whether it was accepted.
+        codes: Of its findings.
+        problems: What did not hold.
+        remarks: Known differences to urdfdom, by kind.
     """
 
     loaded: bool = False
@@ -81,16 +76,11 @@ class Outcome:
 def try_robot(data: bytes, seed: str, folder: Path, enter: Callable[[str], None] = lambda stage: None) -> Outcome:
     """Read a robot in every way and compare.
 
-    Parameters
-    ----------
-    data
-        The file.
-    seed
-        Of the choice of tip, base and configuration.
-    folder
-        For files; it may hold meshes.
-    enter
-        Is told which part begins, for a process that dies.
+    Args:
+        data: The file.
+        seed: Of the choice of tip, base and configuration.
+        folder: For files; it may hold meshes.
+        enter: Is told which part begins, for a process that dies.
     """
     outcome = Outcome()
     started = time.process_time()

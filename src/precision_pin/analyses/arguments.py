@@ -24,12 +24,9 @@ def check_request(
 ) -> tuple[list[Pose], tuple[Finding, ...]]:
     """Check the common arguments before any work is done; return a list of poses, and the findings.
 
-    Parameters
-    ----------
-    error_model, seed, confidence, findings, progress
-        Arguments of the analysis.
-    poses
-        Its arguments ``poses``, ``q`` and ``pose``, which are synonyms.
+    Args:
+        error_model, seed, confidence, findings, progress: Arguments of the analysis.
+        poses: Its arguments ``poses``, ``q`` and ``pose``, which are synonyms.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)

@@ -26,16 +26,11 @@ class Part:
 class Cause:
     """The draws that one tolerance makes.
 
-    Attributes
-    ----------
-    words
-        What it is, such as ``tilt of joint2 about z``.
-    tolerance
-        How far it varies, such as ``±0.3 mm``; empty where no unit is known.
-    scope
-        How often it is drawn.
-    parts
-        Its draws.
+    Attributes:
+        words: What it is, such as ``tilt of joint2 about z``.
+        tolerance: How far it varies, such as ``±0.3 mm``; empty where no unit is known.
+        scope: How often it is drawn.
+        parts: Its draws.
     """
 
     words: str
@@ -59,16 +54,12 @@ class Cause:
 class CauseShare:
     """A cause's part of the variance of a vector.
 
-    Attributes
-    ----------
-    cause
-        Which.
-    share
-        Closed form; ``None`` where nothing varies.
-    halved
-        Standard deviation if the tolerance were halved, m or rad; ``None`` where its draws are correlated.
-    first, total
-        Sobol indices of the exact model; ``None`` for several draws together and where they are not resolved.
+    Attributes:
+        cause: Which.
+        share: Closed form; ``None`` where nothing varies.
+        halved: Standard deviation if the tolerance were halved, m or rad; ``None`` where its draws are correlated.
+        first, total: Sobol indices of the exact model; ``None`` for several draws together and where they are not
+            resolved.
     """
 
     cause: Cause

@@ -40,10 +40,8 @@ CLOUD: Final = 5_000
 class Missing:
     """Marker of a result that does not exist for this model.
 
-    Attributes
-    ----------
-    reason
-        Why, one line.
+    Attributes:
+        reason: Why, one line.
     """
 
     reason: str
@@ -54,26 +52,16 @@ class Missing:
 class Results:
     """The results that a report shows.
 
-    Attributes
-    ----------
-    sheet, model, at
-        What was analysed, and the model at the pose.
-    analysis
-        The sampled distribution.
-    found
-        What each of the other analyses found, by its name, or why there is nothing.
-    mcpc
-        The chain's parameters, or why there are none.
-    cloud
-        The first of the sampled errors ``(6, n)``, m and rad, base axes.
-    command
-        The words of the command line that makes the report again.
-    package_dirs
-        Folders of packages of meshes.
-    digests
-        SHA-256 of the files read, by name.
-    prefix
-        Of the identifiers of its parts in a page of several poses.
+    Attributes:
+        sheet, model, at: What was analysed, and the model at the pose.
+        analysis: The sampled distribution.
+        found: What each of the other analyses found, by its name, or why there is nothing.
+        mcpc: The chain's parameters, or why there are none.
+        cloud: The first of the sampled errors ``(6, n)``, m and rad, base axes.
+        command: The words of the command line that makes the report again.
+        package_dirs: Folders of packages of meshes.
+        digests: SHA-256 of the files read, by name.
+        prefix: Of the identifiers of its parts in a page of several poses.
     """
 
     sheet: Sheet
@@ -118,29 +106,19 @@ def collect(
 ) -> Results:
     """Run every analysis of a report at one pose.
 
-    Parameters
-    ----------
-    sheet
-        As read.
-    pose
-        A pose's name, joint values, or None for the sheet's first.
-    samples, seed, model, specifications
-        As for :func:`~precision_pin.sampling.monte_carlo`. The other analyses take those that they declare; the model is
-        theirs.
-    command
-        The words of the command line, for the report.
-    package_dirs
-        Folders of packages of meshes.
-    step
-        Called at each step.
-    error_model
-        The sheet's, if it is there already.
+    Args:
+        sheet: As read.
+        pose: A pose's name, joint values, or None for the sheet's first.
+        samples, seed, model, specifications: As for :func:`~precision_pin.sampling.monte_carlo`. The other analyses
+            take those that they declare; the model is theirs.
+        command: The words of the command line, for the report.
+        package_dirs: Folders of packages of meshes.
+        step: Called at each step.
+        error_model: The sheet's, if it is there already.
 
-    Raises
-    ------
-    InputError
-        A wrong pose, number of samples or seed; errors too large to compute with. An analysis besides the sampling that
-        refuses the model is left out instead, with its reason.
+    Raises:
+        InputError: A wrong pose, number of samples or seed; errors too large to compute with. An analysis besides the
+            sampling that refuses the model is left out instead, with its reason.
     """
     error_model = error_model or ErrorModel.from_sheet(sheet)
     with step("sampling", samples) as progress:
@@ -188,14 +166,10 @@ def collect_poses(sheet: Sheet, poses: Sequence[Pose], *, step: Step, **settings
 
     The worst misses most specifications, or by most; without specifications it has the largest error, by its 95 % quantile.
 
-    Parameters
-    ----------
-    sheet, step
-        As for :func:`collect`.
-    poses
-        Each as for :func:`collect`.
-    settings
-        The other arguments of :func:`collect`.
+    Args:
+        sheet, step: As for :func:`collect`.
+        poses: Each as for :func:`collect`.
+        settings: The other arguments of :func:`collect`.
     """
     error_model = ErrorModel.from_sheet(sheet)
 

@@ -34,36 +34,22 @@ class WrongUsageError(ValueError):
 class Option(NamedTuple):
     """Option of an analysis's command, in addition to the shared ones.
 
-    Attributes
-    ----------
-    flag
-        Name on the command line, such as ``--samples``.
-    argument
-        Keyword argument of the function.
-    help
-        Help text, one line.
-    kind
-        Type of the value.
-    default
-        Default value, shown in the help unless it is None.
-    metavar
-        Placeholder of the value in the help; optional for numbers and choices.
-    choices
-        Allowed values; empty for any value.
-    is_repeated, is_needed
-        True if the option may be given several times (the argument is then a tuple), and if it is required.
-    is_of_table
-        True if it is an argument of the table instead of the analysis.
-    check
-        ``module:function`` that rejects a wrong value before any input is read.
-    group
-        Heading in the help; by default none, of an option of the table :data:`OUTPUT`.
-    read
-        Function that turns the text into the value, or rejects it, before any input is read.
-    is_pose
-        True if it names a pose: one of the sheet's, or joint values.
-    is_default_shown
-        False if the help does not show the default value.
+    Attributes:
+        flag: Name on the command line, such as ``--samples``.
+        argument: Keyword argument of the function.
+        help: Help text, one line.
+        kind: Type of the value.
+        default: Default value, shown in the help unless it is None.
+        metavar: Placeholder of the value in the help; optional for numbers and choices.
+        choices: Allowed values; empty for any value.
+        is_repeated, is_needed: True if the option may be given several times (the argument is then a tuple), and if it
+            is required.
+        is_of_table: True if it is an argument of the table instead of the analysis.
+        check: ``module:function`` that rejects a wrong value before any input is read.
+        group: Heading in the help; by default none, of an option of the table :data:`OUTPUT`.
+        read: Function that turns the text into the value, or rejects it, before any input is read.
+        is_pose: True if it names a pose: one of the sheet's, or joint values.
+        is_default_shown: False if the help does not show the default value.
     """
 
     flag: str
@@ -91,19 +77,14 @@ class Option(NamedTuple):
 class Asked(NamedTuple):
     """Inputs of a command, for the function ``prepare`` of a declaration.
 
-    Attributes
-    ----------
-    sheets
-        The sheets by name, as read; one of no name for most commands.
-    options
-        Values of all options by their arguments.
-    chosen
-        Arguments of the options that the user gave.
-    read_poses, read_pose_set
-        Functions of the largest number of poses that read those of the command line, as a list with names or as a
-        :class:`precision_pin.robot.pose_set.PoseSet`; without poses in the options the first of the first sheet.
-    read_measurements
-        Function that returns the measurements of the options and the first sheet.
+    Attributes:
+        sheets: The sheets by name, as read; one of no name for most commands.
+        options: Values of all options by their arguments.
+        chosen: Arguments of the options that the user gave.
+        read_poses, read_pose_set: Functions of the largest number of poses that read those of the command line, as a
+            list with names or as a :class:`precision_pin.robot.pose_set.PoseSet`; without poses in the options the
+            first of the first sheet.
+        read_measurements: Function that returns the measurements of the options and the first sheet.
     """
 
     sheets: Mapping[str, Any]
@@ -130,32 +111,20 @@ class Files(NamedTuple):
 class Job(NamedTuple):
     """What a command runs and writes, made by the function ``prepare`` of a declaration.
 
-    Attributes
-    ----------
-    run
-        Function with the arguments ``progress``, if there are steps, and of a command with the shared options ``workers``
-        those that say what samples; returns the result.
-    models
-        Models whose samplers are compiled first.
-    steps, what, unit
-        Number of progress steps, None for no progress; what they do and count.
-    is_unwound
-        True if a signal raises KeyboardInterrupt in the analysis instead of ending the process.
-    note
-        Line that is printed before.
-    stem
-        Name of the files; by default that of the command.
-    table
-        Function that returns the result as text; by default the declared one.
-    files
-        Function of the result that returns what else a folder gets; by default the figure.
-    write, is_written_first
-        Function of the result that writes the files of other options and returns notes, and whether it runs before the
-        result is printed instead of after.
-    findings
-        Findings passed to the analysis, of a result without warning lines: those that it adds are printed.
-    is_met
-        Function of the result that returns whether the exit code is 0.
+    Attributes:
+        run: Function with the arguments ``progress``, if there are steps, and of a command with the shared options
+            ``workers`` those that say what samples; returns the result.
+        models: Models whose samplers are compiled first.
+        steps, what, unit: Number of progress steps, None for no progress; what they do and count.
+        is_unwound: True if a signal raises KeyboardInterrupt in the analysis instead of ending the process.
+        note: Line that is printed before.
+        stem: Name of the files; by default that of the command.
+        table: Function that returns the result as text; by default the declared one.
+        files: Function of the result that returns what else a folder gets; by default the figure.
+        write, is_written_first: Function of the result that writes the files of other options and returns notes, and
+            whether it runs before the result is printed instead of after.
+        findings: Findings passed to the analysis, of a result without warning lines: those that it adds are printed.
+        is_met: Function of the result that returns whether the exit code is 0.
     """
 
     run: Callable[..., Any]
@@ -181,48 +150,33 @@ class Declaration(NamedTuple):
     ``figure.figure(result, k)`` the figure of pose k, ``section.content(result, results)`` the parts of the report's section,
     and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
 
-    Attributes
-    ----------
-    name
-        Name of the command, also in files and in the schema of the JSON.
-    function, result
-        ``module:name`` of the function, with the arguments ``(model, pose, *, seed, findings, progress, …)``, and of the
-        class of its result, a :class:`precision_pin.analyses.result.Result`.
-    title, heading
-        Entry in the report's table of contents, and heading of its section; an analysis without a heading has no section
-        about a pose.
-    summary, description
-        One line in the list of commands, text of the command's help.
-    options
-        Options of the command, in the order of its help; a word is a group of options that several commands share.
-    report_settings
-        Arguments that a report passes on as it does to the sampling: ``samples``, ``specifications``. An analysis with
-        specifications is left out of a report without any.
-    steps
-        ``module:function(space, poses, **arguments)`` that returns the number of progress steps for a number of poses; by
-        default the samples at all poses.
-    unit
-        Unit of these steps.
-    has_warnings_in_table
-        True if the table includes the warnings, so that the command does not print them again.
-    group
-        Heading in the list of commands.
-    prepare
-        Function that returns what the command runs for its inputs; by default ``function`` at the poses of the command line.
-    check
-        Function that rejects options that do not go together, before any input is read; it may change them.
-    sheets
-        Function of the options that returns those with which each sheet is read, by name; by default one sheet.
-    arguments, data_suffixes
-        Name of the command's arguments and how the help shows them; ends of the names that are neither robot nor sheet.
-    reads, writes
-        Arguments of the options that name further files to read, and of those that name files to write.
-    files
-        Patterns of the names of files in a folder.
-    is_sampled
-        True if the command samples: on a machine where nothing is compiled yet, that begins while the inputs are read.
-    table_name
-        Name of the function in ``table``.
+    Attributes:
+        name: Name of the command, also in files and in the schema of the JSON.
+        function, result: ``module:name`` of the function, with the arguments ``(model, pose, *, seed, findings,
+            progress, …)``, and of the class of its result, a :class:`precision_pin.analyses.result.Result`.
+        title, heading: Entry in the report's table of contents, and heading of its section; an analysis without a
+            heading has no section about a pose.
+        summary, description: One line in the list of commands, text of the command's help.
+        options: Options of the command, in the order of its help; a word is a group of options that several commands
+            share.
+        report_settings: Arguments that a report passes on as it does to the sampling: ``samples``, ``specifications``.
+            An analysis with specifications is left out of a report without any.
+        steps: ``module:function(space, poses, **arguments)`` that returns the number of progress steps for a number of
+            poses; by default the samples at all poses.
+        unit: Unit of these steps.
+        has_warnings_in_table: True if the table includes the warnings, so that the command does not print them again.
+        group: Heading in the list of commands.
+        prepare: Function that returns what the command runs for its inputs; by default ``function`` at the poses of the
+            command line.
+        check: Function that rejects options that do not go together, before any input is read; it may change them.
+        sheets: Function of the options that returns those with which each sheet is read, by name; by default one sheet.
+        arguments, data_suffixes: Name of the command's arguments and how the help shows them; ends of the names that
+            are neither robot nor sheet.
+        reads, writes: Arguments of the options that name further files to read, and of those that name files to write.
+        files: Patterns of the names of files in a folder.
+        is_sampled: True if the command samples: on a machine where nothing is compiled yet, that begins while the
+            inputs are read.
+        table_name: Name of the function in ``table``.
     """
 
     name: str

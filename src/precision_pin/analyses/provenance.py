@@ -26,23 +26,15 @@ Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 class Provenance:
     """Robot, seed and software versions of a result.
 
-    Attributes
-    ----------
-    robot, base, tip
-        The URDF and the ends of the chain.
-    statics
-        ``"nominal"`` or ``"equilibrium"``.
-    seed
-        64-bit seed of all samples.
-    assumed
-        Labels of the sources that the sheet marks as assumptions.
-    sources
-        Number of sources.
-    origins, origins_at
-        Share in the first-order variance of position and attitude by provenance, empty where the sheet states none; and the name
-        of the pose where it was taken, the model's first.
-    versions
-        Versions of Python and the libraries that computed the result.
+    Attributes:
+        robot, base, tip: The URDF and the ends of the chain.
+        statics: ``"nominal"`` or ``"equilibrium"``.
+        seed: 64-bit seed of all samples.
+        assumed: Labels of the sources that the sheet marks as assumptions.
+        sources: Number of sources.
+        origins, origins_at: Share in the first-order variance of position and attitude by provenance, empty where the
+            sheet states none; and the name of the pose where it was taken, the model's first.
+        versions: Versions of Python and the libraries that computed the result.
     """
 
     robot: str
@@ -94,16 +86,11 @@ class Provenance:
 class PoseLabel:
     """Name and joint values of a pose.
 
-    Attributes
-    ----------
-    name
-        Name of the pose, empty for a pose without one.
-    q
-        Value of each joint, rad or m.
-    sliding_joints
-        Sliding joints, whose values are in m.
-    approach
-        ``+`` or ``-`` by the name of each joint whose last motion is known.
+    Attributes:
+        name: Name of the pose, empty for a pose without one.
+        q: Value of each joint, rad or m.
+        sliding_joints: Sliding joints, whose values are in m.
+        approach: ``+`` or ``-`` by the name of each joint whose last motion is known.
     """
 
     name: str

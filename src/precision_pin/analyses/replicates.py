@@ -49,12 +49,9 @@ _ROUNDING: Final = 1e-14
 class Estimates:
     """Estimates with the half-widths of their intervals.
 
-    Attributes
-    ----------
-    value, half_width
-        Arrays of one shape; NaN where not resolved.
-    replicate_variance
-        Approximate variance of the estimate of a single replicate.
+    Attributes:
+        value, half_width: Arrays of one shape; NaN where not resolved.
+        replicate_variance: Approximate variance of the estimate of a single replicate.
     """
 
     value: Array
@@ -80,10 +77,8 @@ class Estimates:
 def pseudo_values(statistic: Callable[[NDArray[np.bool_]], Array]) -> tuple[Array, Array]:
     """Return a statistic of all replicates, and the jackknife's pseudo-values ``(REPLICATES, …)``.
 
-    Parameters
-    ----------
-    statistic
-        Function of the mask ``(REPLICATES,)`` of the replicates to use.
+    Args:
+        statistic: Function of the mask ``(REPLICATES,)`` of the replicates to use.
     """
     everything = np.ones(REPLICATES, dtype=bool)
     whole = np.asarray(statistic(everything), dtype=float)
@@ -94,12 +89,9 @@ def pseudo_values(statistic: Callable[[NDArray[np.bool_]], Array]) -> tuple[Arra
 def jackknife(statistic: Callable[[NDArray[np.bool_]], Array], confidence: float) -> Estimates:
     """Return a smooth statistic with its interval.
 
-    Parameters
-    ----------
-    statistic
-        Function of the mask ``(REPLICATES,)`` of the replicates to use.
-    confidence
-        Confidence of the interval.
+    Args:
+        statistic: Function of the mask ``(REPLICATES,)`` of the replicates to use.
+        confidence: Confidence of the interval.
     """
     return estimated(*pseudo_values(statistic), confidence)
 
@@ -154,18 +146,13 @@ def law_breaks(space: Space) -> list[tuple[float, ...]]:
 class Marginals:
     """Nodes along each of d uniform numbers.
 
-    Attributes
-    ----------
-    uniforms
-        ``(d, M)`` nodes along the first number, then those along the second, …, with all other numbers at 1/2.
-    weights
-        ``(M,)`` probability of each node, with the sum 1 for each number.
-    columns
-        Columns of the nodes of each number.
-    points
-        Points in a replicate.
-    is_net
-        True if a replicate is a net, false if it is random.
+    Attributes:
+        uniforms: ``(d, M)`` nodes along the first number, then those along the second, …, with all other numbers at
+            1/2.
+        weights: ``(M,)`` probability of each node, with the sum 1 for each number.
+        columns: Columns of the nodes of each number.
+        points: Points in a replicate.
+        is_net: True if a replicate is a net, false if it is random.
     """
 
     uniforms: Array
@@ -178,16 +165,11 @@ class Marginals:
     def of(cls, dimension: int, points: int, *, is_net: bool, breaks: Sequence[tuple[float, ...]] = ()) -> Marginals:
         """Return the nodes.
 
-        Parameters
-        ----------
-        dimension
-            Number of uniform numbers, d.
-        points
-            Points in a replicate.
-        is_net
-            True if a replicate is a net.
-        breaks
-            Jumps and kinks of each number's law, as from :func:`law_breaks`.
+        Args:
+            dimension: Number of uniform numbers, d.
+            points: Points in a replicate.
+            is_net: True if a replicate is a net.
+            breaks: Jumps and kinks of each number's law, as from :func:`law_breaks`.
         """
         rows, shares, columns = [], [], []
         first = 0
@@ -215,14 +197,10 @@ class Marginals:
     ) -> NDArray[np.bool_]:
         """Return ``(q,)`` whether the mean of a statistic over all samples is sufficiently near to normal.
 
-        Parameters
-        ----------
-        contributions
-            ``(q, M)`` contribution of a sample at each node to the mean.
-        replicate_variance
-            ``(q,)`` sampled variance of a replicate's mean.
-        factors
-            ``(d, q)`` factors of the contributions along each number, by default 1.
+        Args:
+            contributions: ``(q, M)`` contribution of a sample at each node to the mean.
+            replicate_variance: ``(q,)`` sampled variance of a replicate's mean.
+            factors: ``(d, q)`` factors of the contributions along each number, by default 1.
         """
         second, third = np.zeros(len(contributions)), np.zeros(len(contributions))
         for number, where in enumerate(self.columns):

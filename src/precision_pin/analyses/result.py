@@ -38,14 +38,10 @@ class PoseResult(Protocol):
 class Outcome(Record, JsonResult):
     """What every analysis returns, with a table or without; a subclass declares the keys of its JSON, ``"*head"`` first.
 
-    Attributes
-    ----------
-    provenance
-        Robot, seed and software versions.
-    findings
-        Findings passed in, such as those of the sheet; of a calibration its warnings too.
-    warnings
-        One line each: the findings, then the warnings of the analysis; empty where all are findings.
+    Attributes:
+        provenance: Robot, seed and software versions.
+        findings: Findings passed in, such as those of the sheet; of a calibration its warnings too.
+        warnings: One line each: the findings, then the warnings of the analysis; empty where all are findings.
     """
 
     provenance: Provenance
@@ -100,10 +96,8 @@ class AnalysisResult(Outcome):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         raise NotImplementedError
 
@@ -112,10 +106,8 @@ class AnalysisResult(Outcome):
 
         The dimensions are the index levels of :meth:`to_pandas`, the variables its columns.
 
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        Raises:
+            InputError: xarray is not installed.
         """
         return dataset(self.to_pandas())
 
@@ -136,12 +128,9 @@ class Result(AnalysisResult):
 
     A subclass adds its own settings, :meth:`to_pandas` and the three parts of the notebook view.
 
-    Attributes
-    ----------
-    samples, confidence
-        Number of samples at each pose; confidence of each interval by itself.
-    poses
-        One entry for each pose.
+    Attributes:
+        samples, confidence: Number of samples at each pose; confidence of each interval by itself.
+        poses: One entry for each pose.
     """
 
     KEYS: ClassVar[Keys] = ("*head", "samples", "confidence", "assumptions", "warnings", "findings", "poses")
@@ -155,26 +144,18 @@ class Result(AnalysisResult):
     ) -> Axes | Figure:
         """Draw the result at one of its poses.
 
-        Parameters
-        ----------
-        pose
-            Number of the pose, from 0.
-        quantity
-            Panel to draw on given axes, ``"position"`` or ``"attitude"``; a new figure shows both.
-        axes
-            Matplotlib axes to draw one panel on; ``None`` creates a figure with all panels, a legend and a caption.
+        Args:
+            pose: Number of the pose, from 0.
+            quantity: Panel to draw on given axes, ``"position"`` or ``"attitude"``; a new figure shows both.
+            axes: Matplotlib axes to draw one panel on; ``None`` creates a figure with all panels, a legend and a
+                caption.
 
-        Returns
-        -------
-        Axes | Figure
+        Returns:
             The given axes, or the new figure, which a notebook shows and ``savefig`` writes.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such quantity.
-        InputError
-            There is no such pose.
+        Raises:
+            UnknownNameError: There is no such quantity.
+            InputError: There is no such pose.
         """
         if quantity not in UNITS:
             raise UnknownNameError("quantity", quantity, tuple(UNITS))

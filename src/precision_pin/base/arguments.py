@@ -44,21 +44,14 @@ def shown(value: object) -> str:
 def check_whole(what: str, value: object, least: int, most: int, limits: str = "") -> int:
     """Return a whole number; booleans and floats are refused.
 
-    Parameters
-    ----------
-    what
-        The argument, in words.
-    value
-        The given value.
-    least, most
-        The allowed range.
-    limits
-        Text for the allowed range in the message; "from least to most" if left out.
+    Args:
+        what: The argument, in words.
+        value: The given value.
+        least, most: The allowed range.
+        limits: Text for the allowed range in the message; "from least to most" if left out.
 
-    Raises
-    ------
-    InputError
-        The value is no whole number, or out of range.
+    Raises:
+        InputError: The value is no whole number, or out of range.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
         allowed = limits or f"from {least} to {most}"
@@ -71,19 +64,13 @@ def check_number(
 ) -> float:
     """Return a finite number; booleans and text are refused.
 
-    Parameters
-    ----------
-    what, value
-        The argument, in words, and the given value.
-    allowed
-        Text for the allowed values, which follows "must be" in the message.
-    within
-        Test of a finite number; all are allowed if left out.
+    Args:
+        what, value: The argument, in words, and the given value.
+        allowed: Text for the allowed values, which follows "must be" in the message.
+        within: Test of a finite number; all are allowed if left out.
 
-    Raises
-    ------
-    InputError
-        The value is no number, or not allowed.
+    Raises:
+        InputError: The value is no number, or not allowed.
     """
     number = _number(value)
     if number is None or not math.isfinite(number) or not (within is None or within(number)):
@@ -107,19 +94,14 @@ def _number(value: object) -> float | None:
 def check_numbers(what: str, values: object, shape: tuple[int | None, ...] | None = None, needs: str = "") -> Array:
     """Return finite numbers as a read-only copy.
 
-    Parameters
-    ----------
-    what, values
-        The argument, in words, and the given value: a number, sequences of numbers, or an array.
-    shape
-        The allowed shape, with ``None`` for any length; any shape if left out.
-    needs
-        Text for the allowed values in the message.
+    Args:
+        what, values: The argument, in words, and the given value: a number, sequences of numbers, or an array.
+        shape: The allowed shape, with ``None`` for any length; any shape if left out.
+        needs: Text for the allowed values in the message.
 
-    Raises
-    ------
-    InputError
-        Something other than numbers, a number that is not finite, another shape, or more numbers than fit into memory.
+    Raises:
+        InputError: Something other than numbers, a number that is not finite, another shape, or more numbers than fit
+            into memory.
     """
     if isinstance(values, np.ndarray) and (shape is None or _fits(values, shape)):
         if values.size > _MANY:
@@ -170,10 +152,8 @@ def _numbers_of(shape: tuple[int | None, ...]) -> str:
 def check_flag(what: str, value: object) -> bool:
     """Return true or false.
 
-    Raises
-    ------
-    InputError
-        The value is neither.
+    Raises:
+        InputError: The value is neither.
     """
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{what} must be True or False, got {shown(value)}")
@@ -183,10 +163,8 @@ def check_flag(what: str, value: object) -> bool:
 def check_text(what: str, value: object, example: str = "") -> str:
     """Return text.
 
-    Raises
-    ------
-    InputError
-        The value is no text.
+    Raises:
+        InputError: The value is no text.
     """
     if not isinstance(value, str):
         raise InputError(f"{what} must be text{f', such as {example!r}' if example else ''}, got {shown(value)}")
@@ -196,12 +174,9 @@ def check_text(what: str, value: object, example: str = "") -> str:
 def check_name(kind: str, value: object, known: Collection[str]) -> str:
     """Return the name of something that exists.
 
-    Raises
-    ------
-    UnknownNameError
-        Nothing has the name.
-    InputError
-        The value is no text.
+    Raises:
+        UnknownNameError: Nothing has the name.
+        InputError: The value is no text.
     """
     name = check_text(f"the name of a {kind}", value)
     if name not in known:
@@ -212,10 +187,8 @@ def check_name(kind: str, value: object, known: Collection[str]) -> str:
 def check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
     """Check that a value is one of several words.
 
-    Raises
-    ------
-    InputError
-        The value is none of them.
+    Raises:
+        InputError: The value is none of them.
     """
     if not isinstance(value, str) or value not in choices:
         raise InputError(f"{what} must be {' or '.join(choices)}, got {shown(value)}")
@@ -224,19 +197,13 @@ def check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
 def check_instance(what: str, value: object, kind: type[Kind], made: str = "") -> Kind:
     """Return a value after a check of its type.
 
-    Parameters
-    ----------
-    what, value
-        The argument, in words, and the given value.
-    kind
-        The type.
-    made
-        Text for the message: how to make one.
+    Args:
+        what, value: The argument, in words, and the given value.
+        kind: The type.
+        made: Text for the message: how to make one.
 
-    Raises
-    ------
-    InputError
-        The value has another type.
+    Raises:
+        InputError: The value has another type.
     """
     if not isinstance(value, kind):
         hint = f" ({made})" if made else ""
@@ -247,10 +214,8 @@ def check_instance(what: str, value: object, kind: type[Kind], made: str = "") -
 def check_items(what: str, values: object, kind: type[Kind], made: str = "") -> tuple[Kind, ...]:
     """Return the items of a list or another collection, all of one type.
 
-    Raises
-    ------
-    InputError
-        The value is no collection, or an item has another type.
+    Raises:
+        InputError: The value is no collection, or an item has another type.
     """
     if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
         raise InputError(f"{what} must be a list of {kind.__name__}, got {shown(values)}")
@@ -260,10 +225,8 @@ def check_items(what: str, values: object, kind: type[Kind], made: str = "") -> 
 def check_mapping(what: str, value: object) -> Mapping[str, Any]:
     """Return a mapping whose keys are text.
 
-    Raises
-    ------
-    InputError
-        The value is no mapping, or a key is no text.
+    Raises:
+        InputError: The value is no mapping, or a key is no text.
     """
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise InputError(f"{what} must be a dictionary with names as keys, got {shown(value)}")
@@ -273,10 +236,8 @@ def check_mapping(what: str, value: object) -> Mapping[str, Any]:
 def check_callable(what: str, value: object) -> None:
     """Check that a value can be called.
 
-    Raises
-    ------
-    InputError
-        The value cannot be called.
+    Raises:
+        InputError: The value cannot be called.
     """
     if not callable(value):
         raise InputError(f"{what} must be a function, got {shown(value)}")
@@ -285,10 +246,8 @@ def check_callable(what: str, value: object) -> None:
 def check_path(what: str, value: object) -> str:
     """Return the name of a file.
 
-    Raises
-    ------
-    InputError
-        The value is no path.
+    Raises:
+        InputError: The value is no path.
     """
     if not isinstance(value, str | os.PathLike):
         raise InputError(f"{what} must be the path of a file, got {shown(value)}")

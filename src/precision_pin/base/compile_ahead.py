@@ -67,14 +67,10 @@ def announced() -> Iterator[Report]:
 class Job:
     """Something to compile: a function of a module, called with plain arguments, does so.
 
-    Attributes
-    ----------
-    module, function, arguments
-        What is called.
-    weight
-        About how long it takes, in units of any size.
-    last
-        Whether it needs all others to be done.
+    Attributes:
+        module, function, arguments: What is called.
+        weight: About how long it takes, in units of any size.
+        last: Whether it needs all others to be done.
     """
 
     module: str
@@ -154,10 +150,8 @@ class _Begun:
     def wait(self) -> None:
         """Wait until the jobs are done; an interrupt is heeded meanwhile.
 
-        Raises
-        ------
-        OSError
-            No process can be started, or none answers.
+        Raises:
+            OSError: No process can be started, or none answers.
         """
         while self.jobs and self._thread.is_alive():
             self._thread.join(_TICK)
@@ -181,10 +175,8 @@ def _cores() -> int:
 class _Crew:
     """The processes, started as work arrives; a thread waits for each.
 
-    Attributes
-    ----------
-    waiting
-        Jobs that none has begun; more may be put there at any time.
+    Attributes:
+        waiting: Jobs that none has begun; more may be put there at any time.
     """
 
     def __init__(self, size: int) -> None:
@@ -206,12 +198,9 @@ class _Crew:
     def work(self) -> None:
         """Do the waiting jobs, the longest first; those that fail are left undone.
 
-        Raises
-        ------
-        OSError
-            No process can be started.
-        TimeoutError
-            None has answered for `PATIENCE`.
+        Raises:
+            OSError: No process can be started.
+            TimeoutError: None has answered for `PATIENCE`.
         """
         self._heard = time.monotonic()
         running = dict[subprocess.Popen[str], tuple[Job, float]]()

@@ -48,12 +48,10 @@ IGNORE: Final = "ignore"
 class ColumnNames:
     """What the columns of a file are, where its own header does not say so.
 
-    Attributes
-    ----------
-    names
-        Name and unit, which may be empty, of columns by their names in the file; ``ignore`` for a name drops the column.
-    units
-        Units of the other columns that have none, one of each quantity.
+    Attributes:
+        names: Name and unit, which may be empty, of columns by their names in the file; ``ignore`` for a name drops the
+            column.
+        units: Units of the other columns that have none, one of each quantity.
     """
 
     names: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -100,22 +98,14 @@ class ColumnNames:
 class Measured:
     """Columns of a file.
 
-    Attributes
-    ----------
-    file
-        Name of the file, for messages.
-    names
-        Names of the columns.
-    units
-        Units of the columns, as written; empty for a plain number.
-    rows
-        The numbers as written in the file, not in SI, ``(R, C)``.
-    texts
-        Columns of text, by name; those that are ignored by their names in the file.
-    usual
-        Units of columns that have none, one of each quantity.
-    lines
-        The line of each row in the file, ``(R,)``.
+    Attributes:
+        file: Name of the file, for messages.
+        names: Names of the columns.
+        units: Units of the columns, as written; empty for a plain number.
+        rows: The numbers as written in the file, not in SI, ``(R, C)``.
+        texts: Columns of text, by name; those that are ignored by their names in the file.
+        usual: Units of columns that have none, one of each quantity.
+        lines: The line of each row in the file, ``(R,)``.
     """
 
     file: str
@@ -129,10 +119,8 @@ class Measured:
     def unit(self, name: str) -> str:
         """Return a column's unit as written.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such column.
+        Raises:
+            UnknownNameError: There is no such column.
         """
         if name not in self.names:
             raise UnknownNameError(f"column in {self.file}", name, self.names)
@@ -147,10 +135,8 @@ class Measured:
     def column(self, name: str, *quantities: Quantity) -> tuple[float, ...]:
         """Return a column's numbers in SI; NaN where the file has none.
 
-        Raises
-        ------
-        InputError
-            There is no such column, it has no unit or one of another quantity, or a number is too large.
+        Raises:
+            InputError: There is no such column, it has no unit or one of another quantity, or a number is too large.
         """
         unit = self.unit_of(name, *quantities)
         wanted = " or ".join(quantity.name for quantity in quantities)
@@ -184,24 +170,16 @@ def read(
 ) -> Measured:
     """Read a file.
 
-    Parameters
-    ----------
-    path
-        The file.
-    texts
-        Names of columns of text, where the file has them; all others hold numbers.
-    columns
-        What the columns are, where the header does not say so.
-    ignored
-        Names, in small letters, of columns that are ignored.
-    may_miss
-        Whether a cell may be empty, nan or NA: NaN.
+    Args:
+        path: The file.
+        texts: Names of columns of text, where the file has them; all others hold numbers.
+        columns: What the columns are, where the header does not say so.
+        ignored: Names, in small letters, of columns that are ignored.
+        may_miss: Whether a cell may be empty, nan or NA: NaN.
 
-    Raises
-    ------
-    InputError
-        The file does not exist, cannot be read or is larger than 16 MiB. Or, with the line: there is no header, a column
-        has no name, two have one name, a row has another length, or a cell is no number.
+    Raises:
+        InputError: The file does not exist, cannot be read or is larger than 16 MiB. Or, with the line: there is no
+            header, a column has no name, two have one name, a row has another length, or a cell is no number.
     """
     file = os.fspath(path)
     lines = [(number, line) for number, line in enumerate(_text(file).splitlines(), start=1) if not _is_comment(line)]

@@ -38,19 +38,14 @@ _SEVERITY: Final = re.compile(r": (error|warning|note) [A-Z]_\w+: ")
 class Finding:
     """One remark about an input.
 
-    Attributes
-    ----------
-    severity
-        ``"error"`` refuses the input, ``"warning"`` lets it pass; ``"note"``: nothing is wrong, or the sheet accepts it.
-    code
-        Stable identifier such as ``E_AXIS_ZERO`` or ``W_UNITS``.
-    message
-        What is wrong and what is allowed, one line.
-    file, line
-        Where, if known; lines count from 1.
-    subjects
-        The links and joints that a warning which lists several is about, as ``link 'name'``; all of them, where the
-        message may leave some out.
+    Attributes:
+        severity: ``"error"`` refuses the input, ``"warning"`` lets it pass; ``"note"``: nothing is wrong, or the sheet
+            accepts it.
+        code: Stable identifier such as ``E_AXIS_ZERO`` or ``W_UNITS``.
+        message: What is wrong and what is allowed, one line.
+        file, line: Where, if known; lines count from 1.
+        subjects: The links and joints that a warning which lists several is about, as ``link 'name'``; all of them,
+            where the message may leave some out.
     """
 
     severity: Literal["error", "warning", "note"]
@@ -95,10 +90,8 @@ class PrecisionPinError(Exception):
 class InputError(PrecisionPinError):
     """The user's input is wrong.
 
-    Parameters
-    ----------
-    findings
-        A message, or every finding of severity error (warnings may be among them).
+    Args:
+        findings: A message, or every finding of severity error (warnings may be among them).
     """
 
     code = "E_INPUT"
@@ -142,14 +135,10 @@ class UnitError(InputError):
 class UnknownNameError(InputError):
     """A name that does not exist; the message gives the nearest valid ones.
 
-    Parameters
-    ----------
-    kind
-        What was looked for: ``"joint"``, ``"link"``, ….
-    name
-        The name that was given.
-    valid
-        The names that exist.
+    Args:
+        kind: What was looked for: ``"joint"``, ``"link"``, ….
+        name: The name that was given.
+        valid: The names that exist.
     """
 
     code = "E_NAME"
@@ -176,14 +165,10 @@ class PrecisionPinWarning(UserWarning):
 def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
     """Return ``"did you mean …?"`` or the list of valid names, for the end of a message.
 
-    Parameters
-    ----------
-    name
-        The name that was given.
-    valid
-        The names that exist.
-    most
-        The longest list to print in full.
+    Args:
+        name: The name that was given.
+        valid: The names that exist.
+        most: The longest list to print in full.
     """
     names = sorted(set(valid))
     if not names:

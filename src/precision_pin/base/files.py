@@ -33,10 +33,8 @@ def csv_text(headings: Sequence[str], rows: Iterable[Sequence[object]], comments
 def resolve(path: str | os.PathLike[str]) -> str:
     """Return the path that a name leads to, links resolved.
 
-    Raises
-    ------
-    OutputError
-        It cannot be resolved.
+    Raises:
+        OutputError: It cannot be resolved.
     """
     try:
         return os.path.realpath(path)
@@ -47,10 +45,8 @@ def resolve(path: str | os.PathLike[str]) -> str:
 def require_writable(path: str | os.PathLike[str], *, folder: bool = False) -> None:
     """Refuse a place to write to before any work is done; makes nothing.
 
-    Raises
-    ------
-    OutputError
-        It is a directory where a file is meant (or the reverse), or cannot be written to.
+    Raises:
+        OutputError: It is a directory where a file is meant (or the reverse), or cannot be written to.
     """
     target = Path(resolve(path))
     if not folder and (os.path.isdir(target) or os.fspath(path).endswith(os.sep)):
@@ -80,10 +76,8 @@ def require_writable(path: str | os.PathLike[str], *, folder: bool = False) -> N
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write a file as UTF-8, whole or not at all; through a link, and straight into a device or a pipe.
 
-    Raises
-    ------
-    OutputError
-        It cannot be written.
+    Raises:
+        OutputError: It cannot be written.
     """
     # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
     write_files({path: text.encode("utf-8", errors="backslashreplace")})
@@ -92,10 +86,8 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 def write_files(files: Mapping[str | os.PathLike[str], bytes]) -> None:
     """Write files all together or none of them, each as :func:`write_text` does.
 
-    Raises
-    ------
-    OutputError
-        One of them cannot be written.
+    Raises:
+        OutputError: One of them cannot be written.
     """
     moves: list[tuple[str, Path, Path]] = []
 
@@ -131,10 +123,8 @@ def write_files(files: Mapping[str | os.PathLike[str], bytes]) -> None:
 def whole_folder(path: Path) -> Iterator[Path]:
     """Yield a folder for files that appear in ``path`` together once all of them are written, or not at all.
 
-    Raises
-    ------
-    OutputError
-        They cannot be written.
+    Raises:
+        OutputError: They cannot be written.
     """
     target = Path(resolve(path))
     try:

@@ -42,15 +42,11 @@ def note_input(path: str | os.PathLike[str]) -> None:
 class UnreadableFileError(Exception):
     """A file cannot be read, or not as text.
 
-    Attributes
-    ----------
-    kind
-        The cause: the file is missing, no regular file, not readable for this user, too large or not UTF-8, or the system
-        refuses to read it.
-    reason
-        Text that follows the file's name in a message: "does not exist", ….
-    found
-        What the path is, if not a regular file: "a directory", …; else empty.
+    Attributes:
+        kind: The cause: the file is missing, no regular file, not readable for this user, too large or not UTF-8, or
+            the system refuses to read it.
+        reason: Text that follows the file's name in a message: "does not exist", ….
+        found: What the path is, if not a regular file: "a directory", …; else empty.
     """
 
     def __init__(
@@ -65,17 +61,12 @@ class UnreadableFileError(Exception):
 def read_regular_file(path: str | os.PathLike[str], most_bytes: int) -> bytes:
     """Return the bytes of a regular file.
 
-    Parameters
-    ----------
-    path
-        The file; ``~`` is not expanded.
-    most_bytes
-        The largest size that is read.
+    Args:
+        path: The file; ``~`` is not expanded.
+        most_bytes: The largest size that is read.
 
-    Raises
-    ------
-    UnreadableFileError
-        The file is missing, no regular file, larger than ``most_bytes``, or cannot be read.
+    Raises:
+        UnreadableFileError: The file is missing, no regular file, larger than ``most_bytes``, or cannot be read.
     """
     note_input(path)
     try:
@@ -100,10 +91,8 @@ def read_regular_file(path: str | os.PathLike[str], most_bytes: int) -> bytes:
 def read_text_file(path: str | os.PathLike[str], most_bytes: int) -> str:
     """Return the text of a regular file, UTF-8 with or without a byte order mark, line ends as line feeds.
 
-    Raises
-    ------
-    UnreadableFileError
-        As in :func:`read_regular_file`, or the file is not UTF-8.
+    Raises:
+        UnreadableFileError: As in :func:`read_regular_file`, or the file is not UTF-8.
     """
     return decode(read_regular_file(path, most_bytes)).replace("\r\n", "\n").replace("\r", "\n")
 
@@ -111,10 +100,8 @@ def read_text_file(path: str | os.PathLike[str], most_bytes: int) -> str:
 def decode(data: bytes) -> str:
     """Return the text of a file's bytes, UTF-8 with or without a byte order mark.
 
-    Raises
-    ------
-    UnreadableFileError
-        They are not UTF-8.
+    Raises:
+        UnreadableFileError: They are not UTF-8.
     """
     try:
         return data.decode("utf-8-sig")

@@ -131,10 +131,8 @@ def held() -> Iterator[None]:
 def undone(undo: Callable[[], None]) -> Iterator[None]:
     """Undo the work of the block if a signal ends the process; enter it before the work begins.
 
-    Parameters
-    ----------
-    undo
-        Called in any state of what is begun, perhaps more than once; OSError is passed over.
+    Args:
+        undo: Called in any state of what is begun, perhaps more than once; OSError is passed over.
     """
     key = object()
     _state.undo[key] = undo

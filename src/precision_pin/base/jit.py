@@ -85,14 +85,10 @@ def call(
     A cache that cannot be used is deleted; if that does not help, this process goes without one. All of this happens
     before anything is computed.
 
-    Parameters
-    ----------
-    function, arguments
-        What to call.
-    variant
-        Distinguishes arguments of different numba types.
-    ahead
-        Is called before the function has to be compiled: compiles it, or parts of it, into the cache.
+    Args:
+        function, arguments: What to call.
+        variant: Distinguishes arguments of different numba types.
+        ahead: Is called before the function has to be compiled: compiles it, or parts of it, into the cache.
     """
     if INTERPRETED:
         with np.errstate(all="ignore"):

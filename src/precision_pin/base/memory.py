@@ -52,19 +52,13 @@ def _group_files() -> Iterator[tuple[Path, Path]]:
 def check_memory(needed: float, what: str, instead: str) -> None:
     """Refuse a request that needs more memory than is free.
 
-    Parameters
-    ----------
-    needed
-        Bytes that the request needs.
-    what
-        Text for the request, such as "keeping 1,000 samples".
-    instead
-        Text for the alternative.
+    Args:
+        needed: Bytes that the request needs.
+        what: Text for the request, such as "keeping 1,000 samples".
+        instead: Text for the alternative.
 
-    Raises
-    ------
-    InputError
-        There is not enough memory.
+    Raises:
+        InputError: There is not enough memory.
     """
     available = available_memory() if needed > _UNCHECKED else None
     if available is not None and needed > available:
@@ -76,10 +70,8 @@ def check_memory(needed: float, what: str, instead: str) -> None:
 def check_kept(samples: int) -> None:
     """Refuse to keep more pose errors, 48 bytes each, than fit into memory.
 
-    Raises
-    ------
-    InputError
-        There is not enough memory.
+    Raises:
+        InputError: There is not enough memory.
     """
     most = (available_memory() or 0) // 48
     check_memory(

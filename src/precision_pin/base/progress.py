@@ -23,25 +23,17 @@ def progress(
     elsewhere nothing. It goes when the body ends, also by an error or an interrupted kernel. That the sampler is compiled,
     once on a machine, is shown likewise.
 
-    Parameters
-    ----------
-    total
-        How many steps there will be.
-    what
-        Label before the bar.
-    delay
-        Seconds before it is shown.
-    unit
-        What a step is.
+    Args:
+        total: How many steps there will be.
+        what: Label before the bar.
+        delay: Seconds before it is shown.
+        unit: What a step is.
 
-    Raises
-    ------
-    InputError
-        The total is not a whole number of zero or more.
+    Raises:
+        InputError: The total is not a whole number of zero or more.
 
-    Examples
-    --------
-    ``with pp.progress(10**7) as advance: pp.monte_carlo(model, samples=10**7, progress=advance)``
+    Examples:
+        ``with pp.progress(10**7) as advance: pp.monte_carlo(model, samples=10**7, progress=advance)``
     """
     check_whole("the total of a progress bar", total, 0, 2**63, "of zero or more")
     check_text("what, before a progress bar,", what)
@@ -64,10 +56,8 @@ def steps_to(
 ) -> Iterator[Callable[[int], None]]:
     """Yield the function that takes each step of an analysis, for its argument ``progress``: a function, a bar or nothing.
 
-    Raises
-    ------
-    InputError
-        It is none of them.
+    Raises:
+        InputError: It is none of them.
     """
     if show is not None and not isinstance(show, bool) and not callable(show):
         raise InputError(f"progress must be a function, or True for a bar, got {shown(show)}")

@@ -17,11 +17,9 @@ Keys = tuple[str, ...]
 class Record:
     """Frozen data class whose arrays are read-only and whose JSON follows from a declaration.
 
-    Attributes
-    ----------
-    KEYS
-        Keys of the JSON in their order; the fields where it is empty. ``"key"`` is the attribute of that name,
-        ``"key=attribute"`` another, which may have dots, and ``"*attribute"`` adds all keys of a record or mapping.
+    Attributes:
+        KEYS: Keys of the JSON in their order; the fields where it is empty. ``"key"`` is the attribute of that name,
+            ``"key=attribute"`` another, which may have dots, and ``"*attribute"`` adds all keys of a record or mapping.
     """
 
     KEYS: ClassVar[Keys] = ()

@@ -20,16 +20,11 @@ from precision_pin.base.errors import UnitError
 class Quantity:
     """A physical quantity: its name, its SI unit and the factor of every accepted unit.
 
-    Attributes
-    ----------
-    name
-        Name used in messages.
-    si
-        The SI unit, ``""`` for a pure number.
-    units
-        Accepted unit → factor to SI.
-    written
-        The unit in which somebody wrote a number of it; empty where none did. It plays no part in comparing.
+    Attributes:
+        name: Name used in messages.
+        si: The SI unit, ``""`` for a pure number.
+        units: Accepted unit → factor to SI.
+        written: The unit in which somebody wrote a number of it; empty where none did. It plays no part in comparing.
     """
 
     name: str
@@ -171,10 +166,8 @@ _SPELLINGS: Final = (
 def split(text: object) -> tuple[list[float], str]:
     """Return the numbers and the unit (spelled as in the tables) of a text.
 
-    Raises
-    ------
-    UnitError
-        Not numbers followed by at most one unit, or a number that is not finite.
+    Raises:
+        UnitError: Not numbers followed by at most one unit, or a number that is not finite.
     """
     if isinstance(text, bool) or not isinstance(text, str | int | float):
         raise UnitError(f"expected a number with a unit, got {text!r}")
@@ -202,17 +195,12 @@ def comma_hint(text: object) -> str:
 def parse(text: object, *quantities: Quantity) -> float:
     """Return one number in SI.
 
-    Parameters
-    ----------
-    text
-        Such as ``"0.05 mm"``; a plain number only where a quantity accepts no unit.
-    quantities
-        Quantities accepted here; the unit decides which is meant.
+    Args:
+        text: Such as ``"0.05 mm"``; a plain number only where a quantity accepts no unit.
+        quantities: Quantities accepted here; the unit decides which is meant.
 
-    Raises
-    ------
-    UnitError
-        Malformed number, a missing unit, or one that belongs to none of the quantities.
+    Raises:
+        UnitError: Malformed number, a missing unit, or one that belongs to none of the quantities.
     """
     return parse_vector(text, *quantities, count=1)[0]
 
@@ -220,10 +208,8 @@ def parse(text: object, *quantities: Quantity) -> float:
 def parse_probability(text: str) -> float:
     """Return a probability, ``95 %`` or ``0.95``.
 
-    Raises
-    ------
-    UnitError
-        No such number, or one that is not above 0 and below 1.
+    Raises:
+        UnitError: No such number, or one that is not above 0 and below 1.
     """
     value = parse(text, RATIO)
     if 0 < value < 1:
@@ -241,19 +227,13 @@ def parse_probability(text: str) -> float:
 def parse_vector(text: object, *quantities: Quantity, count: int | None = None) -> list[float]:
     """Return numbers that share one unit, such as ``"-90 3 88 -91 deg"``, in SI.
 
-    Parameters
-    ----------
-    text
-        Numbers separated by blanks, then the unit.
-    quantities
-        Quantities accepted here.
-    count
-        How many numbers there must be; any number of them if ``None``.
+    Args:
+        text: Numbers separated by blanks, then the unit.
+        quantities: Quantities accepted here.
+        count: How many numbers there must be; any number of them if ``None``.
 
-    Raises
-    ------
-    UnitError
-        As :func:`parse`, or a wrong count.
+    Raises:
+        UnitError: As :func:`parse`, or a wrong count.
     """
     numbers, unit = split(text)
     if count is not None and len(numbers) != count:
@@ -289,10 +269,8 @@ def _turn_of_bits(bits: float) -> str:
 class PerJoint:
     """A quantity that depends on whether the source's joint turns or slides.
 
-    Attributes
-    ----------
-    revolute, prismatic
-        The quantity in either case.
+    Attributes:
+        revolute, prismatic: The quantity in either case.
     """
 
     revolute: Quantity
@@ -303,10 +281,8 @@ class PerJoint:
 class PerEntry:
     """Quantities of a list's entries, one by one.
 
-    Attributes
-    ----------
-    quantities
-        As many as the list has entries.
+    Attributes:
+        quantities: As many as the list has entries.
     """
 
     quantities: tuple[Quantity, ...]

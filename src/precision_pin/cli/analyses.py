@@ -142,9 +142,7 @@ def _run(declaration: Declaration, options: dict[str, Any]) -> int:
 def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, Mapping[str, Any]]:
     """Refuse wrong options and unwritable outputs before any work.
 
-    Returns
-    -------
-    tuple[Outputs, Mapping[str, Any]]
+    Returns:
         The outputs, and for each sheet by name the options with which it is read.
     """
     from precision_pin.draws.space import check_seed
@@ -215,10 +213,8 @@ def _at_poses(declaration: Declaration, asked: Asked) -> Job:
 def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[str, Any]) -> None:
     """Print a result and write the requested files: ``NAME.json`` and the figures in a folder, and those of other options.
 
-    Raises
-    ------
-    OutputError
-        Something cannot be written.
+    Raises:
+        OutputError: Something cannot be written.
     """
     json_path, out, stem = options["json_path"], options["out"], job.stem or declaration.name
     write = job.write or (lambda _: ())
@@ -254,18 +250,12 @@ def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[st
 def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what: str = "", **options: Any) -> Any:
     """Return the result of an analysis for a page that shows it, at poses as its function takes them; print its warnings.
 
-    Parameters
-    ----------
-    name
-        The command.
-    sheet
-        As read; its findings stand on the page already.
-    poses
-        The poses.
-    what
-        Name of the progress; by default that of the command.
-    options
-        Values of the command's options that are not their defaults, by argument.
+    Args:
+        name: The command.
+        sheet: As read; its findings stand on the page already.
+        poses: The poses.
+        what: Name of the progress; by default that of the command.
+        options: Values of the command's options that are not their defaults, by argument.
     """
     declaration = declarations()[name]
     assert declaration.prepare is not None

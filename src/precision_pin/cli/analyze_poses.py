@@ -53,10 +53,8 @@ class PosesJob:
 def refuse_of_one_pose(options: Sequence[str], poses: int) -> None:
     """Refuse options that are for one pose.
 
-    Raises
-    ------
-    UsageError
-        There is one.
+    Raises:
+        UsageError: There is one.
     """
     if options:
         are = "are" if len(options) > 1 else "is"

@@ -99,10 +99,8 @@ def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
 def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) -> None:
     """Print an estimate of time and size, where they are large.
 
-    Raises
-    ------
-    OutputError
-        The disk has not so much room.
+    Raises:
+        OutputError: The disk has not so much room.
     """
     seconds, largest = math.inf, 0
     started = time.perf_counter()

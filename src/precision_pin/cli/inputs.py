@@ -42,10 +42,8 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     A robot alone goes with the sheet beside it, or the one of its name in the working folder, where ``init`` writes it, or,
     as ``example:NAME``, with the one that comes with this package; stderr says so for all but the first.
 
-    Raises
-    ------
-    InputError
-        More than one of either, one that is not there, or a robot without a sheet where one is needed.
+    Raises:
+        InputError: More than one of either, one that is not there, or a robot without a sheet where one is needed.
     """
     if not arguments:
         return Inputs(None, PAPER_SHEET)
@@ -113,10 +111,8 @@ def _sheet_of(name: str, robot: Path) -> Path:
 def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
     """Read the sheet and robot of a command line and print the warnings.
 
-    Raises
-    ------
-    InputError
-        Anything in them is wrong, or an output would be written over one of the files that were read.
+    Raises:
+        InputError: Anything in them is wrong, or an output would be written over one of the files that were read.
     """
     with noted_inputs() as inputs:
         sheet = read_inputs(find_inputs(options["inputs"], sheet_needed=True), options)
@@ -129,10 +125,9 @@ def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
 def read_inputs(found: Inputs, options: Options) -> Sheet:
     """Read the sheet of a command line, with its robot if one is given, and the changes of ``--set``.
 
-    Raises
-    ------
-    InputError
-        Anything in them is wrong; first that the sheet is of another robot, if it names joints or links that this has not.
+    Raises:
+        InputError: Anything in them is wrong; first that the sheet is of another robot, if it names joints or links
+            that this has not.
     """
     from precision_pin.sheet import Overrides, parse_change, read
     from precision_pin.sheet.chain_entry import parse_target
@@ -191,10 +186,8 @@ def echo_findings(findings: Sequence[Finding]) -> None:
 def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[np.float64] | None:
     """Return which pose ``--pose`` or ``--q`` asks for: a name, joint values ``(n,)``, or None for the sheet's first.
 
-    Raises
-    ------
-    InputError
-        Wrong joint values, or nothing to choose from.
+    Raises:
+        InputError: Wrong joint values, or nothing to choose from.
     """
     from precision_pin.sheet import parse_pose, pose_remark
 

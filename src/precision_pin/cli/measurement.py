@@ -76,10 +76,8 @@ def measurement_of(sheet: Sheet, options: Options) -> Measurement:
 def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
     """Return the measurements that the options and, where they say nothing, the sheet's ``measurement:`` describe.
 
-    Raises
-    ------
-    InputError
-        A number is wrong, or settings do not go together.
+    Raises:
+        InputError: A number is wrong, or settings do not go together.
     """
     from precision_pin.sheet.measurement import Measurement
 
@@ -116,10 +114,8 @@ def _changed(stated: Measurement, options: Options) -> Measurement:
 def calibration_of(sheet: Sheet, data: str) -> CalibrationResult:
     """Return the fit of the sheet to readings of its own instrument, for a page that shows it; print its warnings.
 
-    Raises
-    ------
-    InputError
-        The sheet says nothing of an instrument, or the data are wrong.
+    Raises:
+        InputError: The sheet says nothing of an instrument, or the data are wrong.
     """
     from precision_pin.analyses.calibration.calibrate import calibrate
     from precision_pin.model.error_model import ErrorModel

@@ -27,10 +27,8 @@ class Command(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments.
 
-        Raises
-        ------
-        UsageError
-            An option with one value is given more than once, or there are more than two inputs.
+        Raises:
+            UsageError: An option with one value is given more than once, or there are more than two inputs.
         """
         if not ctx.resilient_parsing:
             try:

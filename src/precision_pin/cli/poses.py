@@ -34,12 +34,9 @@ _LARGE: Final = 2**20
 class AskedPose:
     """A requested pose.
 
-    Attributes
-    ----------
-    where
-        As :meth:`precision_pin.model.error_model.ErrorModel.at` takes it.
-    name
-        Its name, or its time or row in a trajectory; empty where it has none.
+    Attributes:
+        where: As :meth:`precision_pin.model.error_model.ErrorModel.at` takes it.
+        name: Its name, or its time or row in a trajectory; empty where it has none.
     """
 
     where: str | NDArray[np.float64] | ApproachedPose | None
@@ -50,10 +47,8 @@ class AskedPose:
 class AskedPoses(list[AskedPose]):
     """The requested poses in order.
 
-    Attributes
-    ----------
-    left_out
-        Warnings about poses of a grid that are not among them, since no joint values lead there.
+    Attributes:
+        left_out: Warnings about poses of a grid that are not among them, since no joint values lead there.
     """
 
     def __init__(self, poses: Iterable[AskedPose], left_out: tuple[Finding, ...] = ()) -> None:
@@ -68,10 +63,8 @@ class AskedPoses(list[AskedPose]):
 def check_poses(options: Options) -> None:
     """Refuse two ways to name poses at once, and steps without a trajectory.
 
-    Raises
-    ------
-    InputError
-        More than one is given, or steps alone.
+    Raises:
+        InputError: More than one is given, or steps alone.
     """
     chosen = {
         "--pose": bool(options["pose_names"]),
@@ -97,10 +90,9 @@ def read_poses(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> AskedPo
 
     Poses of a grid whose joint values are not known are left out, with a warning.
 
-    Raises
-    ------
-    InputError
-        No such pose, wrong joint values, a wrong trajectory or grid, one of more than ``most`` poses, or a wrong approach.
+    Raises:
+        InputError: No such pose, wrong joint values, a wrong trajectory or grid, one of more than ``most`` poses, or a
+            wrong approach.
     """
     poses = _read_poses(sheet, options, most)
     return poses if options["approach"] is None else approach_poses(sheet, poses, options["approach"])
@@ -109,10 +101,8 @@ def read_poses(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> AskedPo
 def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses:
     """Return poses with the approach that ``--approach`` asks for.
 
-    Raises
-    ------
-    InputError
-        Wrong directions, or an approach from the previous pose of a single one.
+    Raises:
+        InputError: Wrong directions, or an approach from the previous pose of a single one.
     """
     import numpy as np
 
@@ -152,10 +142,8 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
 def pose_values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
     """Return the joint values of a pose without an approach.
 
-    Raises
-    ------
-    UnknownNameError
-        The sheet has no such pose.
+    Raises:
+        UnknownNameError: The sheet has no such pose.
     """
     where = next(iter(sheet.poses)) if pose.where is None else pose.where
     if isinstance(where, str):
@@ -183,10 +171,8 @@ def _read_poses(sheet: Sheet, options: Options, most: int) -> AskedPoses:
 def read_pose_set(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> PoseSet:
     """Return the poses that the options ask for with status and approach of each, the sheet's first where they ask for none.
 
-    Raises
-    ------
-    InputError
-        As :func:`read_poses`.
+    Raises:
+        InputError: As :func:`read_poses`.
     """
     poses = _read_pose_set(sheet, options, most)
     approach = options["approach"]
@@ -217,10 +203,8 @@ def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
 def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -> Trajectory:
     """Return the trajectory of a file, with the poses between its rows that ``--step`` asks for.
 
-    Raises
-    ------
-    InputError
-        A wrong file or step, or more than ``most`` poses.
+    Raises:
+        InputError: A wrong file or step, or more than ``most`` poses.
     """
     from precision_pin.base import units
     from precision_pin.robot.trajectory import read_trajectory
@@ -254,10 +238,8 @@ def pose_set_of(way: Trajectory) -> PoseSet:
 def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] | None:
     """Return the pose that ``--relative-to`` names: one of the sheet's, or joint values as for ``--q``.
 
-    Raises
-    ------
-    InputError
-        Neither.
+    Raises:
+        InputError: Neither.
     """
     if text is None or text in sheet.poses:
         return text
@@ -272,10 +254,8 @@ def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] 
 def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
     """Return the poses of a file for ``--grid``, those without joint values too.
 
-    Raises
-    ------
-    InputError
-        A wrong file, or more than ``most`` poses.
+    Raises:
+        InputError: A wrong file, or more than ``most`` poses.
     """
     from precision_pin.sheet.pose_grid import read_pose_grid
 
@@ -295,10 +275,8 @@ def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
 def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
     """Return the poses with joint values, and a warning about the others.
 
-    Raises
-    ------
-    InputError
-        None has.
+    Raises:
+        InputError: None has.
     """
     known = poses.known
     if not known.any():
@@ -326,10 +304,8 @@ def _counted(statuses: Sequence[str]) -> str:
 def read_path(sheet: Sheet, file: str) -> PoseSet:
     """Return the poses of a file as for ``--trajectory`` or ``--grid``.
 
-    Raises
-    ------
-    InputError
-        A wrong file.
+    Raises:
+        InputError: A wrong file.
     """
     from precision_pin.robot.trajectory import read_trajectory
 

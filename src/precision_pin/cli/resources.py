@@ -23,10 +23,8 @@ MOST_TRIED: Final = 128
 def require_resources() -> None:
     """Refuse limits with which the libraries cannot be loaded: of address space, and of threads.
 
-    Raises
-    ------
-    InputError
-        There is such a limit.
+    Raises:
+        InputError: There is such a limit.
     """
     limit = _address_space()
     if limit is not None and limit < NEEDED:

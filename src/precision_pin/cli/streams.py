@@ -121,10 +121,8 @@ def wrapped(line: str, stream: TextIO, most: int | None = None) -> str:
 def echo_data(text: str) -> None:
     """Print data on stdout; a reader that closes early, as ``head`` does, is no error.
 
-    Raises
-    ------
-    OutputError
-        It cannot be written.
+    Raises:
+        OutputError: It cannot be written.
     """
     click.echo(text)
     raise_if_output_lost()
@@ -133,10 +131,8 @@ def echo_data(text: str) -> None:
 def raise_if_output_lost() -> None:
     """Raise the first error of the standard output, once, unless its reader has closed it.
 
-    Raises
-    ------
-    OutputError
-        It could not be written.
+    Raises:
+        OutputError: It could not be written.
     """
     with suppress(OSError, ValueError):
         sys.stdout.flush()

@@ -27,14 +27,10 @@ FILES: Final = (
 class Outputs:
     """The outputs that a command line asks for.
 
-    Attributes
-    ----------
-    files
-        A name for each option that names a file; None where it is not given, ``-`` for stdout.
-    folder
-        What ``--out`` names, where that is a folder.
-    names
-        Patterns of the names that files in the folder get.
+    Attributes:
+        files: A name for each option that names a file; None where it is not given, ``-`` for stdout.
+        folder: What ``--out`` names, where that is a folder.
+        names: Patterns of the names that files in the folder get.
     """
 
     files: Mapping[str, str | None] = field(default_factory=dict)
@@ -44,10 +40,8 @@ class Outputs:
     def check(self) -> None:
         """Refuse unwritable outputs before any work; create nothing.
 
-        Raises
-        ------
-        OutputError
-            A place cannot be written to, its name promises something else, or two outputs meet.
+        Raises:
+            OutputError: A place cannot be written to, its name promises something else, or two outputs meet.
         """
         check_folder_name(self.folder, json="--json" in self.files)
         if self.folder is not None:
@@ -74,10 +68,8 @@ class Outputs:
     def refuse_inputs(self, inputs: Iterable[str]) -> None:
         """Refuse to write over a file that was read, under any name, links included.
 
-        Raises
-        ------
-        OutputError
-            An output is an input.
+        Raises:
+            OutputError: An output is an input.
         """
         outputs = [name for _, name in self._named()]
         if self.folder is not None:
@@ -101,12 +93,9 @@ class Outputs:
 class PageOutput:
     """A page to write: a file, or ``NAME.html`` in a folder if the name ends in a slash or names a folder.
 
-    Attributes
-    ----------
-    given
-        What ``--out`` names.
-    name
-        The page's name in a folder.
+    Attributes:
+        given: What ``--out`` names.
+        name: The page's name in a folder.
     """
 
     given: str
@@ -127,10 +116,8 @@ class PageOutput:
     def check(self) -> None:
         """Refuse before any work a page that could not be written at its end; makes nothing.
 
-        Raises
-        ------
-        OutputError
-            The place cannot be written to, or its name promises something else.
+        Raises:
+            OutputError: The place cannot be written to, or its name promises something else.
         """
         check_page_name(self.given)
         self.outputs.check()
@@ -138,10 +125,8 @@ class PageOutput:
     def write(self, text: str) -> None:
         """Write the page, whole or not at all.
 
-        Raises
-        ------
-        OutputError
-            It cannot be written.
+        Raises:
+            OutputError: It cannot be written.
         """
         if not self._in_folder:
             write_text(self.given, text)
@@ -157,10 +142,8 @@ class PageOutput:
 def check_page_name(out: str) -> None:
     """Refuse a name of a page that promises another format; a folder, a device or a pipe may have any name.
 
-    Raises
-    ------
-    OutputError
-        The name is not one of an HTML file.
+    Raises:
+        OutputError: The name is not one of an HTML file.
     """
     if not out:
         raise OutputError("--out names no file; a page is HTML: --out NAME.html")
@@ -173,17 +156,12 @@ def check_page_name(out: str) -> None:
 def check_folder_name(out: str | None, *, json: bool) -> None:
     """Refuse a name of a folder that is one of a file.
 
-    Parameters
-    ----------
-    out
-        The option's value, None where it is not given.
-    json
-        Whether the command has ``--json``, which is what a name ending in .json is meant for.
+    Args:
+        out: The option's value, None where it is not given.
+        json: Whether the command has ``--json``, which is what a name ending in .json is meant for.
 
-    Raises
-    ------
-    OutputError
-        The name ends as that of a file.
+    Raises:
+        OutputError: The name ends as that of a file.
     """
     if not out or out.endswith(os.sep) or os.path.lexists(out):
         return

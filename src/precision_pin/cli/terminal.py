@@ -27,10 +27,8 @@ def echo_table(text: str) -> None:
 
     ``NO_COLOR`` turns colours off (no-color.org).
 
-    Raises
-    ------
-    OutputError
-        It cannot be written.
+    Raises:
+        OutputError: It cannot be written.
     """
     columns = count_columns(sys.stdout)
     lines: list[str] = []

@@ -37,10 +37,8 @@ def worker_options(command: Command) -> Command:
 def check_workers(options: Options) -> None:
     """Check that the options go together.
 
-    Raises
-    ------
-    UsageError
-        More than one kind of worker, or ``--resume`` without ``--journal``.
+    Raises:
+        UsageError: More than one kind of worker, or ``--resume`` without ``--journal``.
     """
     kinds = {"--threads": options["threads"], "--processes": options["processes"], "--dask": options["dask"]}
     asked = [name for name, value in kinds.items() if value is not None]

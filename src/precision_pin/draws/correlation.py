@@ -52,20 +52,15 @@ _ROWS: Final = 64
 class Correlation:
     """Correlation of several draws of one number.
 
-    Attributes
-    ----------
-    names
-        The draws.
-    matrix
-        Correlation of their normal scores, row by row.
+    Attributes:
+        names: The draws.
+        matrix: Correlation of their normal scores, row by row.
 
-    Raises
-    ------
-    InputError
-        Fewer than two names, a name given twice, or a matrix that has another size, is not symmetric, has not 1 on its
-        diagonal or is not positive definite. In the last case the message names the pair whose entry needs the smallest
-        change to make the matrix positive definite. If no single entry can do so, it names the pair with the lowest
-        C_ij v_i v_j, where v is the eigenvector of the smallest eigenvalue.
+    Raises:
+        InputError: Fewer than two names, a name given twice, or a matrix that has another size, is not symmetric, has
+            not 1 on its diagonal or is not positive definite. In the last case the message names the pair whose entry
+            needs the smallest change to make the matrix positive definite. If no single entry can do so, it names the
+            pair with the lowest C_ij v_i v_j, where v is the eigenvector of the smallest eigenvalue.
     """
 
     names: tuple[str, ...]
@@ -180,12 +175,10 @@ class Correlation:
 class BlockCovariance:
     """Covariance of d numbers, most of which are independent of one another.
 
-    Attributes
-    ----------
-    variances
-        ``(d,)``.
-    blocks
-        Columns ``(m,)`` of numbers that depend on one another, and their covariance ``(m, m)``; no column is in two.
+    Attributes:
+        variances: ``(d,)``.
+        blocks: Columns ``(m,)`` of numbers that depend on one another, and their covariance ``(m, m)``; no column is in
+            two.
     """
 
     variances: Array
@@ -262,16 +255,11 @@ def covariance_of(first: Law, second: Law, correlation: float) -> float:
     integral of g_1(x) g_2(y) against the bivariate normal density, with g_i = F_i⁻¹ ∘ Φ, by composite Gauss-Legendre
     quadrature. Panels are split where a law jumps or bends and are no wider than the density's ridge.
 
-    Parameters
-    ----------
-    first, second
-        Laws of one number.
-    correlation
-        Of their normal scores, between -1 and 1.
+    Args:
+        first, second: Laws of one number.
+        correlation: Of their normal scores, between -1 and 1.
 
-    Returns
-    -------
-    float
+    Returns:
         Within 1e-9 of the product of the standard deviations.
     """
     if correlation == 0:
@@ -332,11 +320,9 @@ def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
 def check_correlations(draws: Sequence[Draw], correlations: Sequence[Correlation]) -> None:
     """Check that every correlation is between draws that can be correlated.
 
-    Raises
-    ------
-    InputError
-        A name that is none of the draws, or a draw that is fixed, has several numbers, has another scope than the rest
-        or is in two correlations.
+    Raises:
+        InputError: A name that is none of the draws, or a draw that is fixed, has several numbers, has another scope
+            than the rest or is in two correlations.
     """
     known = {draw.name: draw for draw in draws}
     correlated: set[str] = set()

@@ -33,10 +33,8 @@ class Scope(Enum):
 def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
     """Return the last counter word of a draw (0-based pose and visit).
 
-    Raises
-    ------
-    InputError
-        More than 2²⁰-1 poses or 4095 visits.
+    Raises:
+        InputError: More than 2²⁰-1 poses or 4095 visits.
     """
     check_whole("the pose", pose, 0, MOST_POSES - 1)
     check_whole("the visit", visit, 0, MOST_VISITS - 1)
@@ -54,19 +52,14 @@ def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
 class Draw:
     """The unit of randomness: a law with a name and a scope.
 
-    Attributes
-    ----------
-    name
-        Names the stream of random numbers. Inside a source's setting it may be empty: the draw is then named
-        after the setting, ``source[joint or link].field``.
-    law
-        The distribution.
-    scope
-        How often it is drawn.
-    quantities
-        The quantity of each number, None where it is not known; empty where none is known. Not compared by ``==``.
-    names
-        Names of the numbers; empty for the draw's name with the law's suffixes.
+    Attributes:
+        name: Names the stream of random numbers. Inside a source's setting it may be empty: the draw is then named
+            after the setting, ``source[joint or link].field``.
+        law: The distribution.
+        scope: How often it is drawn.
+        quantities: The quantity of each number, None where it is not known; empty where none is known. Not compared by
+            ``==``.
+        names: Names of the numbers; empty for the draw's name with the law's suffixes.
     """
 
     name: str
@@ -106,10 +99,8 @@ class Draw:
     def covariance(self) -> Array:
         """Covariance of the numbers drawn, ``(size, size)``.
 
-        Raises
-        ------
-        InputError
-            It overflows.
+        Raises:
+            InputError: It overflows.
         """
         try:
             matrix = self.law.covariance

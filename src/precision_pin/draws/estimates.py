@@ -37,14 +37,10 @@ def held_at_mean(draw: Draw) -> Draw:
 class Estimates:
     """Mean and covariance of numbers of a space after a calibration, SI.
 
-    Attributes
-    ----------
-    names
-        The numbers.
-    mean
-        ``(U,)``.
-    covariance
-        ``(U, U)``.
+    Attributes:
+        names: The numbers.
+        mean: ``(U,)``.
+        covariance: ``(U, U)``.
     """
 
     names: tuple[str, ...]
@@ -58,10 +54,8 @@ class Estimates:
         reach of the normal one are cut at them, unless a combination of them with others is known: cutting would undo it.
         None crosses zero that its law keeps on one side of it.
 
-        Raises
-        ------
-        InputError
-            A name is not that of a number drawn once for each robot.
+        Raises:
+            InputError: A name is not that of a number drawn once for each robot.
         """
         scopes = {name: draw.scope for draw in space.draws for name in draw.components}
         for name in self.names:

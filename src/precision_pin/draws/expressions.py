@@ -99,12 +99,9 @@ class Constant(Expression):
 class Operation(Expression):
     """An operator applied to one or two expressions; the exponent of a power is constant.
 
-    Attributes
-    ----------
-    operator, arguments
-        The operation and its one or two arguments.
-    depth
-        Number of operations on the longest path from the result down to a component or constant.
+    Attributes:
+        operator, arguments: The operation and its one or two arguments.
+        depth: Number of operations on the longest path from the result down to a component or constant.
     """
 
     operator: Operator
@@ -181,16 +178,12 @@ class Program:
 
     Registers hold the d components first, then the constants, then the result of each operation in turn.
 
-    Attributes
-    ----------
-    components
-        d, the number of components.
-    constants
-        Values of the constants.
-    operations
-        ``(operator, left register, right register)``; both registers are the same for an operator of one argument.
-    outputs
-        The register of each parameter.
+    Attributes:
+        components: d, the number of components.
+        constants: Values of the constants.
+        operations: ``(operator, left register, right register)``; both registers are the same for an operator of one
+            argument.
+        outputs: The register of each parameter.
     """
 
     components: int
@@ -202,10 +195,8 @@ class Program:
     def compile(cls, parameters: Sequence[Expression], component_index: Mapping[str, int]) -> Program:
         """Return the program that computes the parameters; common parts are computed once.
 
-        Raises
-        ------
-        InputError
-            A parameter needs more than 256 operations, or names a component that does not exist.
+        Raises:
+            InputError: A parameter needs more than 256 operations, or names a component that does not exist.
         """
         distinct: dict[Expression, None] = {}
         for parameter in parameters:
@@ -251,10 +242,8 @@ class Program:
     def gradient(self, x: ArrayLike) -> tuple[Slopes, ...]:
         """Return the derivatives of the P parameters at one point ``(d,)``, by component; those left out are zero.
 
-        Raises
-        ------
-        InputError
-            A formula has no value or no finite derivative there.
+        Raises:
+            InputError: A formula has no value or no finite derivative there.
         """
         point = np.asarray(x, dtype=float)
         values = self._registers(point[:, None])

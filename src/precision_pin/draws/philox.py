@@ -24,16 +24,11 @@ _HALF: Final = np.uint64(32)
 def philox4x32(counter: NDArray[np.uint64], key: tuple[int, int]) -> NDArray[np.uint64]:
     """Return the four 32-bit words of each counter.
 
-    Parameters
-    ----------
-    counter
-        ``(4, N)`` words below 2³².
-    key
-        Two words below 2³².
+    Args:
+        counter: ``(4, N)`` words below 2³².
+        key: Two words below 2³².
 
-    Returns
-    -------
-    NDArray
+    Returns:
         ``(4, N)`` words below 2³², held as 64-bit numbers.
     """
     c0, c1, c2, c3 = counter
@@ -78,20 +73,13 @@ def streams_of(names: Iterable[str]) -> dict[str, int]:
 def uniforms(seed: int, stream: int | Sequence[int], occasion: int, first_pair: int, pairs: int) -> NDArray[np.float64]:
     """Return the uniform numbers of units ``2·first_pair … 2·(first_pair + pairs) - 1``.
 
-    Parameters
-    ----------
-    seed
-        64-bit key.
-    stream
-        32-bit word, one for each component of a draw; or S of them.
-    occasion
-        32-bit word: 0 for unit scope, see :func:`precision_pin.draws.space.occasion`.
-    first_pair, pairs
-        The pairs of units (even, odd).
+    Args:
+        seed: 64-bit key.
+        stream: 32-bit word, one for each component of a draw; or S of them.
+        occasion: 32-bit word: 0 for unit scope, see :func:`precision_pin.draws.space.occasion`.
+        first_pair, pairs: The pairs of units (even, odd).
 
-    Returns
-    -------
-    NDArray
+    Returns:
         ``(2, pairs)``, of S streams one after another ``(2, S·pairs)``: row 0 the even units, row 1 the odd ones; each
         ``(2j+1)/2⁵³`` with j the top 52 bits of its 64, hence never 0 or 1 and symmetric about one half.
     """

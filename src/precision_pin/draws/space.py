@@ -44,19 +44,14 @@ _TOGETHER: Final = 2**14
 class Space:
     """Draws in column order, and their correlations.
 
-    Attributes
-    ----------
-    draws
-        In column order.
-    correlations
-        Each is between draws of one number that have one scope; a draw is in at most one. The random numbers depend on
-        names only: neither other draws nor any order changes them.
+    Attributes:
+        draws: In column order.
+        correlations: Each is between draws of one number that have one scope; a draw is in at most one. The random
+            numbers depend on names only: neither other draws nor any order changes them.
 
-    Raises
-    ------
-    InputError
-        Two different draws, or a draw and a component of another, share a name. A correlation that
-        :func:`~precision_pin.draws.correlation.check_correlations` refuses.
+    Raises:
+        InputError: Two different draws, or a draw and a component of another, share a name. A correlation that
+            :func:`~precision_pin.draws.correlation.check_correlations` refuses.
     """
 
     draws: tuple[Draw, ...] = ()
@@ -127,10 +122,8 @@ class Space:
     def covariance(self) -> Array:
         """Covariance of the components, ``(d, d)``.
 
-        Raises
-        ------
-        InputError
-            The matrix would not fit into memory.
+        Raises:
+            InputError: The matrix would not fit into memory.
         """
         self._check_matrix_memory("covariance")
         return self._covariance
@@ -147,10 +140,8 @@ class Space:
 
         1 on the diagonal; 0 where one of the two does not vary.
 
-        Raises
-        ------
-        InputError
-            The matrix would not fit into memory.
+        Raises:
+            InputError: The matrix would not fit into memory.
         """
         self._check_matrix_memory("correlation")
         return self.pearson_within(range(self.size))
@@ -181,35 +172,25 @@ class Space:
     def parameter(self, name: str) -> Component:
         """Return the component of a name.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such component.
+        Raises:
+            UnknownNameError: There is no such component.
         """
         return Component(check_name("parameter", name, self.index))
 
     def sample(self, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
         """Return the numbers of units ``first … first + count - 1``.
 
-        Parameters
-        ----------
-        seed
-            64-bit seed.
-        first, count
-            The units.
-        pose, visit
-            The pose and the visit, 0-based.
+        Args:
+            seed: 64-bit seed.
+            first, count: The units.
+            pose, visit: The pose and the visit, 0-based.
 
-        Raises
-        ------
-        InputError
-            A seed, unit, pose or visit out of range.
+        Raises:
+            InputError: A seed, unit, pose or visit out of range.
 
-        Returns
-        -------
-        NDArray
-            ``(d, count)``, numbered as docs/reproducibility.md says: see :mod:`precision_pin.draws.philox`
-            for the uniforms; normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
+        Returns:
+            ``(d, count)``, numbered as docs/reproducibility.md says: see :mod:`precision_pin.draws.philox` for the
+            uniforms; normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
         """
         check_seed(seed)
         seed = int(seed)
@@ -289,10 +270,8 @@ def _claim_names(draw: Draw, taken: set[str]) -> None:
 class Extension:
     """Further draws for a space, added group by group; a group that is refused adds nothing.
 
-    Parameters
-    ----------
-    space
-        The space to extend.
+    Args:
+        space: The space to extend.
     """
 
     def __init__(self, space: Space) -> None:
@@ -303,11 +282,9 @@ class Extension:
     def add(self, draws: Iterable[Draw]) -> None:
         """Add draws; a draw equal to one that is there already is shared.
 
-        Raises
-        ------
-        InputError
-            A different draw has the name already, or the name is a component of another draw. None of the draws is
-            added then.
+        Raises:
+            InputError: A different draw has the name already, or the name is a component of another draw. None of the
+                draws is added then.
         """
         added: dict[str, Draw] = {}
         names: set[str] = set()
@@ -332,10 +309,8 @@ class Extension:
 def check_seed(seed: int) -> None:
     """Refuse a seed that is not a 64-bit number.
 
-    Raises
-    ------
-    InputError
-        The seed is not in 0 … 2⁶⁴-1.
+    Raises:
+        InputError: The seed is not in 0 … 2⁶⁴-1.
     """
     check_whole("the seed", seed, 0, 2**64 - 1, "from 0 to 2^64 - 1")
 
@@ -348,12 +323,9 @@ _SETTING: Final = "a finite number, the name of a parameter, a law, a draw or a 
 class LabelledSpace:
     """The space of one source: turns its settings into numbers and expressions.
 
-    Attributes
-    ----------
-    space
-        All draws of the model.
-    label
-        The source's label, ``kind[joint or link]``, the prefix of its own draws' names.
+    Attributes:
+        space: All draws of the model.
+        label: The source's label, ``kind[joint or link]``, the prefix of its own draws' names.
     """
 
     space: Space
@@ -362,17 +334,12 @@ class LabelledSpace:
     def value(self, field: str, setting: Setting) -> Value:
         """Return a setting as a number or an expression.
 
-        Parameters
-        ----------
-        field
-            The setting's name; an unnamed law is the draw ``label.field``.
-        setting
-            A number, a parameter's name, a law, a draw or a formula.
+        Args:
+            field: The setting's name; an unnamed law is the draw ``label.field``.
+            setting: A number, a parameter's name, a law, a draw or a formula.
 
-        Raises
-        ------
-        UnknownNameError
-            The name of a parameter that does not exist.
+        Raises:
+            UnknownNameError: The name of a parameter that does not exist.
         """
         match setting:
             case Expression():
@@ -389,11 +356,9 @@ class LabelledSpace:
     def positive(self, field: str, setting: Setting, *, zero: bool = False) -> Value:
         """Return a setting that must be positive (or zero, if allowed) in every sample; see :meth:`value`.
 
-        Raises
-        ------
-        InputError
-            The number, or the lower end of the law's support, is too low. The mean of a normal law must lie 8.6 standard
-            deviations above zero, farther than any sample lies from it.
+        Raises:
+            InputError: The number, or the lower end of the law's support, is too low. The mean of a normal law must lie
+                8.6 standard deviations above zero, farther than any sample lies from it.
         """
         value = self.value(field, setting)
         lowest = self._lowest(value)

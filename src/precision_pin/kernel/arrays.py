@@ -196,20 +196,14 @@ _LARGEST_POWER: Final = 8  # whole exponents up to this one are evaluated by mul
 class SamplerArrays:
     """Error model at one pose as arrays, which the same compiled loops read for every robot.
 
-    Attributes
-    ----------
-    space
-        The draws of the model.
-    targets
-        Number of targets that displace the chain, K.
-    rows
-        Rows of a workspace.
-    draws, formulas, superposition, motions
-        Arrays for the compiled loops, see :mod:`precision_pin.kernel.loops`.
-    lowest, highest
-        ``(d,)`` bounds of each component, drawn by Box-Muller or by the inverse distribution function.
-    largest_angle
-        Bound on the sum of the rotation angles of all targets, for all samples, rad; infinite where unknown.
+    Attributes:
+        space: The draws of the model.
+        targets: Number of targets that displace the chain, K.
+        rows: Rows of a workspace.
+        draws, formulas, superposition, motions: Arrays for the compiled loops, see :mod:`precision_pin.kernel.loops`.
+        lowest, highest: ``(d,)`` bounds of each component, drawn by Box-Muller or by the inverse distribution function.
+        largest_angle: Bound on the sum of the rotation angles of all targets, for all samples, rad; infinite where
+            unknown.
     """
 
     space: Space

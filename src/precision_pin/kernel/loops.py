@@ -1504,33 +1504,23 @@ def run(
 ) -> tuple[Scalar, Scalar]:
     """Sample tile by tile.
 
-    Parameters
-    ----------
-    s, bins, products, w
-        Work arrays: `SCRATCH` rows; ``(8 · (HELD + 1) · TILE,)``; ``(3/2 · TILE,)``; the rows of the offsets. All except the
-        bins are aligned to 64 bytes.
-    draws, formulas, superposition, motions
-        Arrays of the error model.
-    stage
-        Last stage: `DRAW` draws only, `LINEAR` and `EXACT` compute errors.
-    rare, linear
-        True for rare laws, and for the linear model; otherwise None.
-    seed, words
-        Key, and the last counter word of each stream.
-    first, skip, count
-        First unit, a multiple of `TILE`; number of unrequested samples at the beginning, which may fail; number of samples
-        including these.
-    given
-        ``(d, count)`` component values to use; without columns they are drawn.
-    kept_components, kept_errors
-        ``(d, count)`` and ``(6, count)`` arrays to fill; without columns nothing is stored.
-    counting, sums, lowest, highest, sketch, inside, largest, largest_units
-        Centres, bins and limits; ``(atoms, SUMS)`` partial sums, without rows nothing is counted; ``(8,)``; ``(8,)``;
-        ``(8 · COLUMNS,)``; ``(S,)``; ``(2, LARGEST)`` and their units. The last six are updated.
+    Args:
+        s, bins, products, w: Work arrays: `SCRATCH` rows; ``(8 · (HELD + 1) · TILE,)``; ``(3/2 · TILE,)``; the rows of
+            the offsets. All except the bins are aligned to 64 bytes.
+        draws, formulas, superposition, motions: Arrays of the error model.
+        stage: Last stage: `DRAW` draws only, `LINEAR` and `EXACT` compute errors.
+        rare, linear: True for rare laws, and for the linear model; otherwise None.
+        seed, words: Key, and the last counter word of each stream.
+        first, skip, count: First unit, a multiple of `TILE`; number of unrequested samples at the beginning, which may
+            fail; number of samples including these.
+        given: ``(d, count)`` component values to use; without columns they are drawn.
+        kept_components, kept_errors: ``(d, count)`` and ``(6, count)`` arrays to fill; without columns nothing is
+            stored.
+        counting, sums, lowest, highest, sketch, inside, largest, largest_units: Centres, bins and limits; ``(atoms,
+            SUMS)`` partial sums, without rows nothing is counted; ``(8,)``; ``(8,)``; ``(8 · COLUMNS,)``; ``(S,)``;
+            ``(2, LARGEST)`` and their units. The last six are updated.
 
-    Returns
-    -------
-    tuple
+    Returns:
         Reason for stopping, 0 if the run is complete, and the sample.
     """
     # the rows of constants are filled once; drawing does not change them
@@ -1649,36 +1639,23 @@ def run_poses(
 ) -> tuple[Scalar, Scalar, Scalar]:
     """Sample P poses tile by tile, with the draws of unit scope shared by all poses.
 
-    Parameters
-    ----------
-    s, bins, products, workspaces
-        Work arrays as in `run`; the last is ``(T, rows)`` for the tiles that are processed together, T ≤ `HELD`.
-    lanes
-        ``(P, LANE_DOUBLES)`` work array.
-    unit_draws, unit_formulas, unit_words
-        Draws and formulas evaluated once for a tile.
-    draws, formulas, words
-        Draws and formulas evaluated at every pose; ``words`` is ``(P, streams)``.
-    superposition
-        Entries of all poses, concatenated.
-    motions
-        Entries of all poses, concatenated; starts ``(P, 2 K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
-    rare, linear
-        As in `run`.
-    seed, first, count
-        As in `run`.
-    centre, inverse_scale
-        ``(P, 8)`` centres and reciprocals of the scales.
-    limit_rows, limits
-        ``(S,)`` quantities and their limits.
-    norms_only
-        Fill the small sketches of the two norms instead of the large ones of all quantities, and no largest errors.
-    sums, lowest, highest, sketch, inside, largest, largest_units
-        As in `run`, with a first axis of length P.
+    Args:
+        s, bins, products, workspaces: Work arrays as in `run`; the last is ``(T, rows)`` for the tiles that are
+            processed together, T ≤ `HELD`.
+        lanes: ``(P, LANE_DOUBLES)`` work array.
+        unit_draws, unit_formulas, unit_words: Draws and formulas evaluated once for a tile.
+        draws, formulas, words: Draws and formulas evaluated at every pose; ``words`` is ``(P, streams)``.
+        superposition: Entries of all poses, concatenated.
+        motions: Entries of all poses, concatenated; starts ``(P, 2 K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
+        rare, linear: As in `run`.
+        seed, first, count: As in `run`.
+        centre, inverse_scale: ``(P, 8)`` centres and reciprocals of the scales.
+        limit_rows, limits: ``(S,)`` quantities and their limits.
+        norms_only: Fill the small sketches of the two norms instead of the large ones of all quantities, and no largest
+            errors.
+        sums, lowest, highest, sketch, inside, largest, largest_units: As in `run`, with a first axis of length P.
 
-    Returns
-    -------
-    tuple
+    Returns:
         Reason for stopping, 0 if the run is complete, the pose and the sample.
     """
     # variables, because literal constants are other types to numba, for which it would compile the callees again

@@ -69,24 +69,17 @@ _UPPER: Final = np.triu_indices(6)
 class Blocks:
     """Sums, extremes, bins and counts of consecutive blocks.
 
-    Attributes
-    ----------
-    count
-        Number of samples.
-    lowest, highest
-        ``(8,)`` smallest and largest value of each quantity.
-    sums
-        ``(blocks, 31)`` sums of each block: of (value - centre) of the eight quantities, of the products of two
-        components' (value - centre) (upper triangle of 6 × 6, by rows), and of the squared (value - centre) of the norms.
-    sketch
-        ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.sketch`.
-    inside
-        ``(S,)`` samples inside each specification.
-    largest, largest_units
-        ``(2, LARGEST)`` largest |d| and |δ|, and the units with these errors, see
-        :class:`precision_pin.statistics.State`.
-    errors
-        ``(6, count)`` the errors themselves, or None if they are not kept.
+    Attributes:
+        count: Number of samples.
+        lowest, highest: ``(8,)`` smallest and largest value of each quantity.
+        sums: ``(blocks, 31)`` sums of each block: of (value - centre) of the eight quantities, of the products of two
+            components' (value - centre) (upper triangle of 6 × 6, by rows), and of the squared (value - centre) of the
+            norms.
+        sketch: ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.sketch`.
+        inside: ``(S,)`` samples inside each specification.
+        largest, largest_units: ``(2, LARGEST)`` largest |d| and |δ|, and the units with these errors, see
+            :class:`precision_pin.statistics.State`.
+        errors: ``(6, count)`` the errors themselves, or None if they are not kept.
     """
 
     count: int
@@ -151,10 +144,8 @@ REASONS: Final = {
 def to_arrays(pose_model: PoseModel) -> SamplerArrays:
     """Convert the error model at a pose to arrays for the compiled sampler, in milliseconds and without compiling.
 
-    Raises
-    ------
-    InputError
-        The compiled sampler does not support a law.
+    Raises:
+        InputError: The compiled sampler does not support a law.
     """
     return convert_table(pose_model.table, pose_model.space)
 
@@ -170,10 +161,8 @@ def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: in
     :meth:`precision_pin.draws.space.Space.sample` gives the same bits for laws computed with ``+ - × ÷`` and the square root
     only, and the same numbers within a few units in the last place for all others.
 
-    Raises
-    ------
-    InputError
-        A wrong seed, unit, pose or visit.
+    Raises:
+        InputError: A wrong seed, unit, pose or visit.
     """
     # always whole tiles, so that a unit's numbers do not depend on the first unit of the call
     skip = _check_units(first, count)
@@ -190,24 +179,16 @@ def errors(
 
     The bits do not depend on the range and are those that `accumulate` uses.
 
-    Parameters
-    ----------
-    layout
-        The error model at a pose.
-    model
-        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
-    seed
-        64-bit seed.
-    first, count
-        First unit and number of units.
-    pose, visit
-        Numbers of pose and visit for the draws of these scopes, from 0.
+    Args:
+        layout: The error model at a pose.
+        model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
+        seed: 64-bit seed.
+        first, count: First unit and number of units.
+        pose, visit: Numbers of pose and visit for the draws of these scopes, from 0.
 
-    Raises
-    ------
-    InputError
-        A wrong seed, unit, pose, visit or model; or, for one of the units, a formula that fails, a target that turns
-        by π or more, an error that is not finite.
+    Raises:
+        InputError: A wrong seed, unit, pose, visit or model; or, for one of the units, a formula that fails, a target
+            that turns by π or more, an error that is not finite.
     """
     skip = _check_units(first, count)
     _check_kept(6, count)
@@ -219,10 +200,8 @@ def errors(
 def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
     """Return the errors ``(6, N)``, as `errors`, for component values ``(d, N)``.
 
-    Raises
-    ------
-    InputError
-        x has another shape; or as in `errors`.
+    Raises:
+        InputError: x has another shape; or as in `errors`.
     """
     values = np.array(x, dtype=float, order="C")  # a copy: to numba a read-only array is another type
     if not np.isfinite(values).all():

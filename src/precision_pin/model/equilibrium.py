@@ -80,18 +80,12 @@ _NO_WAY: Final = 1e-9
 class Settled:
     """The arm at rest under its loads, for one value of every parameter.
 
-    Attributes
-    ----------
-    posture
-        The posture with its loads on the deflected arm.
-    terms
-        The terms at that posture.
-    table
-        The table of the terms.
-    displacements
-        v*, of the slots of the table's targets, ``(2K, 6)``.
-    feedback
-        G about v*.
+    Attributes:
+        posture: The posture with its loads on the deflected arm.
+        terms: The terms at that posture.
+        table: The table of the terms.
+        displacements: v*, of the slots of the table's targets, ``(2K, 6)``.
+        feedback: G about v*.
     """
 
     posture: Posture
@@ -115,18 +109,12 @@ def settle(
     Loads and deflections are computed in turn. If they do not converge quickly, the loads are raised from zero in
     steps, and Newton's method follows the arm. An error is raised only if there is no stable rest state.
 
-    Parameters
-    ----------
-    posture
-        The undisplaced chain, with all loads.
-    space
-        All draws.
-    make_terms
-        Function that returns the terms of all sources at a posture.
-    within
-        Change of the displacements (m, rad) from one round to the next at which the arm is at rest.
-    values
-        Values of the components, ``(d,)``; their means if left out.
+    Args:
+        posture: The undisplaced chain, with all loads.
+        space: All draws.
+        make_terms: Function that returns the terms of all sources at a posture.
+        within: Change of the displacements (m, rad) from one round to the next at which the arm is at rest.
+        values: Values of the components, ``(d,)``; their means if left out.
     """
     feedback = Feedback(posture, space, make_terms, space.mean if values is None else values)
     aside = max(_PUSH, 100 * within) * feedback.loaded[:, None]
@@ -146,12 +134,9 @@ def settle(
 class Feedback:
     """G: the displacements given by the terms, for fixed parameters, when the loads act on the arm displaced by v.
 
-    Attributes
-    ----------
-    at_start
-        Displacements given by the terms on the undisplaced arm, ``(2K, 6)``.
-    loaded
-        True for the slots displaced by loads, ``(2K,)``.
+    Attributes:
+        at_start: Displacements given by the terms on the undisplaced arm, ``(2K, 6)``.
+        loaded: True for the slots displaced by loads, ``(2K,)``.
     """
 
     def __init__(self, posture: Posture, space: Space, make_terms: MakeTerms, values: Array) -> None:
@@ -294,18 +279,12 @@ def _follow_loads(feedback: Feedback, within: float) -> Array:
 class _Path:
     """An arm at rest under a share of its loads.
 
-    Attributes
-    ----------
-    feedback, ways
-        G, and the M directions in which its loaded targets move.
-    share
-        Share of the loads.
-    others
-        Displacements not caused by loads, ``(2K, 6)``.
-    moved
-        z along every direction, ``(M,)``.
-    pull, slopes
-        g(z) along every direction, ``(M,)``, and ∂g/∂z, ``(M, M)``, under all loads.
+    Attributes:
+        feedback, ways: G, and the M directions in which its loaded targets move.
+        share: Share of the loads.
+        others: Displacements not caused by loads, ``(2K, 6)``.
+        moved: z along every direction, ``(M,)``.
+        pull, slopes: g(z) along every direction, ``(M,)``, and ∂g/∂z, ``(M, M)``, under all loads.
     """
 
     feedback: Feedback

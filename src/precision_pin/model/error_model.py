@@ -57,40 +57,27 @@ _AT_ONCE: Final = 256
 class ErrorModel:
     """A chain with its error sources.
 
-    Parameters
-    ----------
-    chain
-        The chain.
-    space
-        The draws that have names of their own (a sheet's ``parameters``).
-    sources
-        Error sources, in any order. Laws in their settings become draws of the model.
-    poses
-        Named configurations, the first one the default; with an approach where one is an
-        :class:`~precision_pin.robot.approach.ApproachedPose`.
-    statics
-        ``"nominal"``: loads at the undeflected pose, as in the paper. ``"equilibrium"``: on the arm at rest under them.
+    Args:
+        chain: The chain.
+        space: The draws that have names of their own (a sheet's ``parameters``).
+        sources: Error sources, in any order. Laws in their settings become draws of the model.
+        poses: Named configurations, the first one the default; with an approach where one is an
+            :class:`~precision_pin.robot.approach.ApproachedPose`.
+        statics: ``"nominal"``: loads at the undeflected pose, as in the paper. ``"equilibrium"``: on the arm at rest
+            under them.
 
-    Attributes
-    ----------
-    chain, sources, poses, statics
-        As given.
-    approaches
-        Approach of each named pose that has one.
-    assumed
-        Labels of the sources that the sheet marks as assumptions.
-    origins
-        Where each number of the space comes from, by its name: ``assumed``, ``data sheet``, ``measured``, ``drawing``; empty
-        where the sheet does not say.
-    sheet
-        The sheet it was read from; ``None`` for a model made in Python.
-    beyond_limits
-        Whether verdicts are given at joint values and speeds beyond the URDF's limits too, as ``--beyond-limits`` asks; set it
-        to ``True`` for that. Otherwise a specification there is ``"not judged"``, and not met.
-    labels
-        Each source's label.
-    space
-        All draws, the named ones first.
+    Attributes:
+        chain, sources, poses, statics: As given.
+        approaches: Approach of each named pose that has one.
+        assumed: Labels of the sources that the sheet marks as assumptions.
+        origins: Where each number of the space comes from, by its name: ``assumed``, ``data sheet``, ``measured``,
+            ``drawing``; empty where the sheet does not say.
+        sheet: The sheet it was read from; ``None`` for a model made in Python.
+        beyond_limits: Whether verdicts are given at joint values and speeds beyond the URDF's limits too, as
+            ``--beyond-limits`` asks; set it to ``True`` for that. Otherwise a specification there is ``"not judged"``,
+            and not met.
+        labels: Each source's label.
+        space: All draws, the named ones first.
     """
 
     def __init__(
@@ -122,17 +109,12 @@ class ErrorModel:
     def load(cls, path: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> ErrorModel:
         """Read a sheet and its robot, with the same warnings as ``precision-pin check``.
 
-        Parameters
-        ----------
-        path
-            The YAML sheet.
-        kinds
-            Source classes beyond those of the package.
+        Args:
+            path: The YAML sheet.
+            kinds: Source classes beyond those of the package.
 
-        Raises
-        ------
-        SheetError, UrdfError
-            Carries all findings.
+        Raises:
+            SheetError, UrdfError: Carries all findings.
         """
         listed = check_items("the kinds of sources", kinds, type)
         sheet = read_sheet(check_path("the path of the sheet", path), kinds=listed)
@@ -146,19 +128,14 @@ class ErrorModel:
     ) -> ErrorModel:
         """Return the model of a sheet given as a dictionary.
 
-        Parameters
-        ----------
-        data
-            The keys and values of the YAML sheet: text, numbers, lists and dictionaries. A number with a unit is text.
-        folder
-            Folder that the names of the robot and of tables are relative to.
-        kinds
-            Source classes beyond those of the package.
+        Args:
+            data: The keys and values of the YAML sheet: text, numbers, lists and dictionaries. A number with a unit is
+                text.
+            folder: Folder that the names of the robot and of tables are relative to.
+            kinds: Source classes beyond those of the package.
 
-        Raises
-        ------
-        InputError
-            Carries all findings, each with the path of its key.
+        Raises:
+            InputError: Carries all findings, each with the path of its key.
         """
         listed = check_items("the kinds of sources", kinds, type)
         sheet = read_data(check_mapping("the sheet", data), check_path("the folder", folder), listed)
@@ -184,10 +161,8 @@ class ErrorModel:
 
         A number of which the readings removed at least half the variance counts as measured.
 
-        Raises
-        ------
-        InputError
-            A name is not that of a number drawn once for each robot.
+        Raises:
+            InputError: A name is not that of a number drawn once for each robot.
         """
         space = estimates.remaining_space(self.space)
         other = self.like(self.chain, with_quantities(space, self.sources, self.labels, self.chain))
@@ -201,16 +176,13 @@ class ErrorModel:
 
         Draws keep their names, so that the same seed gives the same robots but for the change.
 
-        Parameters
-        ----------
-        changes
-            Values by path: ``parameters.a1``, ``axis_install[joint2].radius``, ``payload.mass``, ``statics``; ``*`` stands for
-            anything. Values are those of a sheet, such as ``"0.05 mm"``, ``"±0.1 mm"`` or ``{"normal": "0.2 mrad"}``.
+        Args:
+            changes: Values by path: ``parameters.a1``, ``axis_install[joint2].radius``, ``payload.mass``, ``statics``;
+                ``*`` stands for anything. Values are those of a sheet, such as ``"0.05 mm"``, ``"±0.1 mm"`` or
+                ``{"normal": "0.2 mrad"}``.
 
-        Raises
-        ------
-        InputError
-            The model was not read from a sheet or a dictionary; a path that names nothing; a wrong value.
+        Raises:
+            InputError: The model was not read from a sheet or a dictionary; a path that names nothing; a wrong value.
         """
         given = check_mapping("the changes", changes)
         if self.sheet is None:
@@ -226,12 +198,9 @@ class ErrorModel:
 
         Those of an :class:`~precision_pin.robot.approach.ApproachedPose` are those of its pose.
 
-        Raises
-        ------
-        UnknownNameError
-            No such pose or joint.
-        InputError
-            Wrong joint values, or none given and the model has no poses.
+        Raises:
+            UnknownNameError: No such pose or joint.
+            InputError: Wrong joint values, or none given and the model has no poses.
         """
         if isinstance(q, ApproachedPose):
             return self.configuration(q.pose)
@@ -248,12 +217,9 @@ class ErrorModel:
     def approach(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Approach:
         """Return the approach of a pose as :meth:`configuration` takes it; empty where none is given.
 
-        Raises
-        ------
-        UnknownNameError
-            No such joint.
-        InputError
-            Wrong directions, or the approach is from the pose before, which there is not.
+        Raises:
+            UnknownNameError: No such joint.
+            InputError: Wrong directions, or the approach is from the pose before, which there is not.
         """
         if not isinstance(q, ApproachedPose):
             return self.approaches.get(self.pose_name(q), ())
@@ -281,13 +247,10 @@ class ErrorModel:
     def approaches_of(self, q: object, values: Array) -> NDArray[np.int8] | None:
         """Return the approach of each of many poses, ``(n, P)``; ``None`` if none has one.
 
-        Parameters
-        ----------
-        q
-            The poses, as :meth:`configurations` takes them. Of an :class:`~precision_pin.robot.approach.ApproachedPose`
-            the approach is that of each of its poses.
-        values
-            Their joint values ``(n, P)``.
+        Args:
+            q: The poses, as :meth:`configurations` takes them. Of an
+                :class:`~precision_pin.robot.approach.ApproachedPose` the approach is that of each of its poses.
+            values: Their joint values ``(n, P)``.
         """
         return read_approaches(q, values, self.approach)
 
@@ -305,12 +268,9 @@ class ErrorModel:
 
         Warns of joint values outside their limits, and of the other findings of the posture.
 
-        Parameters
-        ----------
-        q
-            As in :meth:`configuration`.
-        approach
-            As in :class:`~precision_pin.robot.approach.ApproachedPose`; by default that of the pose.
+        Args:
+            q: As in :meth:`configuration`.
+            approach: As in :class:`~precision_pin.robot.approach.ApproachedPose`; by default that of the pose.
         """
         q = q if approach is None else ApproachedPose(q, approach)
         at = self._at(replace(self.chain.at(self.configuration(q)), approach=self.approach(q)))
@@ -323,18 +283,13 @@ class ErrorModel:
 
         Each equals that of :meth:`at`, to rounding; the joints' frames are computed for many poses at once.
 
-        Parameters
-        ----------
-        q
-            As for :meth:`precision_pin.robot.chain.Chain.at_many`: an array ``(n, P)``, a list of poses (names too), or P
-            values for every joint's name.
+        Args:
+            q: As for :meth:`precision_pin.robot.chain.Chain.at_many`: an array ``(n, P)``, a list of poses (names too),
+                or P values for every joint's name.
 
-        Raises
-        ------
-        InputError
-            Wrong joint values, immediately; the errors of :meth:`at`, when the iterator reaches the pose.
-        UnknownNameError
-            No such joint on the chain.
+        Raises:
+            InputError: Wrong joint values, immediately; the errors of :meth:`at`, when the iterator reaches the pose.
+            UnknownNameError: No such joint on the chain.
         """
         values, _ = self.configurations(q)
         add(pose_findings(self.chain, values))

@@ -36,14 +36,11 @@ _NAMES = ("x", "y", "z", "rx", "ry", "rz")
 def displaced_arm(chain: Chain, placements: Array, model: ErrorModel | None = None) -> ErrorModel:
     """Return the model of an arm with other placements, each by a displacement of fixed numbers.
 
-    Parameters
-    ----------
-    chain
-        The arm.
-    placements
-        Placements of the joints' seats, and last that of the tip, each in the chain link before it, ``(n + 1, 4, 4)``.
-    model
-        A model of the arm, whose sources are kept beside these.
+    Args:
+        chain: The arm.
+        placements: Placements of the joints' seats, and last that of the tip, each in the chain link before it, ``(n +
+            1, 4, 4)``.
+        model: A model of the arm, whose sources are kept beside these.
     """
     sources: list[Source] = [] if model is None else list(model.sources)
     for k, (old, new) in enumerate(zip(chain.placements, placements, strict=True)):

@@ -40,14 +40,10 @@ _UNITS: Final = (*["mm"] * 3, *["mrad"] * 3)
 class PoseModel:
     """The error model at one pose.
 
-    Attributes
-    ----------
-    posture
-        The undisplaced chain, with all loads.
-    space
-        Draws in column order.
-    table
-        The terms.
+    Attributes:
+        posture: The undisplaced chain, with all loads.
+        space: Draws in column order.
+        table: The terms.
     """
 
     posture: Posture
@@ -70,10 +66,8 @@ class PoseModel:
 
         ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses.
 
-        Raises
-        ------
-        InputError
-            A target turns by π or more, so that its rotation vector is not unique; or an error overflows.
+        Raises:
+            InputError: A target turns by π or more, so that its rotation vector is not unique; or an error overflows.
         """
         values = self._check(x)
         try:

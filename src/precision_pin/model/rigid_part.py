@@ -16,17 +16,12 @@ from precision_pin.terms.term import JointValue, Target
 class Part:
     """A rigid piece of the drawn arm.
 
-    Attributes
-    ----------
-    name
-        Of its node below ``arm``.
-    link
-        Chain link that it is on.
-    frame
-        Its pose in the chain link's axes, ``(4, 4)``.
-    rank
-        Position, among the URDF links of the chain link on the way from base to tip, of the one that carries it;
-        ``None`` for the tip and what hangs on it.
+    Attributes:
+        name: Of its node below ``arm``.
+        link: Chain link that it is on.
+        frame: Its pose in the chain link's axes, ``(4, 4)``.
+        rank: Position, among the URDF links of the chain link on the way from base to tip, of the one that carries it;
+            ``None`` for the tip and what hangs on it.
     """
 
     name: str

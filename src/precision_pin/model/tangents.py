@@ -30,17 +30,12 @@ AT_ONCE: Final = 256
 class Tangents:
     """First-order models ``e = error + jacobian · (x - mean of x)`` at P poses.
 
-    Attributes
-    ----------
-    error
-        Error of the exact model with every component at its mean, ``(6, P)``.
-    jacobian
-        Its derivative with respect to the components, ``(6, d, P)``.
-    arms
-        How far a unit of each term's product turns what lies beyond its place, and the bound of how far it moves the tip, its
-        shift plus its turn times the distance, ``(2, T, P)``.
-    table
-        The table of one of the poses; targets, factors and formulas are the same at all.
+    Attributes:
+        error: Error of the exact model with every component at its mean, ``(6, P)``.
+        jacobian: Its derivative with respect to the components, ``(6, d, P)``.
+        arms: How far a unit of each term's product turns what lies beyond its place, and the bound of how far it moves
+            the tip, its shift plus its turn times the distance, ``(2, T, P)``.
+        table: The table of one of the poses; targets, factors and formulas are the same at all.
     """
 
     error: Array

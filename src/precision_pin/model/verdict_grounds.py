@@ -30,16 +30,11 @@ def grounds_at(
 ) -> Grounds:
     """Return the grounds of a verdict over poses: not judged where one is outside the joints' limits, or passed too fast.
 
-    Parameters
-    ----------
-    model
-        The model; with ``beyond_limits`` poses are judged wherever they are.
-    values
-        Joint values ``(n, P)``.
-    labels
-        Labels of several poses, for the reason.
-    times
-        Times of a path's poses, s, ``(P,)``.
+    Args:
+        model: The model; with ``beyond_limits`` poses are judged wherever they are.
+        values: Joint values ``(n, P)``.
+        labels: Labels of several poses, for the reason.
+        times: Times of a path's poses, s, ``(P,)``.
     """
     lost = _lost(model)
     exact = () if lost is None else lost.names
@@ -114,12 +109,9 @@ def speed_findings(model: ErrorModel, values: Array, times: NDArray[np.float64] 
 def exact_findings(model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None = None) -> tuple[Finding, ...]:
     """Return a warning of the share in the first-order variance that went with laws which a change made single values.
 
-    Parameters
-    ----------
-    model
-        A model of a sheet with changes.
-    values, approaches
-        Poses ``(n, P)``, and how their joints moved last.
+    Args:
+        model: A model of a sheet with changes.
+        values, approaches: Poses ``(n, P)``, and how their joints moved last.
     """
     lost = _lost(model)
     if lost is None:
@@ -169,14 +161,10 @@ def _unit(slides: bool) -> tuple[float, str]:
 class _Lost:
     """Random numbers of the unchanged sheet whose tolerance a change has removed, from all of their sources or some.
 
-    Attributes
-    ----------
-    before
-        The model of the unchanged sheet.
-    draws
-        Positions of the draws in its space.
-    names
-        Paths of what is taken as exact: ``parameters.NAME``, a source's label, or one of its settings.
+    Attributes:
+        before: The model of the unchanged sheet.
+        draws: Positions of the draws in its space.
+        names: Paths of what is taken as exact: ``parameters.NAME``, a source's label, or one of its settings.
     """
 
     before: ErrorModel

@@ -14,16 +14,11 @@ from precision_pin.render.layers import Layer
 class Chapter:
     """A section of its own, with its answers at the head of the page.
 
-    Attributes
-    ----------
-    name, title
-        Identifier of the section, and title in the list of contents.
-    section
-        The section.
-    answers
-        Lines for the head of the page.
-    layer
-        What the 3-D view shows of it.
+    Attributes:
+        name, title: Identifier of the section, and title in the list of contents.
+        section: The section.
+        answers: Lines for the head of the page.
+        layer: What the 3-D view shows of it.
     """
 
     name: str

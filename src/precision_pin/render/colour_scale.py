@@ -31,10 +31,8 @@ class ColourScale:
     Viridis is perceptually uniform and safe for colour-blind readers; its lightest tenth, faint on a light ground, is
     left out.
 
-    Attributes
-    ----------
-    smallest, largest
-        Ends of the scale, m.
+    Attributes:
+        smallest, largest: Ends of the scale, m.
     """
 
     smallest: float

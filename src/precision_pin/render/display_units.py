@@ -35,12 +35,9 @@ _SMALLEST_ON_AXIS: Final = 0.1
 class WrittenUnit:
     """The unit in which numbers of a quantity are written.
 
-    Attributes
-    ----------
-    name
-        As written.
-    per_si
-        How many of it make one of SI.
+    Attributes:
+        name: As written.
+        per_si: How many of it make one of SI.
     """
 
     name: str
@@ -64,12 +61,9 @@ class WrittenUnit:
     def of_axis(cls, quantity: str, size: float) -> WrittenUnit:
         """Return the unit of an axis on which errors reach a size (SI): mm or mrad for 0.1 to 10,000 of them, else a neighbour.
 
-        Parameters
-        ----------
-        quantity
-            Of the errors, as ``position.norm``.
-        size
-            The largest.
+        Args:
+            quantity: Of the errors, as ``position.norm``.
+            size: The largest.
         """
         ladder = [cls(name, 1000.0**k) for k, name in enumerate(_OF_AXES[quantity.partition(".")[0]])]
         if size == 0:

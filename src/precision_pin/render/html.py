@@ -30,14 +30,11 @@ Child = Html | str
 def element(name: str, *children: Child, **attributes: str) -> Html:
     """Return an element.
 
-    Parameters
-    ----------
-    name
-        Of the element.
-    children
-        In order; text is escaped.
-    attributes
-        Values are escaped; ``class_`` is ``class``, ``aria_label`` is ``aria-label``. An empty ``class_`` is left out.
+    Args:
+        name: Of the element.
+        children: In order; text is escaped.
+        attributes: Values are escaped; ``class_`` is ``class``, ``aria_label`` is ``aria-label``. An empty ``class_``
+            is left out.
     """
     written = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escaped(value)}"'
@@ -95,18 +92,12 @@ def table(
 ) -> Html:
     """Return a table that scrolls by itself where it is too wide; on a phone each row is a list with the columns' names.
 
-    Parameters
-    ----------
-    caption
-        Above it.
-    header
-        Of the columns.
-    rows
-        The first cell of each is its heading.
-    words
-        Columns of words besides the first, aligned left.
-    last
-        Whether the last row is a sum.
+    Args:
+        caption: Above it.
+        header: Of the columns.
+        rows: The first cell of each is its heading.
+        words: Columns of words besides the first, aligned left.
+        last: Whether the last row is a sum.
     """
     left = {0, *words}
     lines = list(rows)

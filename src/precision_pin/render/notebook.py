@@ -40,16 +40,11 @@ def preformatted(text: str) -> str:
 class Table:
     """A table of plain text, which becomes HTML in :func:`rendered` only.
 
-    Attributes
-    ----------
-    columns
-        Column headings.
-    rows
-        One text for each column.
-    heading
-        A line above the table, none if empty.
-    words
-        How many columns, from the left, hold words; they are aligned left, the numbers after them right.
+    Attributes:
+        columns: Column headings.
+        rows: One text for each column.
+        heading: A line above the table, none if empty.
+        words: How many columns, from the left, hold words; they are aligned left, the numbers after them right.
     """
 
     columns: Sequence[str]
@@ -63,10 +58,8 @@ def rendered(title: str, tables: Sequence[Table], notes: Sequence[str] = ()) -> 
 
     There are no colours in it, so that it is read on light and dark pages alike, and no script.
 
-    Parameters
-    ----------
-    title, tables, notes
-        Plain text; every name in them is escaped here.
+    Args:
+        title, tables, notes: Plain text; every name in them is escaped here.
     """
     parts = [f"<p><strong>{escaped(title)}</strong></p>"]
     for table in tables:

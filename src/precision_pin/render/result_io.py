@@ -28,10 +28,8 @@ LARGEST_FILE: Final = 2**30
 class JsonResult:
     """A result read back from its JSON.
 
-    Attributes
-    ----------
-    schema
-        Name of the JSON's schema; for a class that covers several, their common prefix.
+    Attributes:
+        schema: Name of the JSON's schema; for a class that covers several, their common prefix.
     """
 
     schema: ClassVar[str] = "precision-pin/"
@@ -47,10 +45,8 @@ class JsonResult:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the JSON to a file, whole or not at all.
 
-        Raises
-        ------
-        OutputError
-            It cannot be written.
+        Raises:
+            OutputError: It cannot be written.
         """
         write_text(check_path("the path of the result", path), f"{self.to_json()}\n")
 
@@ -61,10 +57,8 @@ class JsonResult:
         The numbers of a file are those of the JSON, not the samples and laws behind them: so what is returned has the same
         ``to_dict`` and ``to_json``, and is not an instance of this class.
 
-        Raises
-        ------
-        InputError
-            The file cannot be read, or holds no result of this kind.
+        Raises:
+            InputError: The file cannot be read, or holds no result of this kind.
         """
         name = check_path("the path of the result", path)
         try:
@@ -88,10 +82,8 @@ class JsonResult:
 class SavedResult(JsonResult):
     """A result read from its JSON: ``saved["poses"]`` and so on, SI units.
 
-    Attributes
-    ----------
-    data
-        What the file holds.
+    Attributes:
+        data: What the file holds.
     """
 
     data: Mapping[str, Any]
@@ -111,10 +103,8 @@ class SavedResult(JsonResult):
     def to_pandas(self) -> pandas.DataFrame:
         """Return every number of every pose as a row, by the keys that lead to it, with the other keys as ``attrs``.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         poses = self.data["poses"] if isinstance(self.data.get("poses"), list) else [self.data]
         labels = pose_labels([str(_pose_name(pose)) for pose in poses])
@@ -129,10 +119,8 @@ class SavedResult(JsonResult):
     def to_xarray(self) -> xarray.Dataset:
         """Return the numbers of :meth:`to_pandas` as a dataset over pose and entry.
 
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        Raises:
+            InputError: xarray is not installed.
         """
         return dataset(self.to_pandas())
 

@@ -40,18 +40,12 @@ _ENLARGED: Final = 1.45
 def figure(drawn: Figure, name: str, label: str, caption: Child, class_: str = "") -> Html:
     """Return a figure with its caption.
 
-    Parameters
-    ----------
-    drawn
-        What is shown.
-    name
-        The figure's own, in plain letters; identifiers begin with it.
-    label
-        What it shows, in numbers, for those who do not see it.
-    caption
-        Below it.
-    class_
-        For the page's style.
+    Args:
+        drawn: What is shown.
+        name: The figure's own, in plain letters; identifiers begin with it.
+        label: What it shows, in numbers, for those who do not see it.
+        caption: Below it.
+        class_: For the page's style.
     """
     svg = element(
         "div", _inline(drawn, name, label), class_="drawing", role="region", tabindex="0", aria_label=f"figure {name}"

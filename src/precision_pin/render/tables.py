@@ -122,16 +122,11 @@ def resting_on(
 
     If ``is_brief``, one line on the assumptions.
 
-    Parameters
-    ----------
-    assumed
-        Labels of the sources that are marked as assumptions.
-    sources
-        Number of all sources.
-    origins
-        Share in the variance of position and attitude by provenance.
-    where
-        Pose of these shares, where it is not that of the result.
+    Args:
+        assumed: Labels of the sources that are marked as assumptions.
+        sources: Number of all sources.
+        origins: Share in the variance of position and attitude by provenance.
+        where: Pose of these shares, where it is not that of the result.
     """
     lines = []
     shares = {kind: share for kind, share in (origins or {}).items() if max(share) > 0}
@@ -184,10 +179,8 @@ def pose_labels(names: Sequence[str]) -> list[str]:
 def optional(package: str) -> Any:
     """Return a package that this one works without, pandas or xarray.
 
-    Raises
-    ------
-    InputError
-        It is not installed.
+    Raises:
+        InputError: It is not installed.
     """
     try:
         return importlib.import_module(package)
@@ -211,19 +204,13 @@ def data_frame(
 ) -> pandas.DataFrame:
     """Return rows as a data frame.
 
-    Parameters
-    ----------
-    index
-        Names of the index's levels.
-    rows
-        Each row's place in the index, and its columns.
-    attributes
-        Becomes ``attrs``, with the units added.
+    Args:
+        index: Names of the index's levels.
+        rows: Each row's place in the index, and its columns.
+        attributes: Becomes ``attrs``, with the units added.
 
-    Raises
-    ------
-    InputError
-        pandas is not installed.
+    Raises:
+        InputError: pandas is not installed.
     """
     pandas = optional("pandas")
     keys = [key for key, _ in rows]
@@ -240,10 +227,8 @@ def data_frame(
 def dataset(frame: pandas.DataFrame) -> xarray.Dataset:
     """Return a frame whose index is a full grid as a dataset; ``attrs`` become text, as netCDF requires.
 
-    Raises
-    ------
-    InputError
-        xarray is not installed.
+    Raises:
+        InputError: xarray is not installed.
     """
     xarray = optional("xarray")
     made = xarray.Dataset.from_dataframe(frame)

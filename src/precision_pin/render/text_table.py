@@ -46,12 +46,9 @@ def folded(rows: list[str], columns: int) -> list[str]:
     Where it is enough, long names of the first column go on below; else the table is cut into tables one below the other,
     each with the names. Lines that are no rows of it are returned as they are.
 
-    Parameters
-    ----------
-    rows
-        Lines in which two blanks or more separate columns, as :func:`aligned` returns them.
-    columns
-        Columns of the terminal.
+    Args:
+        rows: Lines in which two blanks or more separate columns, as :func:`aligned` returns them.
+        columns: Columns of the terminal.
     """
     if max(map(width, rows)) <= columns:
         return rows

@@ -32,14 +32,12 @@ class ApproachedPose:
 
     Every analysis takes it where it takes a pose.
 
-    Attributes
-    ----------
-    pose
-        The pose: a name, joint values in chain order or by name, or ``None`` for the model's first.
-    approach
-        ``"+"``, ``"-"`` or ``"0"`` (not known; 1, -1 and 0 mean the same) by joint, those left out being not known; or for
-        every joint in chain order; or as text, ``"joint1 +, joint2 -"``. In a list of poses also ``"previous"``: from the
-        pose before it, or where a joint did not move from there, from the last pose from which it did.
+    Attributes:
+        pose: The pose: a name, joint values in chain order or by name, or ``None`` for the model's first.
+        approach: ``"+"``, ``"-"`` or ``"0"`` (not known; 1, -1 and 0 mean the same) by joint, those left out being not
+            known; or for every joint in chain order; or as text, ``"joint1 +, joint2 -"``. In a list of poses also
+            ``"previous"``: from the pose before it, or where a joint did not move from there, from the last pose from
+            which it did.
     """
 
     pose: Any

@@ -79,29 +79,19 @@ _OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
 class Chain:
     """The moving joints and rigid links between a base and a tip.
 
-    Attributes
-    ----------
-    robot
-        The mechanism, rooted at the base.
-    base, tip
-        Link names.
-    joints
-        The chain's n joints, base to tip.
-    locked
-        Value of every other joint that can move.
-    placements
-        ``(n+1, 4, 4)``: from joint i's frame after its motion (base for i = 0) to joint i+1's origin frame before it
-        turns (the tip for i = n).
-    link_frames
-        Position of every URDF link on the chain.
-    target
-        The point that results are about, in the tip's axes, m, ``(3,)``; zero for the tip itself. It carries nothing.
-    gravity
-        Gravity in base axes, m/s², ``(3,)``.
-    loads
-        The weights of the URDF's links, and payloads.
-    obstacles
-        What poses are checked against, as a sheet says; None where nothing is checked.
+    Attributes:
+        robot: The mechanism, rooted at the base.
+        base, tip: Link names.
+        joints: The chain's n joints, base to tip.
+        locked: Value of every other joint that can move.
+        placements: ``(n+1, 4, 4)``: from joint i's frame after its motion (base for i = 0) to joint i+1's origin frame
+            before it turns (the tip for i = n).
+        link_frames: Position of every URDF link on the chain.
+        target: The point that results are about, in the tip's axes, m, ``(3,)``; zero for the tip itself. It carries
+            nothing.
+        gravity: Gravity in base axes, m/s², ``(3,)``.
+        loads: The weights of the URDF's links, and payloads.
+        obstacles: What poses are checked against, as a sheet says; None where nothing is checked.
     """
 
     robot: Robot
@@ -131,30 +121,20 @@ class Chain:
     ) -> Chain:
         """Read a URDF strictly and extract the chain from it.
 
-        Parameters
-        ----------
-        path
-            The path of the URDF; ``example:NAME`` or ``robot_descriptions:NAME``; its text, which begins with ``<``; or a
-            ``yourdfpy.URDF``.
-        tip
-            The end-effector link; the only leaf if left out.
-        base
-            The fixed link; the root if left out. Any link may be the base.
-        gravity
-            Gravity in the base link's axes, m/s².
-        locked
-            Values (rad or m) at which joints are locked; other joints off the chain are locked at zero, or at the limit
-            nearest to it. A mimic joint follows a joint off the chain; if it mimics a joint on the chain, it is locked at
-            the value for that joint's zero. A joint on the chain may be locked too.
+        Args:
+            path: The path of the URDF; ``example:NAME`` or ``robot_descriptions:NAME``; its text, which begins with
+                ``<``; or a ``yourdfpy.URDF``.
+            tip: The end-effector link; the only leaf if left out.
+            base: The fixed link; the root if left out. Any link may be the base.
+            gravity: Gravity in the base link's axes, m/s².
+            locked: Values (rad or m) at which joints are locked; other joints off the chain are locked at zero, or at
+                the limit nearest to it. A mimic joint follows a joint off the chain; if it mimics a joint on the chain,
+                it is locked at the value for that joint's zero. A joint on the chain may be locked too.
 
-        Raises
-        ------
-        UrdfError
-            The file cannot be used; carries every finding.
-        UnknownNameError
-            No such link or joint.
-        InputError
-            Several leaves and no tip, no moving joint on the chain, or a mimic joint on it.
+        Raises:
+            UrdfError: The file cannot be used; carries every finding.
+            UnknownNameError: No such link or joint.
+            InputError: Several leaves and no tip, no moving joint on the chain, or a mimic joint on it.
         """
         return cls.from_robot(_read(path), tip, base, gravity, locked)
 
@@ -173,10 +153,8 @@ class Chain:
         The model may be reduced: joints that it lacks are locked, at zero unless ``locked`` says where. Gravity is the model's
         if left out, at its neutral configuration. Masses are those of the URDF.
 
-        Raises
-        ------
-        InputError
-            As :meth:`from_urdf`; or the model has the tip at another place than the URDF.
+        Raises:
+            InputError: As :meth:`from_urdf`; or the model has the tip at another place than the URDF.
         """
         robot = _read(urdf)
         whole = cls.from_robot(robot, tip, base, EARTH, locked)
@@ -270,12 +248,10 @@ class Chain:
     def configuration(self, q: ArrayLike | Mapping[str, float]) -> Array:
         """Return joint values ``(n,)`` in chain order, given in that order or by name.
 
-        Raises
-        ------
-        InputError
-            Wrong count, missing joint, or a value that is no finite number; a prismatic joint beyond 1000 km.
-        UnknownNameError
-            No such joint on the chain.
+        Raises:
+            InputError: Wrong count, missing joint, or a value that is no finite number; a prismatic joint beyond 1000
+                km.
+            UnknownNameError: No such joint on the chain.
         """
         return self.configurations.one(q)
 
@@ -288,19 +264,16 @@ class Chain:
     def at_many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Postures:
         """Return the chain at P configurations at once.
 
-        Parameters
-        ----------
-        q
-            An array ``(n, P)``, rad and m, in chain order: poses are columns. Or a list of P poses, each as for :meth:`at`.
-            Or a mapping from every joint's name to its P values, or to one value for all poses. A square array is ambiguous:
-            it is read as columns, with a warning, unless its rows are outside the joints' limits and its columns are not.
+        Args:
+            q: An array ``(n, P)``, rad and m, in chain order: poses are columns. Or a list of P poses, each as for
+                :meth:`at`. Or a mapping from every joint's name to its P values, or to one value for all poses. A
+                square array is ambiguous: it is read as columns, with a warning, unless its rows are outside the
+                joints' limits and its columns are not.
 
-        Raises
-        ------
-        InputError
-            Another shape, a missing joint, or a value that is no finite number; a prismatic joint beyond 1000 km.
-        UnknownNameError
-            No such joint on the chain.
+        Raises:
+            InputError: Another shape, a missing joint, or a value that is no finite number; a prismatic joint beyond
+                1000 km.
+            UnknownNameError: No such joint on the chain.
         """
         values = self.configurations.many(q)
         add(self.configurations.doubts(q))
@@ -313,21 +286,14 @@ class Chain:
     def with_payload(self, mass: float | str, centre: ArrayLike = (0.0, 0.0, 0.0), at: str | None = None) -> Chain:
         """Return the chain with a payload.
 
-        Parameters
-        ----------
-        mass
-            kg, or text such as ``"500 g"``.
-        centre
-            Its centre of mass in the frame of the link that carries it, m, or text such as ``"0 0 50 mm"``.
-        at
-            The URDF link that carries it; the tip if left out.
+        Args:
+            mass: kg, or text such as ``"500 g"``.
+            centre: Its centre of mass in the frame of the link that carries it, m, or text such as ``"0 0 50 mm"``.
+            at: The URDF link that carries it; the tip if left out.
 
-        Raises
-        ------
-        InputError
-            The mass is negative, or a number is missing or not finite.
-        UnknownNameError
-            The robot has no such link.
+        Raises:
+            InputError: The mass is negative, or a number is missing or not finite.
+            UnknownNameError: The robot has no such link.
         """
         where = self.link_frame(self.tip if at is None else at)
         lever = check_quantities(
@@ -406,10 +372,8 @@ class Chain:
     def with_target(self, point: ArrayLike) -> Chain:
         """Return the chain with another point that results are about, in the tip's axes, m; places and loads stay.
 
-        Raises
-        ------
-        InputError
-            Not three finite numbers, or farther than 1000 m from the tip.
+        Raises:
+            InputError: Not three finite numbers, or farther than 1000 m from the tip.
         """
         target = check_numbers("the target", point, (3,), "three finite numbers, m in the tip's axes")
         if not np.abs(target).max() <= FARTHEST_TARGET:
@@ -491,25 +455,19 @@ class Posture:
 
     Sources that accept many postures (:meth:`precision_pin.terms.source.Source.accepts_many`) read either.
 
-    Attributes
-    ----------
-    chain
-        The chain.
-    q
-        Joint values in chain order, ``(n[, P])``.
-    joint_poses
-        Each joint's frame after its motion, in the base, ``(n, 4, 4[, P])``, by Pinocchio, or by compiled loops if the
-        posture is one of many.
-    loads
-        The weights on the chain: its own, and those of sources.
-    deflection
-        The chain under load; ``None`` if the loads act on the undisplaced arm. It moves the loads, not the places.
-    tilts
-        Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
-    approach
-        Direction in which each joint moved last: 1, -1, or 0 where it is not known; empty if no approach is given.
-    deciding
-        The posture whose loads decide on which side a play is taken up, if that is not this one.
+    Attributes:
+        chain: The chain.
+        q: Joint values in chain order, ``(n[, P])``.
+        joint_poses: Each joint's frame after its motion, in the base, ``(n, 4, 4[, P])``, by Pinocchio, or by compiled
+            loops if the posture is one of many.
+        loads: The weights on the chain: its own, and those of sources.
+        deflection: The chain under load; ``None`` if the loads act on the undisplaced arm. It moves the loads, not the
+            places.
+        tilts: Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply
+            them.
+        approach: Direction in which each joint moved last: 1, -1, or 0 where it is not known; empty if no approach is
+            given.
+        deciding: The posture whose loads decide on which side a play is taken up, if that is not this one.
     """
 
     chain: Chain

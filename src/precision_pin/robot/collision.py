@@ -45,14 +45,10 @@ _SLANT: Final = 1e-3
 class KeepOut:
     """A half space or a box that no moving link may enter, in base axes.
 
-    Attributes
-    ----------
-    place
-        A point of the plane, or the centre of the box, m, ``(3,)``.
-    normal
-        Of a plane: the direction in which the arm may be, of length one; None for a box.
-    size
-        Of a box: its edges along the base axes, m.
+    Attributes:
+        place: A point of the plane, or the centre of the box, m, ``(3,)``.
+        normal: Of a plane: the direction in which the arm may be, of length one; None for a box.
+        size: Of a box: its edges along the base axes, m.
     """
 
     place: tuple[float, ...]
@@ -65,12 +61,9 @@ class KeepOut:
 class Obstacles:
     """What poses of an arm are checked against, beside the arm itself.
 
-    Attributes
-    ----------
-    keep_out
-        Planes and boxes; None for the plate on which the base stands, if it does.
-    package_dirs
-        Where packages of meshes are searched for.
+    Attributes:
+        keep_out: Planes and boxes; None for the plate on which the base stands, if it does.
+        package_dirs: Where packages of meshes are searched for.
     """
 
     keep_out: tuple[KeepOut, ...] | None = None
@@ -170,17 +163,12 @@ class _Check(NamedTuple):
 class CollisionCheck:
     """What an arm can hit. Made once for an arm; a check takes some 0.1 ms a pose.
 
-    Parameters
-    ----------
-    arm
-        The chain.
-    obstacles
-        What it may hit beside itself.
+    Args:
+        arm: The chain.
+        obstacles: What it may hit beside itself.
 
-    Attributes
-    ----------
-    notes
-        What is looked at, assumed and left out, a line each.
+    Attributes:
+        notes: What is looked at, assumed and left out, a line each.
     """
 
     def __init__(self, arm: Arm, obstacles: Obstacles) -> None:

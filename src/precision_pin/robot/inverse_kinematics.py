@@ -335,19 +335,14 @@ class Solutions:
 
         A wanted pose without a solution within the joint limits is one pose of the set, without joint values.
 
-        Parameters
-        ----------
-        names
-            A name for each wanted pose; with all solutions the number of the solution is added.
-        branches
-            Which solutions: ``nearest`` to the reference posture; ``best``, farthest from a singularity, with the largest
-            smallest singular value; ``all``. One at which the arm hits something is chosen only where there is no other, and
-            left without joint values.
+        Args:
+            names: A name for each wanted pose; with all solutions the number of the solution is added.
+            branches: Which solutions: ``nearest`` to the reference posture; ``best``, farthest from a singularity, with
+                the largest smallest singular value; ``all``. One at which the arm hits something is chosen only where
+                there is no other, and left without joint values.
 
-        Raises
-        ------
-        InputError
-            Another word for the solutions, or another number of names.
+        Raises:
+            InputError: Another word for the solutions, or another number of names.
         """
         check_choice("branches", branches, get_args(Branches))
         given = ("",) * len(self) if names is None else names
@@ -408,25 +403,16 @@ def inverse_kinematics(
     search finds from fixed starts. Angles that differ by whole turns are one solution, given by the turn within the limits
     that is nearest to the reference posture. Each solution is checked: its tip is within 1e-10 m and 1e-10 rad.
 
-    Parameters
-    ----------
-    chain
-        The arm.
-    wanted
-        Tip in the base, ``(4, 4)`` or ``(4, 4, N)``.
-    task
-        What must agree: ``pose``; ``axis``, position and direction of the tool axis; ``position``.
-    tool_axis
-        The tool axis in the tip's frame, for ``axis``.
-    reference
-        Joint values, rad and m, ``(n,)``; zero, or the limit nearest to it, if left out.
-    progress
-        Function called with the number of poses solved since its last call; ``True`` shows a bar.
+    Args:
+        chain: The arm.
+        wanted: Tip in the base, ``(4, 4)`` or ``(4, 4, N)``.
+        task: What must agree: ``pose``; ``axis``, position and direction of the tool axis; ``position``.
+        tool_axis: The tool axis in the tip's frame, for ``axis``.
+        reference: Joint values, rad and m, ``(n,)``; zero, or the limit nearest to it, if left out.
+        progress: Function called with the number of poses solved since its last call; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong shape, a number that is not finite, a rotation that is none, an axis of length zero.
+    Raises:
+        InputError: A wrong shape, a number that is not finite, a rotation that is none, an axis of length zero.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_choice("task", task, tuple(CONSTRAINTS))

@@ -85,30 +85,19 @@ class Mcpc:
 
     Made by `from_chain`, or directly from numbers. Arrays are copied and made read-only.
 
-    Parameters
-    ----------
-    joint_names
-        The n joints in chain order.
-    prismatic
-        ``(n,)`` True for each prismatic joint.
-    alpha, beta, x, y
-        ``(n+1,)`` parameters of links 0..n (rad, rad, m, m).
-    gamma, z
-        The two further parameters of link n (rad, m).
-    joint_offset
-        ``(n,)`` θ_off, the constant turn of each joint about its z axis (rad), prismatic joints too.
-    joint_shift
-        ``(n,)`` constant shift along a prismatic joint's axis (m), zero as extracted.
-    base_turn
-        Turn of frame 0 about the z axis of the base link (rad): 0 or π/2 as extracted.
-    frame_in_link
-        ``(n+1, 4, 4)`` constant pose of MCPC frame i *after* ``Q_i``, in the axes of chain link i: joint
-        i's URDF frame after it turned, the base link for i = 0 (there it is the base turn).
+    Args:
+        joint_names: The n joints in chain order.
+        prismatic: ``(n,)`` True for each prismatic joint.
+        alpha, beta, x, y: ``(n+1,)`` parameters of links 0..n (rad, rad, m, m).
+        gamma, z: The two further parameters of link n (rad, m).
+        joint_offset: ``(n,)`` θ_off, the constant turn of each joint about its z axis (rad), prismatic joints too.
+        joint_shift: ``(n,)`` constant shift along a prismatic joint's axis (m), zero as extracted.
+        base_turn: Turn of frame 0 about the z axis of the base link (rad): 0 or π/2 as extracted.
+        frame_in_link: ``(n+1, 4, 4)`` constant pose of MCPC frame i *after* ``Q_i``, in the axes of chain link i: joint
+            i's URDF frame after it turned, the base link for i = 0 (there it is the base turn).
 
-    Raises
-    ------
-    InputError
-        A parameter has the wrong shape or is not finite.
+    Raises:
+        InputError: A parameter has the wrong shape or is not finite.
     """
 
     joint_names: tuple[str, ...]
@@ -389,27 +378,18 @@ def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["compl
     about the next joint's axis, is passed through that joint to the next link; the last link absorbs the rest
     in its six parameters. Replaces eqs 20 and 22.
 
-    Parameters
-    ----------
-    mcpc
-        The nominal arm.
-    displacements
-        ``E_0 … E_n``, E_i inserted after ``V_i`` (in the axes of frame i+1; E_n: of the tip): poses
-        ``(n+1, 4, 4)`` or ``[d; δ]`` ``(n+1, 6)`` in m and rad.
-    chart
-        ``"complete"``: 4n+6 parameters, every Δθ and Δd zero. ``"offsets"``: the remainder about the next
-        axis becomes Δθ_{i+1}, or along it Δd_{i+1} if that joint is prismatic; the other of the two is
-        passed on.
+    Args:
+        mcpc: The nominal arm.
+        displacements: ``E_0 … E_n``, E_i inserted after ``V_i`` (in the axes of frame i+1; E_n: of the tip): poses
+            ``(n+1, 4, 4)`` or ``[d; δ]`` ``(n+1, 6)`` in m and rad.
+        chart: ``"complete"``: 4n+6 parameters, every Δθ and Δd zero. ``"offsets"``: the remainder about the next axis
+            becomes Δθ_{i+1}, or along it Δd_{i+1} if that joint is prismatic; the other of the two is passed on.
 
-    Returns
-    -------
-    numpy.ndarray
+    Returns:
         ΔΩ in the order of `Mcpc.parameter_names`; angles in [-π, π].
 
-    Raises
-    ------
-    InputError
-        Wrong shape, a number that is not finite, a pose that is not rigid, an unknown chart.
+    Raises:
+        InputError: Wrong shape, a number that is not finite, a pose that is not rigid, an unknown chart.
     """
     check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain returns it")
     check_choice("mcpc chart", chart, ("complete", "offsets"))
@@ -526,10 +506,8 @@ def from_chain(chain: JointChain) -> Mcpc:
 
     Sign choices: α in (-π, π], offset in (-π/2, π/2]; hence x_i may be negative.
 
-    Parameters
-    ----------
-    chain
-        Any chain of revolute and prismatic joints.
+    Args:
+        chain: Any chain of revolute and prismatic joints.
     """
     for name in ("joint_names", "placements", "axes", "prismatic"):
         if not hasattr(chain, name):
@@ -598,19 +576,13 @@ def to_placements(nominal: Mcpc, perturbed: Mcpc, chain: JointChain) -> Array:
     placement of that joint, so that the link beyond it moves too. A placement whose parameters did not
     change is the chain's own, bit for bit.
 
-    Parameters
-    ----------
-    nominal
-        ``from_chain(chain)``.
-    perturbed
-        ``nominal.perturbed(…)``.
-    chain
-        The nominal chain.
+    Args:
+        nominal: ``from_chain(chain)``.
+        perturbed: ``nominal.perturbed(…)``.
+        chain: The nominal chain.
 
-    Raises
-    ------
-    InputError
-        The chain is not the one that ``nominal`` was extracted from, or ``perturbed`` was not made from it.
+    Raises:
+        InputError: The chain is not the one that ``nominal`` was extracted from, or ``perturbed`` was not made from it.
     """
     same = (
         nominal.joint_names == perturbed.joint_names == tuple(chain.joint_names)

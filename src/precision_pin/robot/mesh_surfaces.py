@@ -41,14 +41,10 @@ class UnreadableMeshError(Exception):
 class Surface:
     """Triangles of one colour.
 
-    Attributes
-    ----------
-    vertices
-        Corners ``(V, 3)``, m.
-    faces
-        Their indices ``(F, 3)``.
-    colour
-        The file's own colour, None where it has none.
+    Attributes:
+        vertices: Corners ``(V, 3)``, m.
+        faces: Their indices ``(F, 3)``.
+        colour: The file's own colour, None where it has none.
     """
 
     vertices: Array
@@ -60,12 +56,9 @@ class Surface:
 class MeshReader:
     """Reads a robot's meshes, each file once.
 
-    Parameters
-    ----------
-    file
-        The URDF, beside which meshes and packages are looked for.
-    package_dirs
-        Further folders of packages.
+    Args:
+        file: The URDF, beside which meshes and packages are looked for.
+        package_dirs: Further folders of packages.
     """
 
     def __init__(self, file: str, package_dirs: Sequence[Path]) -> None:
@@ -76,10 +69,8 @@ class MeshReader:
     def surfaces(self, mesh: Mesh, owner: str) -> tuple[Surface, ...]:
         """Return a mesh's triangles, scaled as the URDF says, one surface for each colour.
 
-        Raises
-        ------
-        UnreadableMeshError
-            Missing, outside the robot's folders, broken or of an unknown kind; says which.
+        Raises:
+            UnreadableMeshError: Missing, outside the robot's folders, broken or of an unknown kind; says which.
         """
         if mesh.filename not in self._known:
             try:
@@ -118,12 +109,9 @@ def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_F
     Corners in one cell of a grid become their mean, triangles that shrink to a line go. Where that leaves much less than
     there is room for, as with triangles that do not hang together, every so manieth triangle is taken instead.
 
-    Parameters
-    ----------
-    surfaces
-        As read.
-    length
-        The arm's length, m: cells are at least a hundred-thousandth of it.
+    Args:
+        surfaces: As read.
+        length: The arm's length, m: cells are at least a hundred-thousandth of it.
     """
     finest = _FINEST * length
     whole = result = tuple(_joined(one, finest) for one in surfaces)

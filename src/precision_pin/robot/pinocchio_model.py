@@ -92,10 +92,9 @@ def model_poses(
 
     These are the neutral one and one near it, each as the values of the joints by name, rad or m, and a pose ``(4, 4)``.
 
-    Raises
-    ------
-    InputError
-        No Pinocchio model, or one without these frames or with joints of more than one degree of freedom among these.
+    Raises:
+        InputError: No Pinocchio model, or one without these frames or with joints of more than one degree of freedom
+            among these.
     """
     if not isinstance(model, pinocchio.Model):
         raise InputError("the model must be a pinocchio.Model")

@@ -45,19 +45,13 @@ Z: Final = (0.0, 0.0, 1.0)
 def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
     """Return every combination of joint values; the last joint's change fastest.
 
-    Parameters
-    ----------
-    chain
-        The arm.
-    values
-        For each joint by name its values, rad or m, one or several, or text such as ``"0 30 60 deg"``.
+    Args:
+        chain: The arm.
+        values: For each joint by name its values, rad or m, one or several, or text such as ``"0 30 60 deg"``.
 
-    Raises
-    ------
-    InputError
-        A joint is missing or has no values, a number is not finite, or there are more than 1,048,575 poses.
-    UnknownNameError
-        No such joint on the chain.
+    Raises:
+        InputError: A joint is missing or has no values, a number is not finite, or there are more than 1,048,575 poses.
+        UnknownNameError: No such joint on the chain.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     for name in check_mapping("values", values):
@@ -112,16 +106,12 @@ def _written(value: float) -> str:
 class Orientation:
     """What the attitude of the tool must be at a place; made by :meth:`given`, :meth:`along` or :meth:`free`.
 
-    Attributes
-    ----------
-    task
-        What must agree: ``pose``, ``axis`` or ``position``.
-    rotations
-        Attitudes of the tip in the base that are tried, ``(A, 3, 3)``; with ``axis`` and ``position`` a single one.
-    tool_axis
-        The tool axis in the tip's frame.
-    label
-        Its name; empty where every attitude will do.
+    Attributes:
+        task: What must agree: ``pose``, ``axis`` or ``position``.
+        rotations: Attitudes of the tip in the base that are tried, ``(A, 3, 3)``; with ``axis`` and ``position`` a
+            single one.
+        tool_axis: The tool axis in the tip's frame.
+        label: Its name; empty where every attitude will do.
     """
 
     task: Task
@@ -136,10 +126,8 @@ class Orientation:
     def given(cls, rotation: ArrayLike, label: str = "") -> Orientation:
         """Return one attitude: a rotation matrix ``(3, 3)``, or roll, pitch and yaw ``(3,)`` in rad, in base axes.
 
-        Raises
-        ------
-        InputError
-            Neither, or a matrix that is no rotation to 1e-9.
+        Raises:
+            InputError: Neither, or a matrix that is no rotation to 1e-9.
         """
         check_text("the label of an orientation", label)
         values = check_numbers("the orientation", rotation, needs="a rotation (3, 3), or roll, pitch and yaw (3,)")
@@ -160,20 +148,14 @@ class Orientation:
     def along(cls, direction: ArrayLike, angles: int | None = None, tool_axis: ArrayLike = Z) -> Orientation:
         """Return a direction of the tool axis in the base, with any angle about it or with some.
 
-        Parameters
-        ----------
-        direction
-            Where the tool axis points, ``(3,)``; its length does not matter.
-        angles
-            How many angles about the tool axis are tried, in equal steps of a turn; ``None`` leaves the angle to the inverse
-            kinematics.
-        tool_axis
-            The tool axis in the tip's frame, ``(3,)``.
+        Args:
+            direction: Where the tool axis points, ``(3,)``; its length does not matter.
+            angles: How many angles about the tool axis are tried, in equal steps of a turn; ``None`` leaves the angle
+                to the inverse kinematics.
+            tool_axis: The tool axis in the tip's frame, ``(3,)``.
 
-        Raises
-        ------
-        InputError
-            A direction of length zero, or a wrong number of angles.
+        Raises:
+            InputError: A direction of length zero, or a wrong number of angles.
         """
         unit, axis = _direction("the direction", direction), _direction("the tool axis", tool_axis)
         label = "axis " + " ".join(f"{value:.4g}" for value in unit + 0.0)
@@ -211,10 +193,8 @@ def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
 
     They are in m, or text with a unit, such as ``"0 100 200 mm"``.
 
-    Raises
-    ------
-    InputError
-        No values, or numbers that are not finite.
+    Raises:
+        InputError: No values, or numbers that are not finite.
     """
     rows = [_row(name, given, LENGTH) for name, given in (("x", x), ("y", y), ("z", z))]
     check_grid_size([len(row) for row in rows])
@@ -224,19 +204,13 @@ def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
 def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLike, along_v: ArrayLike) -> Array:
     """Return the points ``(3, N)`` of a grid over a plane; those along v change fastest.
 
-    Parameters
-    ----------
-    origin
-        A point of the plane in the base, m, ``(3,)``, or text such as ``"400 0 300 mm"``.
-    u, v
-        Directions in the plane, in base axes, at right angles to each other; their lengths do not matter.
-    along_u, along_v
-        Distances from the origin along either, m, or text such as ``"0 50 100 mm"``.
+    Args:
+        origin: A point of the plane in the base, m, ``(3,)``, or text such as ``"400 0 300 mm"``.
+        u, v: Directions in the plane, in base axes, at right angles to each other; their lengths do not matter.
+        along_u, along_v: Distances from the origin along either, m, or text such as ``"0 50 100 mm"``.
 
-    Raises
-    ------
-    InputError
-        Directions that are not at right angles, no values, or numbers that are not finite.
+    Raises:
+        InputError: Directions that are not at right angles, no values, or numbers that are not finite.
     """
     point = check_quantities(
         "the origin of the plane", origin, LENGTH, (3,), "three finite numbers, in m or with a unit"
@@ -271,27 +245,18 @@ def place_grid(
     tool axis. Where an angle is out of reach it is one pose without joint values. :meth:`PoseSet.best_and_worst` compares
     them.
 
-    Parameters
-    ----------
-    chain
-        The arm.
-    places
-        Points in the base, m, ``(3,)`` or ``(3, N)``, or one as text (``"400 0 300 mm"``), as :func:`box_places` and
-        :func:`plane_places` make them.
-    orientations
-        Orientations of the tool at each, one or several.
-    branches
-        Which solutions of the inverse kinematics: ``nearest`` to the reference posture; ``best``, farthest from a
-        singularity; ``all``.
-    reference
-        Joint values, rad and m, ``(n,)``; zero, or the limit nearest to it, if left out.
-    progress
-        Function called with the number of poses solved since its last call; ``True`` shows a bar.
+    Args:
+        chain: The arm.
+        places: Points in the base, m, ``(3,)`` or ``(3, N)``, or one as text (``"400 0 300 mm"``), as
+            :func:`box_places` and :func:`plane_places` make them.
+        orientations: Orientations of the tool at each, one or several.
+        branches: Which solutions of the inverse kinematics: ``nearest`` to the reference posture; ``best``, farthest
+            from a singularity; ``all``.
+        reference: Joint values, rad and m, ``(n,)``; zero, or the limit nearest to it, if left out.
+        progress: Function called with the number of poses solved since its last call; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        No places or orientations, a wrong shape, or a number that is not finite.
+    Raises:
+        InputError: No places or orientations, a wrong shape, or a number that is not finite.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_choice("branches", branches, get_args(Branches))

@@ -38,33 +38,22 @@ _AT_ONCE: Final = 4096
 class PoseSet:
     """P poses in order.
 
-    Attributes
-    ----------
-    q
-        Joint values in chain order, rad and m, ``(n, P)``; a column of NaN where none are known.
-    names
-        A name for each pose, empty for a pose without one.
-    status
-        A status for each pose.
-    branch
-        Number of the solution of the inverse kinematics, ``(P,)``; -1 where joint values were given.
-    position
-        Tip in the base where it is known, else where it was wanted, m, ``(3, P)``.
-    times
-        Time of each point of a path, s, ``(P,)``; ``None`` where the poses are not passed in time.
-    node
-        Rank of the place or wanted pose to which each pose belongs, ``(P,)``: poses of one node are its branches and wrist
-        angles. ``None`` where each pose is its own.
-    approaches
-        Direction in which each joint moved last, 1, -1 or 0, ``(n, P)``; see :mod:`precision_pin.robot.approach`. ``None``
-        where no pose has one.
-    left_out
-        Of a random design, how many draws were left out since the arm hits something there, by what their status would be.
+    Attributes:
+        q: Joint values in chain order, rad and m, ``(n, P)``; a column of NaN where none are known.
+        names: A name for each pose, empty for a pose without one.
+        status: A status for each pose.
+        branch: Number of the solution of the inverse kinematics, ``(P,)``; -1 where joint values were given.
+        position: Tip in the base where it is known, else where it was wanted, m, ``(3, P)``.
+        times: Time of each point of a path, s, ``(P,)``; ``None`` where the poses are not passed in time.
+        node: Rank of the place or wanted pose to which each pose belongs, ``(P,)``: poses of one node are its branches
+            and wrist angles. ``None`` where each pose is its own.
+        approaches: Direction in which each joint moved last, 1, -1 or 0, ``(n, P)``; see
+            :mod:`precision_pin.robot.approach`. ``None`` where no pose has one.
+        left_out: Of a random design, how many draws were left out since the arm hits something there, by what their
+            status would be.
 
-    Raises
-    ------
-    InputError
-        The fields have different numbers of poses, or there are none.
+    Raises:
+        InputError: The fields have different numbers of poses, or there are none.
     """
 
     q: Array
@@ -192,14 +181,10 @@ class PoseSet:
 
         They are its best and worst branch and angle about the tool axis. A value that is not a number is passed over.
 
-        Parameters
-        ----------
-        values
-            A value for each pose, such as a spread or a quantile, ``(P,)``.
+        Args:
+            values: A value for each pose, such as a spread or a quantile, ``(P,)``.
 
-        Returns
-        -------
-        tuple
+        Returns:
             Positions of the best and of the worst poses, ``(N,)`` for nodes in order; -1 where a node has no value.
         """
         given = np.asarray(values, dtype=np.float64)
@@ -222,10 +207,8 @@ class PoseSet:
     def with_singular_below(self, chain: Chain, value: float) -> PoseSet:
         """Return the poses with another smallest singular value below which one within the limits counts as singular.
 
-        Raises
-        ------
-        InputError
-            The value is negative or not finite.
+        Raises:
+            InputError: The value is negative or not finite.
         """
         below = check_number("the smallest singular value", value, "zero or more and finite", lambda least: least >= 0)
         near = np.zeros(len(self), dtype=bool)

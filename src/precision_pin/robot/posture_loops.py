@@ -234,26 +234,17 @@ def run(
 ) -> None:
     """Compute all poses, tile by tile. Results are flat: rows of P numbers, one for each pose.
 
-    Parameters
-    ----------
-    f, w
-        Scratch, see `allocate_scratch`.
-    q
-        ``(n, P)`` joint values; angles not above `FARTHEST_TURN`.
-    slides, slanted
-        ``(n,)`` masks of the prismatic joints, and of those with another axis than z.
-    aligned
-        ``(n + 1, 3, 3)`` from axes whose z is the joint's to those of the URDF; the identity for the tip.
-    turns, arms
-        ``(n + 1, 3, 3)`` and ``(n + 1, 3)``: the links' placements between these aligned frames.
-    masses, moments
-        ``(n,)`` and ``(n, 3)``: mass and first moment of the link after each joint, in its aligned frame.
-    gravity
-        ``(3,)``, base axes.
-    poses
-        ``(n + 1, 4, 4, P)`` to fill with the joints' frames and the tip; empty if not wanted.
-    jacobians, torques, wrenches
-        ``(6, n, P)``, ``(n, P)`` and ``(n + 1, 6, P)`` to fill; empty if not wanted.
+    Args:
+        f, w: Scratch, see `allocate_scratch`.
+        q: ``(n, P)`` joint values; angles not above `FARTHEST_TURN`.
+        slides, slanted: ``(n,)`` masks of the prismatic joints, and of those with another axis than z.
+        aligned: ``(n + 1, 3, 3)`` from axes whose z is the joint's to those of the URDF; the identity for the tip.
+        turns, arms: ``(n + 1, 3, 3)`` and ``(n + 1, 3)``: the links' placements between these aligned frames.
+        masses, moments: ``(n,)`` and ``(n, 3)``: mass and first moment of the link after each joint, in its aligned
+            frame.
+        gravity: ``(3,)``, base axes.
+        poses: ``(n + 1, 4, 4, P)`` to fill with the joints' frames and the tip; empty if not wanted.
+        jacobians, torques, wrenches: ``(6, n, P)``, ``(n, P)`` and ``(n + 1, 6, P)`` to fill; empty if not wanted.
     """
     joints, poses_given = q.shape
     n, count = _U(joints), _U(poses_given)

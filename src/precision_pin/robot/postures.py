@@ -87,10 +87,8 @@ class Postures:
     Results are computed on first use: Jacobians, torques and wrenches together, poses together. Column k of each equals
     what :class:`precision_pin.robot.chain.Posture` gives at ``q[:, k]``, to rounding.
 
-    Attributes
-    ----------
-    q
-        Joint values in chain order, rad and m, ``(n, P)``.
+    Attributes:
+        q: Joint values in chain order, rad and m, ``(n, P)``.
     """
 
     q: Array

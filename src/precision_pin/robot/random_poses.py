@@ -52,26 +52,17 @@ def random_poses(
     are drawn again, so that those that are left lie evenly over what the arm reaches. So are poses at which the arm of a sheet
     hits itself or what it is kept out of; :attr:`PoseSet.left_out` counts them.
 
-    Parameters
-    ----------
-    chain
-        The arm.
-    count
-        Number of poses.
-    seed
-        64-bit seed.
-    box
-        Lowest and highest x, y and z of the tip in the base, m, ``(3, 2)``; with orientations, if left out, the cube about the
-        first joint that holds every place within reach.
-    orientations
-        Orientations of the tool, one or several.
-    progress
-        Function called with the number of poses found since its last call; ``True`` shows a bar.
+    Args:
+        chain: The arm.
+        count: Number of poses.
+        seed: 64-bit seed.
+        box: Lowest and highest x, y and z of the tip in the base, m, ``(3, 2)``; with orientations, if left out, the
+            cube about the first joint that holds every place within reach.
+        orientations: Orientations of the tool, one or several.
+        progress: Function called with the number of poses found since its last call; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong number or box, a joint that slides without limits, or too few poses within the box or reach.
+    Raises:
+        InputError: A wrong number or box, a joint that slides without limits, or too few poses within the box or reach.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_whole("the number of poses", count, 1, MOST_POSES)

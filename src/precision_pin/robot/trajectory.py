@@ -100,22 +100,15 @@ class Trajectory:
 
         The interval between two rows is divided into equal parts, as few as keep all given steps. The rows themselves stay.
 
-        Parameters
-        ----------
-        time_step
-            Largest time between two poses, s.
-        angle_step
-            Largest turn of a joint between two poses, rad.
-        length_step
-            Largest travel of a prismatic joint between two poses, m.
-        most
-            The most poses there may be.
+        Args:
+            time_step: Largest time between two poses, s.
+            angle_step: Largest turn of a joint between two poses, rad.
+            length_step: Largest travel of a prismatic joint between two poses, m.
+            most: The most poses there may be.
 
-        Raises
-        ------
-        InputError
-            A step that is not positive; one in time of a trajectory without times, or of joints of which there are none; more
-            poses than allowed.
+        Raises:
+            InputError: A step that is not positive; one in time of a trajectory without times, or of joints of which
+                there are none; more poses than allowed.
         """
         check_whole("the most poses", most, 1, MOST_POSES)
         if time_step is angle_step is length_step is None:
@@ -160,22 +153,15 @@ def read_trajectory(
     A unit may follow a name, as in ``joint1 [deg]``; without one values are in rad or m. A first column named ``t`` or
     ``time`` holds times, in s if no unit follows, which increase, unless a joint of the chain has that name.
 
-    Parameters
-    ----------
-    path
-        The file, UTF-8, with commas.
-    chain
-        Whose joints the columns are.
-    most
-        The most poses there may be.
-    progress
-        Function called with the number of characters read since its last call.
+    Args:
+        path: The file, UTF-8, with commas.
+        chain: Whose joints the columns are.
+        most: The most poses there may be.
+        progress: Function called with the number of characters read since its last call.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, is larger than 256 MiB, names other joints, has a wrong unit, or holds a value that is not a
-        finite number; one line that says where.
+    Raises:
+        InputError: The file cannot be read, is larger than 256 MiB, names other joints, has a wrong unit, or holds a
+            value that is not a finite number; one line that says where.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_whole("the most poses", most, 1, MOST_POSES)

@@ -44,10 +44,8 @@ def read_arguments(texts: Sequence[str]) -> dict[str, str]:
 def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]) -> str:
     """Return the text of the URDF that a xacro file makes, mesh names with the xacro's folder.
 
-    Raises
-    ------
-    InputError
-        The package xacrodoc is not installed, or the file cannot be expanded.
+    Raises:
+        InputError: The package xacrodoc is not installed, or the file cannot be expanded.
     """
     try:
         import xacrodoc

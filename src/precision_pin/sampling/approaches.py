@@ -31,14 +31,10 @@ from precision_pin.robot.approach import Approach
 class ApproachErrors:
     """Errors of N built robots at one pose, in n visits under each of A approaches.
 
-    Attributes
-    ----------
-    approaches
-        The approaches, 1, -1 or 0 for each joint in chain order.
-    errors
-        ``[d; δ]`` of the tip, base axes, m and rad, ``(A, n, 6, N)``.
-    shifts
-        Error of the target point's position, base axes, m, ``(A, n, 3, N)``.
+    Attributes:
+        approaches: The approaches, 1, -1 or 0 for each joint in chain order.
+        errors: ``[d; δ]`` of the tip, base axes, m and rad, ``(A, n, 6, N)``.
+        shifts: Error of the target point's position, base axes, m, ``(A, n, 3, N)``.
     """
 
     approaches: tuple[Approach, ...]
@@ -90,33 +86,22 @@ def sample_approaches(
 
     A robot's draws of unit and pose scope are the same in all visits; those of visit scope are made at every visit.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    pose
-        The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's first pose.
-    approaches
-        Two or more approaches, each as in :class:`precision_pin.ApproachedPose`. ISO 9283 takes three.
-    robots, cycles
-        Number of built robots, and of visits under each approach, two or more.
-    seed
-        64-bit seed.
-    model
-        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors.
-    target
-        The measured point in the axes of the tip, m, or text such as ``"0 0 100 mm"``.
-    number
-        Number of the pose, from 0, for draws of pose and visit scope.
-    first
-        Number of the first robot.
+    Args:
+        error_model: Chain, draws and sources.
+        pose: The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's first
+            pose.
+        approaches: Two or more approaches, each as in :class:`precision_pin.ApproachedPose`. ISO 9283 takes three.
+        robots, cycles: Number of built robots, and of visits under each approach, two or more.
+        seed: 64-bit seed.
+        model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors.
+        target: The measured point in the axes of the tip, m, or text such as ``"0 0 100 mm"``.
+        number: Number of the pose, from 0, for draws of pose and visit scope.
+        first: Number of the first robot.
 
-    Raises
-    ------
-    InputError
-        Fewer than two approaches, wrong directions, a wrong pose or number, or more visits than there are numbers for.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: Fewer than two approaches, wrong directions, a wrong pose or number, or more visits than there are
+            numbers for.
+        UnknownNameError: No such pose or joint.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     sampler.stage_of(model)

@@ -64,22 +64,14 @@ def _unpickle(data: bytes) -> Any:
 class Work(Sent):
     """All inputs of a block's statistics except the block number. Can be pickled.
 
-    Attributes
-    ----------
-    layout
-        The error model at the pose.
-    plan
-        Centres, bins and specifications.
-    model
-        ``"exact"`` or ``"linear"``.
-    seed
-        64-bit seed.
-    samples
-        Number of samples of the whole run, at which its last block ends.
-    keep_errors
-        Return the errors as well.
-    packages
-        Versions in the process that started the run; a worker with other versions is an error.
+    Attributes:
+        layout: The error model at the pose.
+        plan: Centres, bins and specifications.
+        model: ``"exact"`` or ``"linear"``.
+        seed: 64-bit seed.
+        samples: Number of samples of the whole run, at which its last block ends.
+        keep_errors: Return the errors as well.
+        packages: Versions in the process that started the run; a worker with other versions is an error.
     """
 
     layout: SamplerArrays

@@ -30,14 +30,10 @@ _OVERHEAD: Final = 1000
 class Codec(Generic[S]):
     """What a journal must know of the states that it holds.
 
-    Attributes
-    ----------
-    count
-        Function that returns how much of the run a state holds.
-    check
-        Function that raises ValueError if no run could give a state.
-    unit
-        What is counted, for messages.
+    Attributes:
+        count: Function that returns how much of the run a state holds.
+        check: Function that raises ValueError if no run could give a state.
+        unit: What is counted, for messages.
     """
 
     count: Callable[[S], int]
@@ -155,12 +151,9 @@ _ALWAYS: Final = ("mean", "norm_mean", "norm_max", "probability", "probability_i
 class PosesDone:
     """Arrays over all poses of a run, of which the first ones are filled.
 
-    Attributes
-    ----------
-    count
-        Number of poses that are finished.
-    values
-        The arrays of `POSE_ARRAYS`; the last axis is the pose.
+    Attributes:
+        count: Number of poses that are finished.
+        values: The arrays of `POSE_ARRAYS`; the last axis is the pose.
     """
 
     count: int

@@ -250,20 +250,14 @@ _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
 class ErrorAtPoses:
     """What a figure shows of |d| or |δ| at P poses.
 
-    Attributes
-    ----------
-    quantity
-        ``"position.norm"`` or ``"attitude.norm"``.
-    title, caption
-        Lines above and below the figure.
-    labels
-        Names of the poses.
-    largest
-        Largest sampled value.
-    quantiles
-        Intervals ``(2, P)`` and quantiles ``(P,)`` by level.
-    specifications
-        Verdict over all poses and result at each, of the specifications of this quantity or its components.
+    Attributes:
+        quantity: ``"position.norm"`` or ``"attitude.norm"``.
+        title, caption: Lines above and below the figure.
+        labels: Names of the poses.
+        largest: Largest sampled value.
+        quantiles: Intervals ``(2, P)`` and quantiles ``(P,)`` by level.
+        specifications: Verdict over all poses and result at each, of the specifications of this quantity or its
+            components.
     """
 
     quantity: str

@@ -73,15 +73,10 @@ _NORMAL_SQUARE = math.sqrt(8)
 def first_order_skewness(draws: Sequence[Draw], slopes: Array) -> Array:
     """Return the skewness of the eight quantities and of their squared deviations, ``(8, 2)``.
 
-    Parameters
-    ----------
-    draws
-        The draws, independent of each other.
-    slopes
-        ``(6, d)`` slopes of the error's components.
+    Args:
+        draws: The draws, independent of each other.
+        slopes: ``(6, d)`` slopes of the error's components.
 
-    Notes
-    -----
     The skewness of a norm, and of a component that the draws do not move to first order, is taken from the squares of the
     components of its vector, minus the skewness of a normal variable's square.
     """

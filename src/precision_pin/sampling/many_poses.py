@@ -93,49 +93,36 @@ def sample_poses(
     pose. Where all draws have unit scope, the samples at every pose are those of :func:`precision_pin.monte_carlo` with
     the same seed. Draws of other scopes depend on the number of the pose, counted from 0.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    q
-        The poses: an array ``(n, P)`` of joint values (rad, m) in chain order, one column for each pose; a list of poses, each
-        a name, joint values in chain order or by name; or a mapping of joint names to P values. A square array is read by
-        columns, with a warning where the joint limits do not rule out rows.
-    approach
-        Approach of every pose, as in :class:`precision_pin.ApproachedPose`: ``"previous"``, from the pose before it, or the
-        same directions at each. Poses of a list may have their own; by default those of the poses' names.
-    samples
-        Number of built robots, at most 2³² - 1.
-    seed
-        64-bit seed.
-    model
-        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
-    specifications
-        Limits to count against: one or a list, each from :func:`precision_pin.specification` or its text.
-    everywhere
-        Whether a specification is met only if enough robots keep it at all poses, each robot at every one of them; this
-        samples every pose once more.
-    confidence
-        Confidence of every interval.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    threads, processes, executor, tasks_under_way
-        What samples, as in :func:`precision_pin.monte_carlo`; by default a thread for each core. It does not change the
-        result. Robots are counted ``everywhere`` on threads of this process in any case.
-    journal, resume, files, tell
-        File in which finished poses are saved, up to 64 at a time, and what is resumed from it, as in
-        :func:`precision_pin.monte_carlo`.
-    progress
-        Function called with the number of samples, of all poses together, added since its last call; ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        q: The poses: an array ``(n, P)`` of joint values (rad, m) in chain order, one column for each pose; a list of
+            poses, each a name, joint values in chain order or by name; or a mapping of joint names to P values. A
+            square array is read by columns, with a warning where the joint limits do not rule out rows.
+        approach: Approach of every pose, as in :class:`precision_pin.ApproachedPose`: ``"previous"``, from the pose
+            before it, or the same directions at each. Poses of a list may have their own; by default those of the
+            poses' names.
+        samples: Number of built robots, at most 2³² - 1.
+        seed: 64-bit seed.
+        model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
+        specifications: Limits to count against: one or a list, each from :func:`precision_pin.specification` or its
+            text.
+        everywhere: Whether a specification is met only if enough robots keep it at all poses, each robot at every one
+            of them; this samples every pose once more.
+        confidence: Confidence of every interval.
+        findings: Warnings to include in the result, such as those of the sheet.
+        threads, processes, executor, tasks_under_way: What samples, as in :func:`precision_pin.monte_carlo`; by default
+            a thread for each core. It does not change the result. Robots are counted ``everywhere`` on threads of this
+            process in any case.
+        journal, resume, files, tell: File in which finished poses are saved, up to 64 at a time, and what is resumed
+            from it, as in :func:`precision_pin.monte_carlo`.
+        progress: Function called with the number of samples, of all poses together, added since its last call; ``True``
+            shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong number of samples, seed, model, confidence or workers; a journal of another run; no poses, wrong joint
-        values, more than 2²⁰-1 poses
-        where draws have pose or visit scope, or more than fit into memory; errors too large to compute with.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: A wrong number of samples, seed, model, confidence or workers; a journal of another run; no poses,
+            wrong joint values, more than 2²⁰-1 poses where draws have pose or visit scope, or more than fit into
+            memory; errors too large to compute with.
+        UnknownNameError: No such pose or joint.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)

@@ -90,64 +90,44 @@ def monte_carlo(
     Conditions that strain an assumption, such as joint values outside their limits, are listed in the result's ``warnings``
     and issued as :class:`precision_pin.base.errors.PrecisionPinWarning`; ``findings`` are not issued again.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    q, pose
-        The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's first pose. The
-        two arguments are synonyms.
-    approach
-        Direction in which each joint moved last, as in :class:`precision_pin.ApproachedPose`, ``"joint1 +, joint2 -"``; by
-        default that of the pose.
-    samples
-        Number of built robots; with ``until``, the largest number.
-    seed
-        64-bit seed.
-    model
-        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
-    specifications
-        Limits to count against: one or a list, each from :func:`precision_pin.specification` or its text.
-    until
-        Target precision, one or a list, such as ``"95 % to 0.01 mm"`` (see
-        :func:`precision_pin.statistics.precision.target`). Sampling ends as soon as all targets are reached. They are checked
-        after 1, 2, 4, 8 … blocks of 16,384 samples.
-    keep_samples
-        Keep every error, ``(6, samples)``.
-    confidence
-        Confidence of every interval.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    threads
-        Number of threads, by default one for each core.
-    processes
-        Number of processes to use instead of threads, started for this run. They end with this process, however it ends.
-    executor
-        Executor to use instead of threads: any object with ``submit(function, *arguments)`` that returns a future, such as
-        the executors of :mod:`concurrent.futures`, loky, mpi4py and Dask. It is not shut down. See also :func:`dask_cluster`.
-    tasks_under_way
-        Number of tasks given to the executor at a time. The default is twice its number of workers, or twice the number of
-        cores of this machine where the executor does not state it.
-    journal
-        File in which the state of the run is saved every two seconds to a minute, to resume from. Ctrl-C then finishes the
-        running tasks before it ends the run.
-    resume
-        Resume from the journal, if the file exists.
-    files
-        Files that the model was read from besides the URDF, keyed by their names in messages, such as
-        ``{"sheet": "arm.errors.yaml"}``. A run is not resumed after one of them has changed.
-    progress
-        Function called after every few blocks; ``True`` shows a bar.
-    tell
-        Function called with one line about the contents of the journal, and about the progress towards ``until``.
+    Args:
+        error_model: Chain, draws and sources.
+        q, pose: The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's
+            first pose. The two arguments are synonyms.
+        approach: Direction in which each joint moved last, as in :class:`precision_pin.ApproachedPose`, ``"joint1 +,
+            joint2 -"``; by default that of the pose.
+        samples: Number of built robots; with ``until``, the largest number.
+        seed: 64-bit seed.
+        model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
+        specifications: Limits to count against: one or a list, each from :func:`precision_pin.specification` or its
+            text.
+        until: Target precision, one or a list, such as ``"95 % to 0.01 mm"`` (see
+            :func:`precision_pin.statistics.precision.target`). Sampling ends as soon as all targets are reached. They
+            are checked after 1, 2, 4, 8 … blocks of 16,384 samples.
+        keep_samples: Keep every error, ``(6, samples)``.
+        confidence: Confidence of every interval.
+        findings: Warnings to include in the result, such as those of the sheet.
+        threads: Number of threads, by default one for each core.
+        processes: Number of processes to use instead of threads, started for this run. They end with this process,
+            however it ends.
+        executor: Executor to use instead of threads: any object with ``submit(function, *arguments)`` that returns a
+            future, such as the executors of :mod:`concurrent.futures`, loky, mpi4py and Dask. It is not shut down. See
+            also :func:`dask_cluster`.
+        tasks_under_way: Number of tasks given to the executor at a time. The default is twice its number of workers, or
+            twice the number of cores of this machine where the executor does not state it.
+        journal: File in which the state of the run is saved every two seconds to a minute, to resume from. Ctrl-C then
+            finishes the running tasks before it ends the run.
+        resume: Resume from the journal, if the file exists.
+        files: Files that the model was read from besides the URDF, keyed by their names in messages, such as
+            ``{"sheet": "arm.errors.yaml"}``. A run is not resumed after one of them has changed.
+        progress: Function called after every few blocks; ``True`` shows a bar.
+        tell: Function called with one line about the contents of the journal, and about the progress towards ``until``.
 
-    Raises
-    ------
-    InputError
-        A wrong number of samples, seed, model, confidence, pose, or workers; errors too large to compute with; more
-        samples to keep than fit into memory; workers that fail; a journal that is in use or belongs to another run.
-    OutputError
-        The journal cannot be written.
+    Raises:
+        InputError: A wrong number of samples, seed, model, confidence, pose, or workers; errors too large to compute
+            with; more samples to keep than fit into memory; workers that fail; a journal that is in use or belongs to
+            another run.
+        OutputError: The journal cannot be written.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     if pose is not None and q is not None:

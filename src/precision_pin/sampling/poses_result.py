@@ -50,16 +50,13 @@ _WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "not judged", "undecided"
 class PosesSpecification(Record):
     """Result of a specification over several poses.
 
-    Attributes
-    ----------
-    results
-        At each pose.
-    labels
-        Of the poses, no two alike.
-    largest
-        The mean at each pose of the norm that the quantity belongs to, which orders poses with the same share inside.
-    everywhere
-        The share of robots that keep it at all poses, each robot at every one; ``None`` where that was not asked.
+    Attributes:
+        results: At each pose.
+        labels: Of the poses, no two alike.
+        largest: The mean at each pose of the norm that the quantity belongs to, which orders poses with the same share
+            inside.
+        everywhere: The share of robots that keep it at all poses, each robot at every one; ``None`` where that was not
+            asked.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -155,45 +152,30 @@ class PosesResult(Record, JsonResult):
 
     Every built robot is sampled at all poses: its draws of unit scope are the same at each pose.
 
-    Attributes
-    ----------
-    robot, base, tip
-        The URDF and the ends of the chain.
-    names
-        Names of the poses, empty for a pose without one.
-    joints, q
-        Joints in chain order, and their values ``(n, P)``, rad or m.
-    approaches
-        Direction in which each joint moved last, ``(n, P)``: 1, -1, or 0 where it is not known; ``None`` if no pose has an
-        approach.
-    samples, seed, model, statics
-        Settings of the run: built robots, 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or ``"equilibrium"``.
-    confidence
-        Confidence of every interval.
-    mean
-        ``(6, P)`` mean of ``[d; δ]``.
-    covariance
-        ``(6, 6, P)`` sample covariance, divisor N - 1; NaN for one sample.
-    norm_mean, norm_std, norm_max
-        ``(2, P)`` mean, standard deviation and largest sampled value of |d| and |δ|.
-    quantile, quantile_interval
-        ``(3, 2, P)`` and ``(3, 2, 2, P)``, the lower ends first: quantiles of |d| and |δ| at `LEVELS`, and distribution-free
-        intervals, widened by the resolution of the sketch. NaN where the samples are too few for an interval.
-    quantile_resolution
-        ``(3, 2, P)`` width of the sketch's bin at the quantile: the largest difference from the quantile of the samples
-        themselves.
-    specifications
-        Specifications whose samples are counted.
-    probability, probability_interval
-        ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its Clopper-Pearson interval.
-    kept_everywhere
-        How many robots keep each specification at all poses; ``None`` where that was not asked.
-    warnings
-        One line each: the findings, then the warnings of the analysis.
-    findings
-        Findings passed in, such as those of the sheet.
-    versions
-        Versions of Python and the libraries that computed the result.
+    Attributes:
+        robot, base, tip: The URDF and the ends of the chain.
+        names: Names of the poses, empty for a pose without one.
+        joints, q: Joints in chain order, and their values ``(n, P)``, rad or m.
+        approaches: Direction in which each joint moved last, ``(n, P)``: 1, -1, or 0 where it is not known; ``None`` if
+            no pose has an approach.
+        samples, seed, model, statics: Settings of the run: built robots, 64-bit seed, ``"exact"`` or ``"linear"``,
+            ``"nominal"`` or ``"equilibrium"``.
+        confidence: Confidence of every interval.
+        mean: ``(6, P)`` mean of ``[d; δ]``.
+        covariance: ``(6, 6, P)`` sample covariance, divisor N - 1; NaN for one sample.
+        norm_mean, norm_std, norm_max: ``(2, P)`` mean, standard deviation and largest sampled value of |d| and |δ|.
+        quantile, quantile_interval: ``(3, 2, P)`` and ``(3, 2, 2, P)``, the lower ends first: quantiles of |d| and |δ|
+            at `LEVELS`, and distribution-free intervals, widened by the resolution of the sketch. NaN where the samples
+            are too few for an interval.
+        quantile_resolution: ``(3, 2, P)`` width of the sketch's bin at the quantile: the largest difference from the
+            quantile of the samples themselves.
+        specifications: Specifications whose samples are counted.
+        probability, probability_interval: ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its
+            Clopper-Pearson interval.
+        kept_everywhere: How many robots keep each specification at all poses; ``None`` where that was not asked.
+        warnings: One line each: the findings, then the warnings of the analysis.
+        findings: Findings passed in, such as those of the sheet.
+        versions: Versions of Python and the libraries that computed the result.
     """
 
     schema: ClassVar[str] = "precision-pin/poses/1"
@@ -310,22 +292,15 @@ class PosesResult(Record, JsonResult):
     def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
         """Draw the median and the 95 and 99.73 % quantiles over the poses, with the limits that are asked about.
 
-        Parameters
-        ----------
-        quantity
-            ``"position"`` or ``"attitude"``, for |d| or |δ|.
-        axes
-            Axes of matplotlib to draw on; ``None`` makes a figure with title, legend and caption.
+        Args:
+            quantity: ``"position"`` or ``"attitude"``, for |d| or |δ|.
+            axes: Axes of matplotlib to draw on; ``None`` makes a figure with title, legend and caption.
 
-        Returns
-        -------
-        Axes | Figure
+        Returns:
             The axes given, or the new figure, which a notebook shows and ``savefig`` writes.
 
-        Raises
-        ------
-        UnknownNameError
-            Another quantity.
+        Raises:
+            UnknownNameError: Another quantity.
         """
         names = ("position", "attitude")
         if quantity not in names:
@@ -355,15 +330,11 @@ class PosesResult(Record, JsonResult):
         ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope alone: a robot's draws of pose and
         visit scope at different poses are independent. For a pose with itself it is ``J Σ Jᵀ`` of all draws.
 
-        Parameters
-        ----------
-        one, other
-            Numbers of the poses, from 0.
+        Args:
+            one, other: Numbers of the poses, from 0.
 
-        Raises
-        ------
-        InputError
-            There is no such pose.
+        Raises:
+            InputError: There is no such pose.
         """
         one, other = (check_whole("the number of a pose", pose, 0, self.poses - 1) for pose in (one, other))
         space = self.error_model.space
@@ -385,10 +356,8 @@ class PosesResult(Record, JsonResult):
     def pose(self, name: str) -> int:
         """Return the number of the pose with a name.
 
-        Raises
-        ------
-        UnknownNameError
-            No pose has this name.
+        Raises:
+            UnknownNameError: No pose has this name.
         """
         return self.names.index(check_name("pose", name, [known for known in self.names if known]))
 
@@ -412,10 +381,8 @@ class PosesResult(Record, JsonResult):
         Components have the columns ``mean`` and ``std``. Norms have these, ``max``, and ``quantile_0.5``, … with ``…_lower``
         and ``…_upper``.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         labels = pose_labels(self.names)
         rows = [
@@ -448,10 +415,8 @@ class PosesResult(Record, JsonResult):
         ``specification`` for ``inside``, and ``end`` as well for ``inside_interval``. The attributes give the settings of the
         run.
 
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        Raises:
+            InputError: xarray is not installed.
         """
         dimensions = {
             "q": ("joint",),

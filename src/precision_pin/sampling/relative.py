@@ -66,48 +66,29 @@ def relative(
 
     A robot that is taught at ``other``, where its error is taken up into the program, works at ``pose`` with e_p - e_q.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    pose, other
-        The pose p at which the robot works, and the pose q whose errors are subtracted; each as for
-        :func:`precision_pin.monte_carlo`.
-    samples
-        Number of built robots.
-    seed
-        64-bit seed.
-    model
-        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
-    specifications
-        Limits of the relative error to count against: one or a list, each from :func:`precision_pin.specification` or its
-        text.
-    keep_samples
-        Keep every relative error, ``(6, samples)``.
-    confidence
-        Confidence of every interval.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    threads
-        Number of threads, by default one for each core. It does not change the result.
-    progress
-        Function called with the number of robots added since its last call; ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        pose, other: The pose p at which the robot works, and the pose q whose errors are subtracted; each as for
+            :func:`precision_pin.monte_carlo`.
+        samples: Number of built robots.
+        seed: 64-bit seed.
+        model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
+        specifications: Limits of the relative error to count against: one or a list, each from
+            :func:`precision_pin.specification` or its text.
+        keep_samples: Keep every relative error, ``(6, samples)``.
+        confidence: Confidence of every interval.
+        findings: Warnings to include in the result, such as those of the sheet.
+        threads: Number of threads, by default one for each core. It does not change the result.
+        progress: Function called with the number of robots added since its last call; ``True`` shows a bar.
 
-    Returns
-    -------
-    MonteCarloResult
+    Returns:
         With ``relative_to``; its other fields are those of ``pose`` and of the relative error.
 
-    Raises
-    ------
-    InputError
-        A wrong number of samples, seed, model, confidence, pose or threads; errors too large to compute with; more samples
-        to keep than fit into memory.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: A wrong number of samples, seed, model, confidence, pose or threads; errors too large to compute
+            with; more samples to keep than fit into memory.
+        UnknownNameError: No such pose or joint.
 
-    Notes
-    -----
     The components of e_p - e_q are d_p - d_q, the difference of the tip's displacements, and δ_p - δ_q, the difference of
     the rotation vectors; each error is that of the displaced chain against the nominal one at its own pose. Both are in
     the axes of the base, also where the tool is turned between the poses: neither is expressed in the tool.
@@ -176,14 +157,10 @@ def relative(
 class _Pair:
     """The error model at a pose and at another, for the same robots.
 
-    Attributes
-    ----------
-    at, other
-        The models.
-    layouts
-        Their arrays for the sampler.
-    model, seed
-        ``"exact"`` or ``"linear"``; 64-bit seed.
+    Attributes:
+        at, other: The models.
+        layouts: Their arrays for the sampler.
+        model, seed: ``"exact"`` or ``"linear"``; 64-bit seed.
     """
 
     at: PoseModel

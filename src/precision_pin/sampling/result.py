@@ -59,14 +59,10 @@ if TYPE_CHECKING:
 class Correlated(Record):
     """Group of correlated parameters.
 
-    Attributes
-    ----------
-    parameters
-        Names of the parameters.
-    scores
-        Correlation matrix of their normal scores, as given, row by row.
-    pearson
-        Correlation matrix of the parameters themselves, which follows from `scores` and the laws.
+    Attributes:
+        parameters: Names of the parameters.
+        scores: Correlation matrix of their normal scores, as given, row by row.
+        pearson: Correlation matrix of the parameters themselves, which follows from `scores` and the laws.
     """
 
     parameters: tuple[str, ...]
@@ -104,10 +100,9 @@ class Until(Record):
 class RelativeTo(Record):
     """Pose whose errors are subtracted from those of the same robots.
 
-    Attributes
-    ----------
-    name, q, approach
-        Its name, empty for a pose without one, each joint's value (rad, m), and ``+`` or ``-`` where an approach is given.
+    Attributes:
+        name, q, approach: Its name, empty for a pose without one, each joint's value (rad, m), and ``+`` or ``-`` where
+            an approach is given.
     """
 
     KEYS: ClassVar[Keys] = ("name", "q", "*_approach")
@@ -126,45 +121,29 @@ class RelativeTo(Record):
 class MonteCarloResult(Record, JsonResult):
     """Distribution of the pose error at one pose.
 
-    Attributes
-    ----------
-    robot, base, tip
-        The URDF and the ends of the chain.
-    pose_name, q, approach
-        The pose: its name, empty for one without, each joint's value (rad, m), and ``+`` or ``-`` where an approach is given.
-    seed, model, statics
-        Settings of the run: 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or ``"equilibrium"``.
-    scopes
-        Number of random numbers drawn once for each unit, pose and visit.
-    nominal
-        ``(6,)`` error with every parameter at its mean.
-    summary
-        Statistics of the samples, base axes.
-    sliding_joints
-        Sliding joints of ``q``: their values are in m, all others in rad.
-    correlations
-        Correlations of the space.
-    makers
-        Parameters, by name, of the units with the largest errors (``summary.largest_position`` and
-        ``largest_attitude``), keyed by unit. ``space.sample(seed, unit, 1)`` draws a unit again.
-    assumed
-        Labels of the sources that the sheet marks as assumptions.
-    sources
-        Number of sources.
-    origins
-        Share in the first-order variance of position and attitude by provenance; empty where the sheet states none.
-    versions
-        Versions of Python and the libraries that computed the result.
-    until
-        Targets at which sampling was to end.
-    findings
-        Findings passed in, such as those of the sheet.
-    warnings
-        One line each: the findings, then the warnings of the analysis.
-    errors
-        ``(6, N)`` every sample, if they were kept.
-    relative_to
-        The pose whose errors are subtracted (:func:`precision_pin.relative`); ``None`` where none are.
+    Attributes:
+        robot, base, tip: The URDF and the ends of the chain.
+        pose_name, q, approach: The pose: its name, empty for one without, each joint's value (rad, m), and ``+`` or
+            ``-`` where an approach is given.
+        seed, model, statics: Settings of the run: 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or
+            ``"equilibrium"``.
+        scopes: Number of random numbers drawn once for each unit, pose and visit.
+        nominal: ``(6,)`` error with every parameter at its mean.
+        summary: Statistics of the samples, base axes.
+        sliding_joints: Sliding joints of ``q``: their values are in m, all others in rad.
+        correlations: Correlations of the space.
+        makers: Parameters, by name, of the units with the largest errors (``summary.largest_position`` and
+            ``largest_attitude``), keyed by unit. ``space.sample(seed, unit, 1)`` draws a unit again.
+        assumed: Labels of the sources that the sheet marks as assumptions.
+        sources: Number of sources.
+        origins: Share in the first-order variance of position and attitude by provenance; empty where the sheet states
+            none.
+        versions: Versions of Python and the libraries that computed the result.
+        until: Targets at which sampling was to end.
+        findings: Findings passed in, such as those of the sheet.
+        warnings: One line each: the findings, then the warnings of the analysis.
+        errors: ``(6, N)`` every sample, if they were kept.
+        relative_to: The pose whose errors are subtracted (:func:`precision_pin.relative`); ``None`` where none are.
     """
 
     schema: ClassVar[str] = "precision-pin/analysis/1"
@@ -289,25 +268,17 @@ class MonteCarloResult(Record, JsonResult):
     def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
         """Draw the sampled distribution.
 
-        Parameters
-        ----------
-        quantity
-            ``"position"`` or ``"attitude"`` for |d| or |δ|, ``"components"`` for all six components, or one component, such
-            as ``"position.x"``.
-        axes
-            Matplotlib axes to draw the histogram on; ``None`` creates a figure with title, legend and caption.
+        Args:
+            quantity: ``"position"`` or ``"attitude"`` for |d| or |δ|, ``"components"`` for all six components, or one
+                component, such as ``"position.x"``.
+            axes: Matplotlib axes to draw the histogram on; ``None`` creates a figure with title, legend and caption.
 
-        Returns
-        -------
-        Axes | Figure
+        Returns:
             The given axes, or the new figure, which a notebook shows and ``savefig`` writes.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such quantity.
-        InputError
-            All six components are to be drawn on one pair of axes.
+        Raises:
+            UnknownNameError: There is no such quantity.
+            InputError: All six components are to be drawn on one pair of axes.
         """
         # late: matplotlib takes half a second to import
         drawn: Axes | Figure = import_module("precision_pin.sampling.figures").plot(
@@ -321,10 +292,8 @@ class MonteCarloResult(Record, JsonResult):
         The columns are ``mean``, ``std``, ``mode`` and ``quantile_0.95``, …, each with the ends ``…_lower`` and ``…_upper``
         of its interval, and ``min`` and ``max``. ``attrs`` gives the settings of the run.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         levels = sorted({level for name in QUANTITIES for level in self.summary.distribution(name).levels})
         rows = [((name,), _columns(self.summary.distribution(name), levels)) for name in QUANTITIES]
@@ -333,10 +302,8 @@ class MonteCarloResult(Record, JsonResult):
     def samples_to_pandas(self) -> pandas.DataFrame:
         """Return every sampled error as a data frame: a row for each built robot, dx, dy, dz in m and rx, ry, rz in rad.
 
-        Raises
-        ------
-        InputError
-            The samples were not kept, or pandas is not installed.
+        Raises:
+            InputError: The samples were not kept, or pandas is not installed.
         """
         if self.errors is None:
             raise InputError("the samples were not kept; sample with keep_samples=True")
@@ -355,10 +322,8 @@ class MonteCarloResult(Record, JsonResult):
         ``component_2``; ``covariance_interval`` over these and end; ``error`` over component and ``sample``, if the samples
         were kept. The attributes give the settings of the run.
 
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        Raises:
+            InputError: xarray is not installed.
         """
         distributions = [self.summary.distribution(name) for name in QUANTITIES]
         levels = sorted({level for distribution in distributions for level in distribution.levels})

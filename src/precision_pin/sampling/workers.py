@@ -45,12 +45,9 @@ def available_cores() -> int:
 class Workers(ABC):
     """Workers that compute tasks.
 
-    Attributes
-    ----------
-    most
-        Largest number of submitted tasks: twice the number of workers, so that no worker waits.
-    blocks_in_a_task
-        Largest number of blocks in a task, large enough that the cost of submitting a task is small.
+    Attributes:
+        most: Largest number of submitted tasks: twice the number of workers, so that no worker waits.
+        blocks_in_a_task: Largest number of blocks in a task, large enough that the cost of submitting a task is small.
     """
 
     most: int
@@ -339,15 +336,12 @@ def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
     The workers need the same version of this package. Other workers take over the tasks of a lost one; Dask gives up on a
     task that has lost several workers.
 
-    Parameters
-    ----------
-    address
-        Address of the scheduler, such as ``tcp://host:8786``.
+    Args:
+        address: Address of the scheduler, such as ``tcp://host:8786``.
 
-    Raises
-    ------
-    InputError
-        The package distributed is not installed, there is no scheduler at the address, or it has no workers.
+    Raises:
+        InputError: The package distributed is not installed, there is no scheduler at the address, or it has no
+            workers.
     """
     if not address.strip():
         raise InputError("the address of the Dask scheduler is empty; give one such as tcp://host:8786")

@@ -33,15 +33,12 @@ _ENTRY: Final = re.compile(r"\.?\[?(?P<k>\d+|\*)\]?(?=[.\[]|$)(?P<rest>.*)")
 class Change:
     """A value to set.
 
-    Attributes
-    ----------
-    path
-        Where: ``parameters.a1``, ``KIND[joint2].KEY``, ``payload.mass``; ``*`` stands for anything. ``KIND[joint2]`` is the
-        only number of the source, or the only one with a law where the units of no other fit it.
-    value
-        Text, or lists and mappings of it, as in a sheet.
-    origin
-        What messages call it.
+    Attributes:
+        path: Where: ``parameters.a1``, ``KIND[joint2].KEY``, ``payload.mass``; ``*`` stands for anything.
+            ``KIND[joint2]`` is the only number of the source, or the only one with a law where the units of no other
+            fit it.
+        value: Text, or lists and mappings of it, as in a sheet.
+        origin: What messages call it.
     """
 
     path: str

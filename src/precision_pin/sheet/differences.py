@@ -18,12 +18,9 @@ _LEFT_OUT = ("precision-pin", "allocate", "measurement")
 class SheetDifference:
     """A value that two sheets have otherwise.
 
-    Attributes
-    ----------
-    path
-        As ``--set`` names it: ``parameters.a1``, ``axis_install[joint2].radius``; a whole source by its label.
-    before, after
-        As written; ``None`` where a sheet does not have it.
+    Attributes:
+        path: As ``--set`` names it: ``parameters.a1``, ``axis_install[joint2].radius``; a whole source by its label.
+        before, after: As written; ``None`` where a sheet does not have it.
     """
 
     path: str

@@ -180,12 +180,9 @@ _LEVER: Final = 0.1
 class Slopes:
     """Derivatives of a reading.
 
-    Attributes
-    ----------
-    error
-        With respect to the tip's error, ``(m, 6)``.
-    nuisances
-        With respect to the nuisances, ``(m, k)``.
+    Attributes:
+        error: With respect to the tip's error, ``(m, 6)``.
+        nuisances: With respect to the nuisances, ``(m, k)``.
     """
 
     error: Array
@@ -199,48 +196,36 @@ class Measurement:
 
     Lengths and angles are numbers in SI, or text with a unit: ``std="20 um"``, ``target="0 0 100 mm"``.
 
-    Parameters
-    ----------
-    kind
-        ``"position"`` of a target (x, y, z), ``"pose"`` (position and attitude), ``"distance"`` from a fixed anchor, ``"plane"``
-        (height over a plane, zero at contact) or ``"socket"`` (the target is put into a socket).
-    std
-        Standard deviation of each measured length, m; at contact, of the contact. ``"estimate"``: a calibration finds it.
-    target
-        The target in tool axes from the tip, m, wherever the point is that results are about.
-    base
-        ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is not known and is
-        estimated; of a distance, a plane and sockets their place, of which a first guess is given.
-    target_known
-        Whether the target's place on the tool (of a pose, its attitude too) is known; it is estimated otherwise.
-    attitude_std
-        Standard deviation of each measured angle of a pose, rad; std / 0.1 m if left out, as of three targets 0.1 m apart.
-    anchor
-        Fixed point that a distance is measured from, in the base, m.
-    plane
-        A point on the plane and its normal, in the base, m; needed by ``"plane"``.
-    sockets
-        Places of the sockets, in the base, m; needed by ``"socket"``. A pose belongs to the socket nearest to its nominal target.
-    visible_from
-        Place of the instrument in the base, m, where the target must be turned towards it to be seen.
-    facing
-        Direction in tool axes to which the target faces where it must be seen; z if left out.
-    cone
-        Largest angle between that direction and the instrument, rad.
-    load
-        What the arm carries while it is measured, in place of the sheet's payloads; left out: these; ``()``: nothing. Payloads
-        of fixed numbers.
-    target_name, base_name
-        In a calibration with several measurements, what they share if it is estimated: the target of one name, and the base (or
-        place) of one name. ``target_name`` ``"2"`` reads the columns ``x2 y2 z2``.
-    columns
-        What the columns of a data file are, where its header does not say so: ``"q1=joint1 [deg], x1=x [m], note=ignore"``;
-        ``"*=[m rad]"`` gives the unit of all lengths and of all angles that have none.
+    Args:
+        kind: ``"position"`` of a target (x, y, z), ``"pose"`` (position and attitude), ``"distance"`` from a fixed
+            anchor, ``"plane"`` (height over a plane, zero at contact) or ``"socket"`` (the target is put into a
+            socket).
+        std: Standard deviation of each measured length, m; at contact, of the contact. ``"estimate"``: a calibration
+            finds it.
+        target: The target in tool axes from the tip, m, wherever the point is that results are about.
+        base: ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is not known
+            and is estimated; of a distance, a plane and sockets their place, of which a first guess is given.
+        target_known: Whether the target's place on the tool (of a pose, its attitude too) is known; it is estimated
+            otherwise.
+        attitude_std: Standard deviation of each measured angle of a pose, rad; std / 0.1 m if left out, as of three
+            targets 0.1 m apart.
+        anchor: Fixed point that a distance is measured from, in the base, m.
+        plane: A point on the plane and its normal, in the base, m; needed by ``"plane"``.
+        sockets: Places of the sockets, in the base, m; needed by ``"socket"``. A pose belongs to the socket nearest to
+            its nominal target.
+        visible_from: Place of the instrument in the base, m, where the target must be turned towards it to be seen.
+        facing: Direction in tool axes to which the target faces where it must be seen; z if left out.
+        cone: Largest angle between that direction and the instrument, rad.
+        load: What the arm carries while it is measured, in place of the sheet's payloads; left out: these; ``()``:
+            nothing. Payloads of fixed numbers.
+        target_name, base_name: In a calibration with several measurements, what they share if it is estimated: the
+            target of one name, and the base (or place) of one name. ``target_name`` ``"2"`` reads the columns ``x2 y2
+            z2``.
+        columns: What the columns of a data file are, where its header does not say so: ``"q1=joint1 [deg], x1=x [m],
+            note=ignore"``; ``"*=[m rad]"`` gives the unit of all lengths and of all angles that have none.
 
-    Raises
-    ------
-    InputError
-        A setting is wrong.
+    Raises:
+        InputError: A setting is wrong.
     """
 
     kind: Kind = "position"
@@ -393,14 +378,10 @@ class Measurement:
     def predict(self, pose: Array, errors: Array, nuisances: Array) -> Array:
         """Return readings ``(m, N)``: of a pose, its position and its turn from the nominal attitude.
 
-        Parameters
-        ----------
-        pose
-            The nominal tip in the base, ``(4, 4)``.
-        errors
-            ``[d; δ]`` of the tip, ``(6, N)``.
-        nuisances
-            ``(k, N)``.
+        Args:
+            pose: The nominal tip in the base, ``(4, 4)``.
+            errors: ``[d; δ]`` of the tip, ``(6, N)``.
+            nuisances: ``(k, N)``.
         """
         point, attitude = self._target(pose, errors, nuisances)
         if self.place is not None:

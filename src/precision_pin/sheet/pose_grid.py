@@ -41,16 +41,11 @@ _LONGEST: Final = 40
 class GridEntry:
     """A value of a file.
 
-    Attributes
-    ----------
-    text
-        The file's contents.
-    file
-        Its name.
-    path
-        Keys and positions from the top of the file.
-    data
-        The value there: text, a list, or keys with values.
+    Attributes:
+        text: The file's contents.
+        file: Its name.
+        path: Keys and positions from the top of the file.
+        data: The value there: text, a list, or keys with values.
     """
 
     text: Text
@@ -163,15 +158,11 @@ Progress = Callable[[int], None] | bool | None
 class PoseGrid:
     """The poses that a file asks for.
 
-    Attributes
-    ----------
-    count
-        Number of poses that are solved or drawn, of which progress speaks; zero for a grid over joint values.
-    solve
-        Function that returns the poses. Its argument is as ``progress`` of
-        :func:`precision_pin.robot.inverse_kinematics.inverse_kinematics`.
-    singular_below
-        Smallest singular value below which a pose counts as singular.
+    Attributes:
+        count: Number of poses that are solved or drawn, of which progress speaks; zero for a grid over joint values.
+        solve: Function that returns the poses. Its argument is as ``progress`` of
+            :func:`precision_pin.robot.inverse_kinematics.inverse_kinematics`.
+        singular_below: Smallest singular value below which a pose counts as singular.
     """
 
     count: int
@@ -182,19 +173,13 @@ class PoseGrid:
 def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[str, Array] | None = None) -> PoseGrid:
     """Read a file of poses.
 
-    Parameters
-    ----------
-    path
-        The YAML file.
-    chain
-        The arm.
-    poses
-        Named joint values that the file may refer to, such as those of a sheet.
+    Args:
+        path: The YAML file.
+        chain: The arm.
+        poses: Named joint values that the file may refer to, such as those of a sheet.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, or anything in it is wrong; one line that says where, and what is allowed.
+    Raises:
+        InputError: The file cannot be read, or anything in it is wrong; one line that says where, and what is allowed.
     """
     file = os.fspath(path)
     try:

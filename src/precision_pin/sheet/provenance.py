@@ -23,12 +23,9 @@ _EXAMPLE: Final = "such as 'provenance: drawing' or 'provenance: {data sheet: \"
 class Origin:
     """Where a number comes from.
 
-    Attributes
-    ----------
-    kind
-        One of `ORIGINS`.
-    text
-        More about it, such as the page of a data sheet.
+    Attributes:
+        kind: One of `ORIGINS`.
+        text: More about it, such as the page of a data sheet.
     """
 
     kind: str

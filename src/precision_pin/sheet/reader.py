@@ -48,40 +48,23 @@ _ANY_COMPONENT: Final = ("", ".x", ".y", *(f".{k}" for k in range(6)))
 class Sheet:
     """A sheet that was read without error.
 
-    Attributes
-    ----------
-    file
-        The sheet.
-    chain
-        The arm.
-    space
-        The named draws.
-    sources
-        Error sources.
-    poses
-        Named configurations, the first one the default.
-    approaches
-        Direction in which each joint moved last, of the poses that say so.
-    statics
-        ``"nominal"``: loads at the undeflected pose; ``"equilibrium"``: on the arm at rest under them.
-    findings
-        Warnings about sheet and URDF.
-    assumed
-        Positions of the sources that the sheet marks as assumptions.
-    contents
-        What it was read from.
-    estimates
-        Those of a calibration, in place of tolerances.
-    measurements
-        Instruments and set-ups of a calibration.
-    origins
-        Where numbers come from, by the label of a source, ``label.setting`` or ``parameters.name``.
-    unchanged
-        The sheet before any :meth:`with_changes`; ``None`` for one without changes.
-    beyond_limits
-        Whether verdicts are given at joint values and speeds beyond the URDF's limits too.
-    accepted
-        Reasons for which warnings are accepted, by code.
+    Attributes:
+        file: The sheet.
+        chain: The arm.
+        space: The named draws.
+        sources: Error sources.
+        poses: Named configurations, the first one the default.
+        approaches: Direction in which each joint moved last, of the poses that say so.
+        statics: ``"nominal"``: loads at the undeflected pose; ``"equilibrium"``: on the arm at rest under them.
+        findings: Warnings about sheet and URDF.
+        assumed: Positions of the sources that the sheet marks as assumptions.
+        contents: What it was read from.
+        estimates: Those of a calibration, in place of tolerances.
+        measurements: Instruments and set-ups of a calibration.
+        origins: Where numbers come from, by the label of a source, ``label.setting`` or ``parameters.name``.
+        unchanged: The sheet before any :meth:`with_changes`; ``None`` for one without changes.
+        beyond_limits: Whether verdicts are given at joint values and speeds beyond the URDF's limits too.
+        accepted: Reasons for which warnings are accepted, by code.
     """
 
     file: str
@@ -112,12 +95,9 @@ class Sheet:
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
 
-        Raises
-        ------
-        SheetError
-            Carries every finding.
-        InputError
-            The sheet was not read from anything.
+        Raises:
+            SheetError: Carries every finding.
+            InputError: The sheet was not read from anything.
         """
         if self.contents is None:
             raise InputError("the sheet was not read from a file or a dictionary, so that nothing in it can be changed")
@@ -130,16 +110,11 @@ class Sheet:
 class Contents:
     """The contents of a sheet, from which it can be read again.
 
-    Attributes
-    ----------
-    text
-        Keys and values.
-    file
-        Name of the sheet in messages.
-    folder
-        Folder that file names are relative to.
-    kinds, overrides
-        As :func:`read` takes them.
+    Attributes:
+        text: Keys and values.
+        file: Name of the sheet in messages.
+        folder: Folder that file names are relative to.
+        kinds, overrides: As :func:`read` takes them.
     """
 
     text: Text
@@ -178,21 +153,14 @@ def read(
 ) -> Sheet:
     """Read a sheet and the robot it names.
 
-    Parameters
-    ----------
-    path
-        The YAML sheet.
-    kinds
-        Source classes beyond those of the package.
-    overrides
-        Robot, tip, base and target in place of the sheet's.
-    changes
-        Values in place of the sheet's, which must be correct without them.
+    Args:
+        path: The YAML sheet.
+        kinds: Source classes beyond those of the package.
+        overrides: Robot, tip, base and target in place of the sheet's.
+        changes: Values in place of the sheet's, which must be correct without them.
 
-    Raises
-    ------
-    SheetError
-        Carries every finding, those of the URDF included.
+    Raises:
+        SheetError: Carries every finding, those of the URDF included.
     """
     file = os.fspath(path)
     text = read_text(_contents(file), file)
@@ -203,19 +171,13 @@ def read(
 def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> Sheet:
     """Return the sheet that a dictionary holds: the keys and values of the YAML sheet, numbers as such or as text.
 
-    Parameters
-    ----------
-    data
-        Keys and values.
-    folder
-        Folder that the names of the robot and of tables are relative to.
-    kinds
-        Source classes beyond those of the package.
+    Args:
+        data: Keys and values.
+        folder: Folder that the names of the robot and of tables are relative to.
+        kinds: Source classes beyond those of the package.
 
-    Raises
-    ------
-    SheetError
-        Carries every finding, each with the path of its key.
+    Raises:
+        SheetError: Carries every finding, each with the path of its key.
     """
     text = Text(plain_data(data), {}, ())
     return _read(Contents(text, "the sheet", FilePath(folder), tuple(kinds), Overrides()))

@@ -61,14 +61,10 @@ _Measurements = Annotated[
 class Context:
     """Context for validating a source's settings.
 
-    Attributes
-    ----------
-    named
-        The sheet's parameters, by the name of each of their numbers.
-    prismatic
-        True for each prismatic joint of the chain, by name.
-    folder
-        Folder of the sheet, to which file names are relative.
+    Attributes:
+        named: The sheet's parameters, by the name of each of their numbers.
+        prismatic: True for each prismatic joint of the chain, by name.
+        folder: Folder of the sheet, to which file names are relative.
     """
 
     named: Mapping[str, NamedParameter]
@@ -388,10 +384,8 @@ def _numbers(value: object, notes: Notes, levels: int, info: ValidationInfo[Any]
 class SettingReason(ValueError):
     """Carries an error through pydantic.
 
-    Attributes
-    ----------
-    below
-        Path from the setting down to the error.
+    Attributes:
+        below: Path from the setting down to the error.
     """
 
     def __init__(self, error: InputError, below: Path = ()) -> None:

@@ -154,12 +154,9 @@ _HERE: Final = FilePath()
 class NamedParameter:
     """A draw of the sheet's ``parameters``, and the quantities that have its unit.
 
-    Attributes
-    ----------
-    draw
-        The draw.
-    quantities
-        The quantities it can be used for.
+    Attributes:
+        draw: The draw.
+        quantities: The quantities it can be used for.
     """
 
     draw: Draw

@@ -43,16 +43,11 @@ def written_yaml(data: Mapping[str, Any]) -> str:
 class Text:
     """A sheet's contents.
 
-    Attributes
-    ----------
-    data
-        Dictionaries, lists and strings.
-    lines
-        Line of every key and item by its path.
-    findings
-        Findings about the text itself, such as duplicate keys.
-    changes
-        What has been changed afterwards: its name in messages, by its path.
+    Attributes:
+        data: Dictionaries, lists and strings.
+        lines: Line of every key and item by its path.
+        findings: Findings about the text itself, such as duplicate keys.
+        changes: What has been changed afterwards: its name in messages, by its path.
     """
 
     data: Any

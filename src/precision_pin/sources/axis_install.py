@@ -31,21 +31,14 @@ class AxisInstall(Source):
     position. The span is not in the paper; the result is nearly proportional to 1/span. The points belong to the link
     that is the joint's parent in the file, even if the base is beyond the joint.
 
-    Attributes
-    ----------
-    joint
-        The joint.
-    radius, diameter
-        Radius or diameter of the discs; give one of the two.
-    span
-        Distance between the two planes (between the bearings).
-    start
-        Position of the first plane on the axis as written in the file, from the joint's origin.
+    Attributes:
+        joint: The joint.
+        radius, diameter: Radius or diameter of the discs; give one of the two.
+        span: Distance between the two planes (between the bearings).
+        start: Position of the first plane on the axis as written in the file, from the joint's origin.
 
-    Raises
-    ------
-    InputError
-        Not exactly one of radius and diameter; a span that is not positive.
+    Raises:
+        InputError: Not exactly one of radius and diameter; a span that is not positive.
     """
 
     words: ClassVar[Mapping[str, str]] = {"A": "axis of {subject}, bearing A", "B": "axis of {subject}, bearing B"}

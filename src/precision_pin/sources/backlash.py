@@ -37,21 +37,14 @@ class Backlash(Source):
     so ``-s b/2`` up to ``s τ = F``. τ is the load of each robot, so that the side turns over with the scatter of the load.
     The derivative of the side with respect to the load counts as zero.
 
-    Attributes
-    ----------
-    joint
-        The joint.
-    backlash
-        b, the whole gap from flank to flank, at the joint; a length for a prismatic joint.
-    band
-        Torque (for a prismatic joint: force) below which the side is random: about the friction of the joint.
-    scope
-        How often a random side is drawn: once for each ``unit``, at each ``pose`` or at each ``visit``.
+    Attributes:
+        joint: The joint.
+        backlash: b, the whole gap from flank to flank, at the joint; a length for a prismatic joint.
+        band: Torque (for a prismatic joint: force) below which the side is random: about the friction of the joint.
+        scope: How often a random side is drawn: once for each ``unit``, at each ``pose`` or at each ``visit``.
 
-    Raises
-    ------
-    InputError
-        A band that is not positive, or a scope that is none of the three.
+    Raises:
+        InputError: A band that is not positive, or a scope that is none of the three.
     """
 
     words: ClassVar[Mapping[str, str]] = {

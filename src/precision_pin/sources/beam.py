@@ -65,62 +65,38 @@ class Beam(Profile, OnLink):
     N·m/rad; here EI and GI are rigidities in N·m², and stiffnesses of the whole link in N·m/rad are separate settings
     (``EI = k l``). Sections: :mod:`precision_pin.sources.cross_sections`.
 
-    Attributes
-    ----------
-    link
-        A URDF link of the chain link that bends.
-    section
-        Shape of the section, in place of rigidities: ``tube``, ``rod`` (solid), ``box`` (rectangular tube) or
-        ``general``.
-    material
-        ``steel``, ``stainless_steel``, ``aluminium`` or ``titanium``: gives E, G and density.
-    E, G
-        Modulus of elasticity and shear modulus, in place of the material's.
-    poisson_ratio
-        In place of G: ``G = E/(2 (1 + ν))``.
-    density
-        Density in place of the material's, for ``self_weight: section``.
-    outer_diameter
-        Outer diameter of a tube.
-    diameter
-        Diameter of a rod.
-    width, height
-        Outer dimensions of a box: along z (the joint's axis) and along y.
-    wall
-        Wall thickness of a tube or box.
-    area
-        Area of a general section.
-    I_y, I_z
-        Second moments of area of a general section about y and z.
-    J
-        Torsion constant of a general section.
-    EI
-        Bending rigidity about every axis normal to x; or ``EI_y`` and ``EI_z`` about y and z.
-    GI
-        Torsional rigidity.
-    EA
-        Axial rigidity; rigid if left out, as is each of the others.
-    segments
-        Parts with their own sections, starting at the link's own joint: each with ``length`` or ``fraction`` (one may have
-        neither) and any of the settings above.
-    bending_stiffness, torsion_stiffness
-        In place of EI and GI: moment at the end for one radian there.
-    axial_stiffness
-        In place of EA: force at the end for one metre there.
-    roll
-        Angle of the section about x.
-    self_weight
-        Distribution of the masses of the URDF links along the beam. ``uniform``: the mass of the link's own body (the
-        child of its joint; frames without mass are skipped) is spread evenly over its part of the beam, that of a body
-        bolted to it evenly about its centre of mass, as far as its own part reaches on both sides. ``centre``: each mass
-        acts at the projection of its centre of mass, with the moment of the offset. ``section``: density × area in place
-        of the own body's mass, the others as ``uniform``.
+    Attributes:
+        link: A URDF link of the chain link that bends.
+        section: Shape of the section, in place of rigidities: ``tube``, ``rod`` (solid), ``box`` (rectangular tube) or
+            ``general``.
+        material: ``steel``, ``stainless_steel``, ``aluminium`` or ``titanium``: gives E, G and density.
+        E, G: Modulus of elasticity and shear modulus, in place of the material's.
+        poisson_ratio: In place of G: ``G = E/(2 (1 + ν))``.
+        density: Density in place of the material's, for ``self_weight: section``.
+        outer_diameter: Outer diameter of a tube.
+        diameter: Diameter of a rod.
+        width, height: Outer dimensions of a box: along z (the joint's axis) and along y.
+        wall: Wall thickness of a tube or box.
+        area: Area of a general section.
+        I_y, I_z: Second moments of area of a general section about y and z.
+        J: Torsion constant of a general section.
+        EI: Bending rigidity about every axis normal to x; or ``EI_y`` and ``EI_z`` about y and z.
+        GI: Torsional rigidity.
+        EA: Axial rigidity; rigid if left out, as is each of the others.
+        segments: Parts with their own sections, starting at the link's own joint: each with ``length`` or ``fraction``
+            (one may have neither) and any of the settings above.
+        bending_stiffness, torsion_stiffness: In place of EI and GI: moment at the end for one radian there.
+        axial_stiffness: In place of EA: force at the end for one metre there.
+        roll: Angle of the section about x.
+        self_weight: Distribution of the masses of the URDF links along the beam. ``uniform``: the mass of the link's
+            own body (the child of its joint; frames without mass are skipped) is spread evenly over its part of the
+            beam, that of a body bolted to it evenly about its centre of mass, as far as its own part reaches on both
+            sides. ``centre``: each mass acts at the projection of its centre of mass, with the moment of the offset.
+            ``section``: density × area in place of the own body's mass, the others as ``uniform``.
 
-    Raises
-    ------
-    InputError
-        No stiffness, a stiffness given twice, settings that do not define a section, a link without length, segments whose
-        lengths do not add up to it, or two sources that give a link its weight by section.
+    Raises:
+        InputError: No stiffness, a stiffness given twice, settings that do not define a section, a link without length,
+            segments whose lengths do not add up to it, or two sources that give a link its weight by section.
     """
 
     segments: tuple[Segment, ...] = ()
@@ -289,14 +265,10 @@ class Beam(Profile, OnLink):
 class _BeamLoad:
     """A load on a beam: at one point, or spread evenly between two.
 
-    Attributes
-    ----------
-    start, stop
-        Ends of the stretch on which it acts, m along the beam; equal for a point.
-    wrench
-        ``[F; M]``, beam axes, ``(6[, P])``: at the point; for a spread load its whole weight.
-    factors
-        Parameters that multiply it.
+    Attributes:
+        start, stop: Ends of the stretch on which it acts, m along the beam; equal for a point.
+        wrench: ``[F; M]``, beam axes, ``(6[, P])``: at the point; for a spread load its whole weight.
+        factors: Parameters that multiply it.
     """
 
     start: float
@@ -366,9 +338,7 @@ def _half_spread(load: Load, reach: float, x: Array, length: float) -> float:
 def point_flexibility(length: float, reach: float) -> Array:
     """Return the end's displacement for a wrench at ``reach`` (m) along a cantilever of unit stiffnesses.
 
-    Returns
-    -------
-    NDArray
+    Returns:
         ``(6, 6)``: wrench ``[F; M]`` → ``[Δl, w_y, w_z; Δφ, θ_y, θ_z]``, each to be divided by its own stiffness.
     """
     a, l = reach, length  # noqa: E741
@@ -415,10 +385,8 @@ def stretch_flexibility(length: float, start: float, stop: float) -> Array:
 def beam_axes(chain: Chain, link: int, roll: float = 0.0) -> Array:
     """Return the axes x, y, z of a chain link as a beam, as columns in the link's own axes, ``(3, 3)``.
 
-    Raises
-    ------
-    InputError
-        The link has no length.
+    Raises:
+        InputError: The link has no length.
     """
     far_end = chain.placements[link]
     length = float(np.linalg.norm(far_end[:3, 3]))
@@ -461,12 +429,9 @@ class BentShape:
     One such cubic gives Euler's load of a column with one end free as 2.486 EI/l², where π²/4 = 2.467 is exact (Przemieniecki,
     Theory of Matrix Structural Analysis, 1968, chapter 15).
 
-    Attributes
-    ----------
-    length
-        Length of the beam, m.
-    end
-        ``[u, w_y, w_z; φ, θ_y, θ_z]`` of its end, beam axes.
+    Attributes:
+        length: Length of the beam, m.
+        end: ``[u, w_y, w_z; φ, θ_y, θ_z]`` of its end, beam axes.
     """
 
     length: float
@@ -530,14 +495,10 @@ class BentShape:
         have turned by θ: ``κ = D (M + Δr × F - θ × M) + θ × D M`` to second order, D the flexibilities. One row each for
         unit flexibility about x, y and z, with the others rigid.
 
-        Parameters
-        ----------
-        wrench
-            ``[F; M]``, beam axes: at the point where it acts, or of a weight spread evenly between two points.
-        loaded
-            Ends of the stretch on which it acts, m along the beam.
-        part
-            Ends of the part that bends, m along the beam.
+        Args:
+            wrench: ``[F; M]``, beam axes: at the point where it acts, or of a weight spread evenly between two points.
+            loaded: Ends of the stretch on which it acts, m along the beam.
+            part: Ends of the part that bends, m along the beam.
         """
         x, weights = _nodes(part[0], min(part[1], loaded[1]))
         begin, stop = np.maximum(loaded[0], x), loaded[1]

@@ -34,28 +34,19 @@ class BearingStiffness(Source):
     ``k_r = 2k``, ``k_t = k L²/2``. Source: the bushing of multibody mechanics with uncoupled springs; ISO/TS 16281 for
     the stiffness of a rolling bearing from its internal geometry.
 
-    Attributes
-    ----------
-    joint
-        The joint.
-    radial
-        k_r, normal to the axis; rigid if left out, as is each of the others.
-    axial
-        k_a, along the axis; not for a prismatic joint.
-    tilt
-        k_t, about every axis normal to the joint's: the moment stiffness of a data sheet.
-    roll
-        For a prismatic joint: about its axis, ``δ_z = M_z/k``.
-    centre
-        Position of the bearing's centre on the axis as written in the file, from the joint's origin.
-    pads_on
-        For a prismatic joint: the link that the bearing is fixed to, ``child`` (a carriage, which travels along its rail;
-        ``centre`` is measured from the joint's frame after its motion) or ``parent`` (fixed guides).
+    Attributes:
+        joint: The joint.
+        radial: k_r, normal to the axis; rigid if left out, as is each of the others.
+        axial: k_a, along the axis; not for a prismatic joint.
+        tilt: k_t, about every axis normal to the joint's: the moment stiffness of a data sheet.
+        roll: For a prismatic joint: about its axis, ``δ_z = M_z/k``.
+        centre: Position of the bearing's centre on the axis as written in the file, from the joint's origin.
+        pads_on: For a prismatic joint: the link that the bearing is fixed to, ``child`` (a carriage, which travels
+            along its rail; ``centre`` is measured from the joint's frame after its motion) or ``parent`` (fixed
+            guides).
 
-    Raises
-    ------
-    InputError
-        No stiffness, or pads on neither link.
+    Raises:
+        InputError: No stiffness, or pads on neither link.
     """
 
     words: ClassVar[Mapping[str, str]] = {

@@ -54,36 +54,23 @@ class Clearance(Source):
     A prismatic joint runs on two pads with the same lateral play in every direction; its play along the axis is
     ``backlash``, and this source does not turn it about the axis.
 
-    Attributes
-    ----------
-    joint
-        The joint.
-    diametral
-        Total radial play, from one side to the opposite one: bore minus journal. One value for both bearings, or two
-        values, for A and for B.
-    span
-        Distance between the bearings.
-    start
-        Position of bearing A on the axis as written in the file, from the joint's origin.
-    axial
-        Total axial play, from one end to the other; not for a prismatic joint.
-    direction
-        Direction of the shifts: ``load`` or ``random``.
-    band
-        Load of a bearing below which its direction is random; only with ``direction: load``.
-    law
-        Law of a random direction: ``circle`` (in contact) or ``disc``.
-    scope
-        How often a random direction is drawn: once for each ``unit``, at each ``pose`` or at each ``visit``.
-    pads_on
-        For a prismatic joint: the link that the pads are fixed to, ``child`` (a carriage, which travels along its rail;
-        ``start`` is measured from the joint's frame after its motion) or ``parent`` (fixed guides).
+    Attributes:
+        joint: The joint.
+        diametral: Total radial play, from one side to the opposite one: bore minus journal. One value for both
+            bearings, or two values, for A and for B.
+        span: Distance between the bearings.
+        start: Position of bearing A on the axis as written in the file, from the joint's origin.
+        axial: Total axial play, from one end to the other; not for a prismatic joint.
+        direction: Direction of the shifts: ``load`` or ``random``.
+        band: Load of a bearing below which its direction is random; only with ``direction: load``.
+        law: Law of a random direction: ``circle`` (in contact) or ``disc``.
+        scope: How often a random direction is drawn: once for each ``unit``, at each ``pose`` or at each ``visit``.
+        pads_on: For a prismatic joint: the link that the pads are fixed to, ``child`` (a carriage, which travels along
+            its rail; ``start`` is measured from the joint's frame after its motion) or ``parent`` (fixed guides).
 
-    Raises
-    ------
-    InputError
-        Not one or two diametral clearances, a span or band that is not positive, a band that is missing or not needed, or
-        a word that is none of those above.
+    Raises:
+        InputError: Not one or two diametral clearances, a span or band that is not positive, a band that is missing or
+            not needed, or a word that is none of those above.
     """
 
     words: ClassVar[Mapping[str, str]] = {

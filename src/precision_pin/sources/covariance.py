@@ -30,27 +30,22 @@ class Covariance(Source):
     axes; displacements of the same place by other sources add. With standard deviations s and correlation C the covariance is
     ``s_i C_ij s_j``. Source: JCGM 101:2008 (GUM supplement 1), 6.4.8.
 
-    Attributes
-    ----------
-    joint, link, frame
-        The place; give one of the three: the seat of a joint (its URDF origin frame before its motion; if the base is
-        beyond the joint, the frame of its child link), the end of the chain link that a URDF link belongs to (the next
-        joint's origin frame, or the tip), or the frame of a URDF link on the path to the tip.
-    std
-        Standard deviations of x, y, z, rx, ry, rz.
-    correlation
-        Correlation of the six, with ``std``: rows of plain numbers, symmetric, with 1 on the diagonal; none if left out.
-    matrix
-        In place of ``std`` and ``correlation``: the covariance itself, rows of plain numbers in m², m·rad and rad².
-    mean
-        Mean of the six; zero if left out.
-    scope
-        How often the errors are drawn: ``unit``, ``pose`` or ``visit``.
+    Attributes:
+        joint, link, frame: The place; give one of the three: the seat of a joint (its URDF origin frame before its
+            motion; if the base is beyond the joint, the frame of its child link), the end of the chain link that a URDF
+            link belongs to (the next joint's origin frame, or the tip), or the frame of a URDF link on the path to the
+            tip.
+        std: Standard deviations of x, y, z, rx, ry, rz.
+        correlation: Correlation of the six, with ``std``: rows of plain numbers, symmetric, with 1 on the diagonal;
+            none if left out.
+        matrix: In place of ``std`` and ``correlation``: the covariance itself, rows of plain numbers in m², m·rad and
+            rad².
+        mean: Mean of the six; zero if left out.
+        scope: How often the errors are drawn: ``unit``, ``pose`` or ``visit``.
 
-    Raises
-    ------
-    InputError
-        Not one place, not one of std and matrix, or a matrix that is not 6×6, not symmetric or has a negative eigenvalue.
+    Raises:
+        InputError: Not one place, not one of std and matrix, or a matrix that is not 6×6, not symmetric or has a
+            negative eigenvalue.
     """
 
     words: ClassVar[Mapping[str, str]] = {"error": "error of {subject}, given as covariance"}

@@ -18,14 +18,10 @@ from precision_pin.draws.expressions import Value
 class Material:
     """Constants of an isotropic material.
 
-    Attributes
-    ----------
-    E, G
-        Modulus of elasticity and shear modulus, Pa.
-    density
-        kg/m³.
-    source
-        Reference for the numbers.
+    Attributes:
+        E, G: Modulus of elasticity and shear modulus, Pa.
+        density: kg/m³.
+        source: Reference for the numbers.
     """
 
     E: float
@@ -52,14 +48,10 @@ MATERIALS: Final = MappingProxyType(
 class Section:
     """Properties of a cross-section.
 
-    Attributes
-    ----------
-    area
-        A, m².
-    I_y, I_z
-        Second moments of area about the beam's y and z, m⁴; z is the joint's axis.
-    J
-        Torsion constant, m⁴.
+    Attributes:
+        area: A, m².
+        I_y, I_z: Second moments of area about the beam's y and z, m⁴; z is the joint's axis.
+        J: Torsion constant, m⁴.
     """
 
     area: Value

@@ -36,38 +36,27 @@ class Encoder(Source):
     of it at the joint. At a prismatic joint the linear encoder has ``sin(2π · order · d / period + φ)`` and a scale that
     is too long or too short: ``scale · d``.
 
-    Attributes
-    ----------
-    joint
-        The joint.
-    resolution
-        One step of the encoder's shaft, or of a linear encoder.
-    scope
-        Scope of the resolution's error: ``pose`` (a pose is at one position within its step) or ``visit``.
-    offset
-        Position of the encoder's zero on the joint's own scale, added to the joint's value. A reading that is too large by
-        o is the offset -o.
-    amplitude
-        Amplitude of the periodic error at the encoder's shaft, half of peak to peak. The phase covers both signs, so a law
-        for the amplitude has its mean above zero.
-    eccentricity, radius
-        In place of amplitude: distance of the disc's centre from the shaft's axis, and mean radius of its graduation.
-    order
-        Periods of the periodic error in a turn of the encoder's shaft, or in ``period``.
-    heads
-        Reading heads, 1 or 2 opposite each other.
-    ratio
-        Turns of the encoder's shaft for one turn of the joint: 1 on the joint's side, the gear ratio on the motor's.
-    period
-        Length of one period of a linear encoder's periodic error.
-    scale
-        Error of a linear encoder's pitch, relative to the travel from the joint's zero: positive if it is too long and the
-        joint travels too far.
+    Attributes:
+        joint: The joint.
+        resolution: One step of the encoder's shaft, or of a linear encoder.
+        scope: Scope of the resolution's error: ``pose`` (a pose is at one position within its step) or ``visit``.
+        offset: Position of the encoder's zero on the joint's own scale, added to the joint's value. A reading that is
+            too large by o is the offset -o.
+        amplitude: Amplitude of the periodic error at the encoder's shaft, half of peak to peak. The phase covers both
+            signs, so a law for the amplitude has its mean above zero.
+        eccentricity, radius: In place of amplitude: distance of the disc's centre from the shaft's axis, and mean
+            radius of its graduation.
+        order: Periods of the periodic error in a turn of the encoder's shaft, or in ``period``.
+        heads: Reading heads, 1 or 2 opposite each other.
+        ratio: Turns of the encoder's shaft for one turn of the joint: 1 on the joint's side, the gear ratio on the
+            motor's.
+        period: Length of one period of a linear encoder's periodic error.
+        scale: Error of a linear encoder's pitch, relative to the travel from the joint's zero: positive if it is too
+            long and the joint travels too far.
 
-    Raises
-    ------
-    InputError
-        No error, half of a pair, a step, radius, ratio or period out of range, or a setting for the other kind of joint.
+    Raises:
+        InputError: No error, half of a pair, a step, radius, ratio or period out of range, or a setting for the other
+            kind of joint.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("offset", "scale")
@@ -181,10 +170,8 @@ class Encoder(Source):
     def _check_kind(self, is_prismatic: bool) -> None:
         """Check that the settings suit the kind of joint.
 
-        Raises
-        ------
-        InputError
-            A setting is for the other kind, or a linear encoder's period is missing.
+        Raises:
+            InputError: A setting is for the other kind, or a linear encoder's period is missing.
         """
         if not is_prismatic:
             for name in ("period", "scale"):

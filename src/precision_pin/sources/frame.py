@@ -24,16 +24,13 @@ class Frame(Source):
 
     The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))``; displacements of the same place by other sources add.
 
-    Attributes
-    ----------
-    joint, link, frame
-        The place; give one of the three: the seat of a joint (its URDF origin frame before its motion; if the base is
-        beyond the joint, the frame of its child link), the end of the chain link that a URDF link belongs to (the next
-        joint's origin frame, or the tip), or the frame of a URDF link on the path to the tip.
-    x, y, z
-        Shift.
-    rx, ry, rz
-        Rotation vector.
+    Attributes:
+        joint, link, frame: The place; give one of the three: the seat of a joint (its URDF origin frame before its
+            motion; if the base is beyond the joint, the frame of its child link), the end of the chain link that a URDF
+            link belongs to (the next joint's origin frame, or the tip), or the frame of a URDF link on the path to the
+            tip.
+        x, y, z: Shift.
+        rx, ry, rz: Rotation vector.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")

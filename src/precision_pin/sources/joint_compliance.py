@@ -22,12 +22,9 @@ class JointCompliance(Source):
     ``dθ = C τ`` with τ the torque of the *load* on the joint. Source: eq 23 of Wei, Jia and Chen (2015), after
     Spong. C is not in the paper.
 
-    Attributes
-    ----------
-    joint
-        The joint.
-    compliance
-        C; a linear compliance for a prismatic joint.
+    Attributes:
+        joint: The joint.
+        compliance: C; a linear compliance for a prismatic joint.
     """
 
     words: ClassVar[Mapping[str, str]] = {"compliance": "compliance of {subject}"}

@@ -22,12 +22,9 @@ class JointOffset(Source):
     ``Δθ`` (or Δd of a prismatic joint) is added to the joint's value. Source: Δθ of eqs 6 and 16 of Wei, Jia and Chen
     (2015).
 
-    Attributes
-    ----------
-    joint
-        The joint.
-    offset
-        The error of its value: an angle, or a length for a prismatic joint.
+    Attributes:
+        joint: The joint.
+        offset: The error of its value: an angle, or a length for a prismatic joint.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("offset",)

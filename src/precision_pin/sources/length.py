@@ -28,20 +28,14 @@ class Length(Source):
     paper's Table 1 the length a₁ is in y₁ and in z₄, so one random a₁ moves both. Source: section 3.1 of Wei, Jia and
     Chen (2015), ``Δx, Δy, Δz`` of a link.
 
-    Attributes
-    ----------
-    joint, frame
-        The moved part: a joint's origin, or a frame on the path to the tip; give one of the two.
-    along
-        Direction: ``link`` (from the link's start to its end, the default), or ``[-]x|y|z of JOINT`` (axes of its frame
-        after its motion, which is its child link's) or ``[-]axis of JOINT`` (as written in the file).
-    parameters
-        Deviations from the nominal length; they add.
+    Attributes:
+        joint, frame: The moved part: a joint's origin, or a frame on the path to the tip; give one of the two.
+        along: Direction: ``link`` (from the link's start to its end, the default), or ``[-]x|y|z of JOINT`` (axes of
+            its frame after its motion, which is its child link's) or ``[-]axis of JOINT`` (as written in the file).
+        parameters: Deviations from the nominal length; they add.
 
-    Raises
-    ------
-    InputError
-        Not exactly one of joint and frame, or the direction ``link`` for a link without length.
+    Raises:
+        InputError: Not exactly one of joint and frame, or the direction ``link`` for a link without length.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("parameters",)

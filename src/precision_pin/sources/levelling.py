@@ -29,10 +29,8 @@ class Levelling(Source):
     the tip in the world by the tilt itself is a ``mounting`` at the base, which may share the parameters. First order in
     r: the neglected part of ``Exp(-r) g`` is below |r|²/2 of the weight. Source: the Euler-Rodrigues formula.
 
-    Attributes
-    ----------
-    rx, ry, rz
-        Tilt of the base about its own x, y and z. A rotation about the direction of gravity has no effect.
+    Attributes:
+        rx, ry, rz: Tilt of the base about its own x, y and z. A rotation about the direction of gravity has no effect.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("rx", "ry", "rz")

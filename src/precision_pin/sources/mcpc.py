@@ -29,19 +29,13 @@ class Mcpc(Source):
     displaced link is then ``Rot(x, α+Δα) Rot(y, β+Δβ) [Rot(z, γ+Δγ)] Trans(x+Δx, y+Δy, [z+Δz])``. Source: eqs 1 and 2 of
     Wei, Jia and Chen (2015). An error of θ is a ``joint_offset``.
 
-    Attributes
-    ----------
-    link
-        A URDF link of the chain link whose parameters have errors.
-    alpha, beta, gamma
-        Δα, Δβ, Δγ; Δγ only for the last link.
-    x, y, z
-        Δx, Δy, Δz; Δz only for the last link.
+    Attributes:
+        link: A URDF link of the chain link whose parameters have errors.
+        alpha, beta, gamma: Δα, Δβ, Δγ; Δγ only for the last link.
+        x, y, z: Δx, Δy, Δz; Δz only for the last link.
 
-    Raises
-    ------
-    InputError
-        Δγ or Δz on a link that is not the last.
+    Raises:
+        InputError: Δγ or Δz on a link that is not the last.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("alpha", "beta", "gamma", "x", "y", "z")

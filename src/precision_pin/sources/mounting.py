@@ -30,22 +30,15 @@ class Mounting(Source):
     axes: a base that is not level is a ``levelling``, which may share the parameters. Source: Δx … Δγ of
     the base and of the last link in eqs 1 and 2 of Wei, Jia and Chen (2015).
 
-    Attributes
-    ----------
-    at
-        ``base`` (base to world) or ``tool`` (flange to tool).
-    flange
-        Only with ``at: tool``: the URDF link that the tool is bolted to, on the path to the tip and beyond the last joint;
-        the tool turns about its frame. If left out, about the tip's own frame.
-    x, y, z
-        Shift.
-    rx, ry, rz
-        Rotation vector.
+    Attributes:
+        at: ``base`` (base to world) or ``tool`` (flange to tool).
+        flange: Only with ``at: tool``: the URDF link that the tool is bolted to, on the path to the tip and beyond the
+            last joint; the tool turns about its frame. If left out, about the tip's own frame.
+        x, y, z: Shift.
+        rx, ry, rz: Rotation vector.
 
-    Raises
-    ------
-    InputError
-        ``at`` is neither, or a flange at the base or one that does not carry the tool.
+    Raises:
+        InputError: ``at`` is neither, or a flange at the base or one that does not carry the tool.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")

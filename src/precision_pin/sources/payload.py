@@ -27,14 +27,10 @@ class Payload(Source):
     Mass m and first moment m·c enter torques and link wrenches linearly, so a random mass or centre is a product. On a
     ``beam`` it acts at the projection of its mean centre of mass or, on a branch, of the branch's attachment.
 
-    Attributes
-    ----------
-    at
-        The link that carries it.
-    mass
-        Its mass.
-    com
-        Its centre of mass in that link's frame: three numbers, any of them random if need be.
+    Attributes:
+        at: The link that carries it.
+        mass: Its mass.
+        com: Its centre of mass in that link's frame: three numbers, any of them random if need be.
     """
 
     is_put_down: ClassVar[bool] = True

@@ -29,16 +29,11 @@ def periodic_terms(
 ) -> Iterator[Term]:
     """Yield the terms of ``amplitude · sin(angle + φ)`` on a joint's value, linear in (cos φ, sin φ).
 
-    Parameters
-    ----------
-    joint
-        Index of the joint, 0-based.
-    angle
-        Angle of the error within its period at this pose, rad; ``(P,)`` for a posture of P configurations.
-    amplitude
-        rad or m.
-    space, phase
-        Space of the source, and the name of its own draw of φ.
+    Args:
+        joint: Index of the joint, 0-based.
+        angle: Angle of the error within its period at this pose, rad; ``(P,)`` for a posture of P configurations.
+        amplitude: rad or m.
+        space, phase: Space of the source, and the name of its own draw of φ.
     """
     yield Term.of(JointValue(joint), np.sin(angle), amplitude, space.component(f"{phase}.x"))
     yield Term.of(JointValue(joint), np.cos(angle), amplitude, space.component(f"{phase}.y"))

@@ -77,10 +77,8 @@ def shift_of_point(height: float, other: float) -> Array:
     The axis does not move at the ``other`` height: one of the two points of eqs 18 and 19. By virtual work the transpose
     gives the radial force on a bearing there, one of two, from a wrench on the seat.
 
-    Raises
-    ------
-    InputError
-        The heights are equal to rounding.
+    Raises:
+        InputError: The heights are equal to rounding.
     """
     if math.isclose(height, other, rel_tol=_APART, abs_tol=0.0):
         raise InputError(f"the span is too small: both bearings are at {height:g} m along the axis")
@@ -107,10 +105,8 @@ def _block_diagonal(turn: Array) -> Array:
 def check_choice(kind: str, joint: str | None, link: str | None, frame: str | None) -> None:
     """Check that exactly one of the three is given.
 
-    Raises
-    ------
-    InputError
-        None or several are given.
+    Raises:
+        InputError: None or several are given.
     """
     if sum(name is not None for name in (joint, link, frame)) != 1:
         raise InputError(f"{kind} needs one of joint:, link: and frame:")
@@ -119,12 +115,9 @@ def check_choice(kind: str, joint: str | None, link: str | None, frame: str | No
 def chosen_place(chain: Chain, joint: str | None, link: str | None, frame: str | None) -> Place:
     """Return the seat of a joint, the end of the chain link that a URDF link belongs to, or a URDF link's own frame.
 
-    Raises
-    ------
-    UnknownNameError
-        No such joint or link.
-    InputError
-        The frame is not on the path to the tip.
+    Raises:
+        UnknownNameError: No such joint or link.
+        InputError: The frame is not on the path to the tip.
     """
     if joint is not None:
         return chain.seat(chain.joint_index(joint))
@@ -146,12 +139,9 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     of the chain's base link; ``axis`` is the joint's axis as written in the file. The directions in space do not depend
     on the choice of the base.
 
-    Raises
-    ------
-    InputError
-        Written in another form.
-    UnknownNameError
-        No such joint on the chain.
+    Raises:
+        InputError: Written in another form.
+        UnknownNameError: No such joint on the chain.
     """
     sign, letter, joint = _parse(text, posture.chain)
     if joint is None:

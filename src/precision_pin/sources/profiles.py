@@ -76,10 +76,9 @@ class Profile(ABC):  # noqa: B024 - nothing to override: the settings that beams
 class Segment(Profile):
     """Part of a beam with its own section.
 
-    Attributes
-    ----------
-    length, fraction
-        Its length, absolute or relative to the link. One segment may have neither: it takes the rest of the link.
+    Attributes:
+        length, fraction: Its length, absolute or relative to the link. One segment may have neither: it takes the rest
+            of the link.
     """
 
     length: Annotated[float | None, units.LENGTH] = None
@@ -98,14 +97,10 @@ class Segment(Profile):
 class Stretch:
     """A part of a beam with one section, and the origin of its settings.
 
-    Attributes
-    ----------
-    profile
-        Its settings, including those it takes from the beam.
-    prefix
-        Prefix of the names of its own settings.
-    shared
-        Settings that it takes from the beam.
+    Attributes:
+        profile: Its settings, including those it takes from the beam.
+        prefix: Prefix of the names of its own settings.
+        shared: Settings that it takes from the beam.
     """
 
     profile: Profile
@@ -115,17 +110,12 @@ class Stretch:
     def check(self, *, may_be_rigid: bool = False, weighs: bool = False) -> None:
         """Check that no setting is missing and none contradicts another.
 
-        Parameters
-        ----------
-        may_be_rigid
-            True if it needs no stiffness of its own.
-        weighs
-            True if the section gives the weight.
+        Args:
+            may_be_rigid: True if it needs no stiffness of its own.
+            weighs: True if the section gives the weight.
 
-        Raises
-        ------
-        InputError
-            Names the wrong settings.
+        Raises:
+            InputError: Names the wrong settings.
         """
         profile, where = self.profile, self.prefix.rstrip(".") or "beam"
         for name in profile.given("E", "G", "density", *DIMENSIONS, *RIGIDITIES):
@@ -146,10 +136,8 @@ class Stretch:
     def rigidities(self, space: LabelledSpace) -> dict[str, Value]:
         """Return the rigidities by name; those that are missing are infinite.
 
-        Raises
-        ------
-        InputError
-            A setting can become zero or negative in some sample, or a wall thicker than half its section.
+        Raises:
+            InputError: A setting can become zero or negative in some sample, or a wall thicker than half its section.
         """
         read = self._reader(space)
         if self.profile.section is None:
@@ -241,10 +229,8 @@ def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ..
     A segment without a material (or any of its constants) takes the beam's; one without section and rigidities takes the
     beam's section.
 
-    Raises
-    ------
-    InputError
-        The beam has dimensions or rigidities beside its segments.
+    Raises:
+        InputError: The beam has dimensions or rigidities beside its segments.
     """
     if not segments:
         return (Stretch(beam),)
@@ -266,10 +252,8 @@ def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ..
 def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
     """Return the end of each part of a beam of this length, from its start, m.
 
-    Raises
-    ------
-    InputError
-        The lengths of the segments do not add up to that of the link.
+    Raises:
+        InputError: The lengths of the segments do not add up to that of the link.
     """
     if not segments:
         return (length,)

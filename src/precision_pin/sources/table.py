@@ -32,21 +32,16 @@ class Table(Source):
     counts as zero; displacements of the same place by other sources add. No law is fitted, and there are no values
     between the rows (the bootstrap: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6).
 
-    Attributes
-    ----------
-    joint, link, frame
-        The place; give one of the three: the seat of a joint (its URDF origin frame before its motion; if the base is
-        beyond the joint, the frame of its child link), the end of the chain link that a URDF link belongs to (the next
-        joint's origin frame, or the tip), or the frame of a URDF link on the path to the tip.
-    file
-        A CSV file with columns among x, y, z, rx, ry, rz, with the unit after each name: ``x [mm], rx [mrad]``.
-    scope
-        How often the errors are drawn: ``unit``, ``pose`` or ``visit``.
+    Attributes:
+        joint, link, frame: The place; give one of the three: the seat of a joint (its URDF origin frame before its
+            motion; if the base is beyond the joint, the frame of its child link), the end of the chain link that a URDF
+            link belongs to (the next joint's origin frame, or the tip), or the frame of a URDF link on the path to the
+            tip.
+        file: A CSV file with columns among x, y, z, rx, ry, rz, with the unit after each name: ``x [mm], rx [mrad]``.
+        scope: How often the errors are drawn: ``unit``, ``pose`` or ``visit``.
 
-    Raises
-    ------
-    InputError
-        Not one place; a file that cannot be read, is no table of numbers, or has another column or unit.
+    Raises:
+        InputError: Not one place; a file that cannot be read, is no table of numbers, or has another column or unit.
     """
 
     words: ClassVar[Mapping[str, str]] = {"row": "measured row of {subject}"}

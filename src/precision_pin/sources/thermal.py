@@ -32,28 +32,20 @@ class Thermal(Source):
     over the section strains and bends them without stress. Bodies at rest; the travel of a prismatic joint does not
     grow, since its encoder sets it.
 
-    Attributes
-    ----------
-    link
-        A URDF link of the chain link that is warmer; if left out, all links of the arm with the same random numbers.
-    expansion
-        Coefficient of linear expansion α.
-    temperature_change
-        ΔT, the link's mean temperature minus that at which it was measured (20 °C by ISO 1).
-    gradient
-        g, change of temperature per distance across the link.
-    across
-        Direction in which it gets warmer, ``[-]x|y|z of JOINT`` (axes of its frame after its motion) or of the chain's
-        base link, or ``[-]axis of JOINT``; only its part normal to the link counts. Only with gradient.
-    time_constant
-        τ of the warming-up: t after a start from cold, change and gradient are ``1 - exp(-t/τ)`` of what they become.
-        Only drift (ISO 9283) looks at them before the end.
+    Attributes:
+        link: A URDF link of the chain link that is warmer; if left out, all links of the arm with the same random
+            numbers.
+        expansion: Coefficient of linear expansion α.
+        temperature_change: ΔT, the link's mean temperature minus that at which it was measured (20 °C by ISO 1).
+        gradient: g, change of temperature per distance across the link.
+        across: Direction in which it gets warmer, ``[-]x|y|z of JOINT`` (axes of its frame after its motion) or of the
+            chain's base link, or ``[-]axis of JOINT``; only its part normal to the link counts. Only with gradient.
+        time_constant: τ of the warming-up: t after a start from cold, change and gradient are ``1 - exp(-t/τ)`` of what
+            they become. Only drift (ISO 9283) looks at them before the end.
 
-    Raises
-    ------
-    InputError
-        Neither a change nor a gradient, a gradient without direction or the reverse, a time constant that is not positive, or
-        a named link without length.
+    Raises:
+        InputError: Neither a change nor a gradient, a gradient without direction or the reverse, a time constant that
+            is not positive, or a named link without length.
     """
 
     words: ClassVar[Mapping[str, str]] = {

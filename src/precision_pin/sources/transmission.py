@@ -30,28 +30,19 @@ class Transmission(Source):
     force) of the load on the joint, as eq 23 of Wei, Jia and Chen (2015) with C = 1/k. Lead error of a screw or rack:
     ``lead_error · d``, the deviation of the specified travel in ISO 3408-3.
 
-    Attributes
-    ----------
-    joint
-        The joint.
-    amplitude
-        Amplitudes of the kinematic error, half of peak to peak, one or several: angles, or lengths for a prismatic joint.
-        The phase covers both signs, so a law for an amplitude has its mean above zero.
-    order
-        Number of repetitions of each in ``period``.
-    period
-        Period of order 1, a full turn of the joint if left out. A prismatic joint needs it with amplitude: the lead of its
-        screw.
-    stiffness
-        k of the wind-up, of the whole drive train at the joint; a linear stiffness for a prismatic joint.
-    lead_error
-        Lead error of a prismatic joint, relative to the travel from the joint's zero.
+    Attributes:
+        joint: The joint.
+        amplitude: Amplitudes of the kinematic error, half of peak to peak, one or several: angles, or lengths for a
+            prismatic joint. The phase covers both signs, so a law for an amplitude has its mean above zero.
+        order: Number of repetitions of each in ``period``.
+        period: Period of order 1, a full turn of the joint if left out. A prismatic joint needs it with amplitude: the
+            lead of its screw.
+        stiffness: k of the wind-up, of the whole drive train at the joint; a linear stiffness for a prismatic joint.
+        lead_error: Lead error of a prismatic joint, relative to the travel from the joint's zero.
 
-    Raises
-    ------
-    InputError
-        No error, not one order for each amplitude, an order or period that is not positive, a stiffness that may reach
-        zero, or a setting for the other kind of joint.
+    Raises:
+        InputError: No error, not one order for each amplitude, an order or period that is not positive, a stiffness
+            that may reach zero, or a setting for the other kind of joint.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("lead_error",)

@@ -31,25 +31,17 @@ _TILE: Final = 1 << 14
 class State:
     """Accumulated statistics of the samples observed so far; the size does not depend on their number.
 
-    Attributes
-    ----------
-    count
-        Samples observed.
-    lowest, highest
-        ``(8,)`` smallest and largest value (+∞ and −∞ before the first sample).
-    sums
-        ``(8,)`` sums of value − centre.
-    products
-        ``(6, 6)`` sums of products of two components' (value − centre), symmetric.
-    norm_squares
-        ``(2,)`` sums of (norm − centre)², position and attitude.
-    sketch
-        ``(8, COLUMNS)`` counts, see `precision_pin.statistics.sketch`.
-    inside
-        ``(S,)`` samples inside each specification of the plan.
-    largest, largest_units
-        ``(2, LARGEST)`` the largest |d| and |δ| in descending order, and the indices of their samples, counted from the
-        first observed. Of equal values the earlier sample comes first. Unused entries are −∞ and −1.
+    Attributes:
+        count: Samples observed.
+        lowest, highest: ``(8,)`` smallest and largest value (+∞ and −∞ before the first sample).
+        sums: ``(8,)`` sums of value − centre.
+        products: ``(6, 6)`` sums of products of two components' (value − centre), symmetric.
+        norm_squares: ``(2,)`` sums of (norm − centre)², position and attitude.
+        sketch: ``(8, COLUMNS)`` counts, see `precision_pin.statistics.sketch`.
+        inside: ``(S,)`` samples inside each specification of the plan.
+        largest, largest_units: ``(2, LARGEST)`` the largest |d| and |δ| in descending order, and the indices of their
+            samples, counted from the first observed. Of equal values the earlier sample comes first. Unused entries are
+            −∞ and −1.
     """
 
     count: int
@@ -83,19 +75,13 @@ def start(plan: Plan) -> State:
 def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
     """Return the state after a further block of errors.
 
-    Parameters
-    ----------
-    plan
-        The plan that the state was started with.
-    state
-        The state so far; it is not changed.
-    errors
-        ``(6, N)`` errors [d; δ], m and rad, base axes; N may be 0.
+    Args:
+        plan: The plan that the state was started with.
+        state: The state so far; it is not changed.
+        errors: ``(6, N)`` errors [d; δ], m and rad, base axes; N may be 0.
 
-    Raises
-    ------
-    InternalError
-        The block has another shape, or holds a value that is not finite.
+    Raises:
+        InternalError: The block has another shape, or holds a value that is not finite.
     """
     block = np.asarray(errors, dtype=float)
     if block.ndim != 2 or block.shape[0] != 6:
@@ -111,10 +97,8 @@ def merge(first: State, second: State) -> State:
     Counts, smallest and largest values do not depend on order or grouping. The sums do, by rounding: merge in
     the order of the blocks wherever identical bits matter.
 
-    Raises
-    ------
-    InternalError
-        The states have different numbers of specifications.
+    Raises:
+        InternalError: The states have different numbers of specifications.
     """
     if first.inside.shape != second.inside.shape:
         raise InternalError(f"states of {first.inside.size} and {second.inside.size} specifications")
@@ -143,10 +127,8 @@ def largest_of(values: Array, units: Counts, more_values: Array, more_units: Cou
 def quantity_values(errors: Array) -> Array:
     """Return the eight quantities of a block: ``(6, N)`` → ``(8, N)``, m and rad.
 
-    Raises
-    ------
-    InternalError
-        A quantity is not finite; the message names the first and its sample within the block.
+    Raises:
+        InternalError: A quantity is not finite; the message names the first and its sample within the block.
     """
     values = np.empty((8, errors.shape[1]))
     values[1:4] = errors[:3]

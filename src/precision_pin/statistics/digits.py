@@ -28,14 +28,10 @@ _FINEST: Final = 17
 def significant_digits(value: float, half_width: float, *, most: int = MOST_DIGITS) -> int:
     """Return how many significant digits of a value its interval supports, from 0 to `most`.
 
-    Parameters
-    ----------
-    value
-        The number, in any unit.
-    half_width
-        Half the width of its interval, in the same unit; 0 for a number known exactly.
-    most
-        Largest number of digits.
+    Args:
+        value: The number, in any unit.
+        half_width: Half the width of its interval, in the same unit; 0 for a number known exactly.
+        most: Largest number of digits.
     """
     if value == 0:
         return most if half_width == 0 else 0
@@ -45,12 +41,9 @@ def significant_digits(value: float, half_width: float, *, most: int = MOST_DIGI
 def format_supported(value: float | None, half_width: float | None, *, most: int = MOST_DIGITS) -> str:
     """Return the value with the digits that its interval supports; ``not resolved`` where it has none.
 
-    Parameters
-    ----------
-    value, half_width
-        As in `significant_digits`; None where the samples do not resolve the number or its interval.
-    most
-        Largest number of significant digits.
+    Args:
+        value, half_width: As in `significant_digits`; None where the samples do not resolve the number or its interval.
+        most: Largest number of significant digits.
     """
     if value is None or half_width is None:
         return "not resolved"
@@ -62,12 +55,10 @@ def format_supported(value: float | None, half_width: float | None, *, most: int
 def format_inside(value: float | None, interval: tuple[float, float] | None, *, most: int = MOST_DIGITS) -> str:
     """Return the value with the digits that its interval supports, rounded to a number inside the interval.
 
-    Parameters
-    ----------
-    value, interval
-        The number, and an interval that holds it, in any unit; None where the samples do not resolve one of them.
-    most
-        Digits of a number that is known exactly.
+    Args:
+        value, interval: The number, and an interval that holds it, in any unit; None where the samples do not resolve
+            one of them.
+        most: Digits of a number that is known exactly.
     """
     if value is None or interval is None:
         return "not resolved"
@@ -84,14 +75,10 @@ def format_inside(value: float | None, interval: tuple[float, float] | None, *, 
 def round_end(end: float, digits: int, *, up: bool) -> float:
     """Return an end of an interval, or a bound, rounded up or down to significant digits.
 
-    Parameters
-    ----------
-    end
-        Finite. Its shortest decimal is rounded, so that 0.3, which is a little less in binary, is kept.
-    digits
-        How many.
-    up
-        The direction: up for an upper end, down for a lower one.
+    Args:
+        end: Finite. Its shortest decimal is rounded, so that 0.3, which is a little less in binary, is kept.
+        digits: How many.
+        up: The direction: up for an upper end, down for a lower one.
     """
     exact = Decimal(repr(float(end)))
     place = Decimal(1).scaleb(exact.adjusted() - digits + 1)
@@ -101,12 +88,9 @@ def round_end(end: float, digits: int, *, up: bool) -> float:
 def format_interval(low: float, high: float, per_si: float = 1.0) -> tuple[str, str]:
     """Return the ends of an interval with two digits of its width, rounded away from each other.
 
-    Parameters
-    ----------
-    low, high
-        The ends.
-    per_si
-        Factor applied first. The product is computed in decimals, so that no end moves inwards.
+    Args:
+        low, high: The ends.
+        per_si: Factor applied first. The product is computed in decimals, so that no end moves inwards.
     """
     ends = [Decimal(end) * Decimal(per_si) for end in (low, high)]
     width = ends[1] - ends[0]
@@ -121,12 +105,9 @@ def format_share(share: float, interval: tuple[float, float], required: float) -
     The texts have as many decimals as the required share, and at least two digits of the interval's width, so that
     they agree with the verdict.
 
-    Parameters
-    ----------
-    share, interval
-        The share inside a limit, and an interval that holds it.
-    required
-        The required share.
+    Args:
+        share, interval: The share inside a limit, and an interval that holds it.
+        required: The required share.
     """
     low, high = (Decimal(end) * 100 for end in interval)
     demand = Decimal(f"{100 * required:.10g}").normalize()

@@ -60,26 +60,17 @@ class Distribution(Record):
 
     Built by `precision_pin.statistics.finish`. Numbers that the samples do not resolve are None.
 
-    Attributes
-    ----------
-    quantity
-        Name of the quantity, such as ``position.norm``.
-    samples
-        Number of samples.
-    confidence
-        Confidence of every interval.
-    mean
-        Sample mean.
-    std
-        Sample standard deviation, divisor N − 1; None for a single sample.
-    min, max
-        Smallest and largest *sampled* value; not bounds.
-    bin_lower, bin_upper
-        ``(k,)`` edges of the occupied bins of the sketch, clipped to `min` and `max`.
-    bin_cumulative
-        ``(k,)`` samples up to and including each occupied bin.
-    skewness
-        Skewness of the value and of its squared deviation from the mean, derived from the laws; NaN where unknown.
+    Attributes:
+        quantity: Name of the quantity, such as ``position.norm``.
+        samples: Number of samples.
+        confidence: Confidence of every interval.
+        mean: Sample mean.
+        std: Sample standard deviation, divisor N − 1; None for a single sample.
+        min, max: Smallest and largest *sampled* value; not bounds.
+        bin_lower, bin_upper: ``(k,)`` edges of the occupied bins of the sketch, clipped to `min` and `max`.
+        bin_cumulative: ``(k,)`` samples up to and including each occupied bin.
+        skewness: Skewness of the value and of its squared deviation from the mean, derived from the laws; NaN where
+            unknown.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -119,10 +110,8 @@ class Distribution(Record):
         quantile of the samples themselves by at most one bin: 2⁻⁹ of its distance from the planned centre,
         or 2⁻¹² of the planned scale where that is more (`Plan`).
 
-        Raises
-        ------
-        InputError
-            Unless 0 < p < 1.
+        Raises:
+            InputError: Unless 0 < p < 1.
         """
         return None if quantile_ranks(self.samples, _level(p), self.confidence) is None else self._quantile(p)
 
@@ -131,10 +120,8 @@ class Distribution(Record):
 
         The ends are order statistics (see `quantile_ranks`), moved outwards to the edges of their bins.
 
-        Raises
-        ------
-        InputError
-            Unless 0 < p < 1.
+        Raises:
+            InputError: Unless 0 < p < 1.
         """
         return self._between(quantile_ranks(self.samples, _level(p), self.confidence))
 
@@ -144,10 +131,8 @@ class Distribution(Record):
         This is the error of the sketch alone, from the two order statistics that are interpolated. Unlike
         `quantile_interval` it does not include the sampling error.
 
-        Raises
-        ------
-        InputError
-            Unless 0 < p < 1.
+        Raises:
+            InputError: Unless 0 < p < 1.
         """
         if self.quantile(p) is None:
             return None
@@ -165,10 +150,8 @@ class Distribution(Record):
         With p = 0.9973: "at this confidence, at least 99.73 % of all units stay below". None with fewer samples
         than Wilks' number.
 
-        Raises
-        ------
-        InputError
-            Unless 0 < p < 1.
+        Raises:
+            InputError: Unless 0 < p < 1.
         """
         rank = upper_bound_rank(self.samples, _level(p), self.confidence)
         return None if rank is None else self._outward(rank)[1]
@@ -176,10 +159,8 @@ class Distribution(Record):
     def tolerance_interval(self, content: float) -> tuple[float, float] | None:
         """Return the interval that holds this share of all units with the stated confidence (Wilks).
 
-        Raises
-        ------
-        InputError
-            Unless 0 < content < 1.
+        Raises:
+            InputError: Unless 0 < content < 1.
         """
         return self._between(tolerance_ranks(self.samples, _level(content), self.confidence))
 
@@ -188,10 +169,8 @@ class Distribution(Record):
 
         For a norm these are zero and `quantile_upper_bound`, for a component the ends of `tolerance_interval`.
 
-        Raises
-        ------
-        InputError
-            Unless 0 < content < 1.
+        Raises:
+            InputError: Unless 0 < content < 1.
         """
         if not self.is_norm:
             return self.tolerance_interval(content)
@@ -226,11 +205,9 @@ class Distribution(Record):
     def histogram(self, bars: int | None = None) -> Histogram | None:
         """Return a histogram to draw, from `min` to `max`; None where all samples are equal.
 
-        Parameters
-        ----------
-        bars
-            Number of bars. The default follows Freedman and Diaconis (1981), bar width 2·IQR·N^(−1/3), with at
-            least the number of Sturges (1926), 1 + log₂ N, and at most 100.
+        Args:
+            bars: Number of bars. The default follows Freedman and Diaconis (1981), bar width 2·IQR·N^(−1/3), with at
+                least the number of Sturges (1926), 1 + log₂ N, and at most 100.
         """
         span = self.max - self.min
         if span == 0:
@@ -284,10 +261,8 @@ class Distribution(Record):
     def interval(self, statistic: str | float) -> tuple[float, float] | None:
         """Return the interval of a statistic, named as in `half_width`; None if unresolved.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such statistic.
+        Raises:
+            UnknownNameError: There is no such statistic.
         """
         value, interval = self._value_and_interval(statistic)
         return None if value is None else interval
@@ -295,16 +270,12 @@ class Distribution(Record):
     def half_width(self, statistic: str | float) -> float | None:
         """Return the distance of a statistic from the farther end of its interval; None if unresolved.
 
-        Parameters
-        ----------
-        statistic
-            ``mean``, ``std``, ``mode``, ``min``, ``max`` or the probability of a quantile. The half-width of
-            ``min`` and ``max`` is 0: they are sampled values.
+        Args:
+            statistic: ``mean``, ``std``, ``mode``, ``min``, ``max`` or the probability of a quantile. The half-width of
+                ``min`` and ``max`` is 0: they are sampled values.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such statistic.
+        Raises:
+            UnknownNameError: There is no such statistic.
         """
         value, interval = self._value_and_interval(statistic)
         return None if value is None or interval is None else max(value - interval[0], interval[1] - value)
@@ -472,24 +443,16 @@ def smoothed_peak(
 ) -> Peak | None:
     """Return the highest peak of the smoothed histogram, or None where the samples do not resolve it.
 
-    Parameters
-    ----------
-    cumulative
-        Cumulative distribution of the samples.
-    samples
-        Number of samples.
-    spread
-        Standard deviation of the samples.
-    quartiles, bulk, seen
-        First and third quartile; the range in which the mode is searched; smallest and largest sample.
-    confidence
-        Confidence of the interval.
-    reflect_at_zero
-        True for a quantity that cannot be negative. The histogram is then mirrored at zero before it is
-        smoothed, so that no probability leaks across the boundary.
+    Args:
+        cumulative: Cumulative distribution of the samples.
+        samples: Number of samples.
+        spread: Standard deviation of the samples.
+        quartiles, bulk, seen: First and third quartile; the range in which the mode is searched; smallest and largest
+            sample.
+        confidence: Confidence of the interval.
+        reflect_at_zero: True for a quantity that cannot be negative. The histogram is then mirrored at zero before it
+            is smoothed, so that no probability leaks across the boundary.
 
-    Notes
-    -----
     The bandwidth is h = 0.969·s·N^(−1/7), with s the smaller of std and IQR/1.349. This power of N is the best one
     for the location of a peak: it balances bias h² against variance 1/(N h³). The factor is the normal reference
     (4/5)^(1/7) (Wand and Jones, Kernel Smoothing, 1995).

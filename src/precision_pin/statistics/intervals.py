@@ -20,10 +20,8 @@ from precision_pin.base.arrays import Array
 def check_confidence(confidence: float) -> None:
     """Check that a confidence lies above 0 and below 1.
 
-    Raises
-    ------
-    InputError
-        The confidence lies outside.
+    Raises:
+        InputError: The confidence lies outside.
     """
     check_number("confidence", confidence, "above 0 and below 1", lambda share: 0 < share < 1)
 
@@ -100,14 +98,10 @@ def share_to_show(required: float, samples: int, confidence: float, chance: floa
 def upper_ends(inside: ArrayLike, samples: int, tail: float) -> Array:
     """Return one-sided upper ends (Clopper-Pearson) of probabilities, which are missed with the probability ``tail``.
 
-    Parameters
-    ----------
-    inside
-        Numbers of samples inside, of any shape.
-    samples
-        Of how many.
-    tail
-        Probability of a value beyond the end.
+    Args:
+        inside: Numbers of samples inside, of any shape.
+        samples: Of how many.
+        tail: Probability of a value beyond the end.
     """
     few = np.asarray(inside)
     beyond = np.where(few >= samples, 1, samples - few)
@@ -164,16 +158,11 @@ _SKETCH_ERROR: Final = 0.05
 class Moments:
     """Mean and variance of a set of samples with their intervals.
 
-    Attributes
-    ----------
-    deviations, counts
-        ``(k,)`` bin centres minus the mean, and the number of samples in each bin.
-    variance
-        Mean square deviation of the samples themselves, divisor N.
-    samples, confidence
-        Number of samples; confidence of the intervals.
-    skewness
-        Skewness of the values and of their squared deviations, derived from the laws; NaN where unknown.
+    Attributes:
+        deviations, counts: ``(k,)`` bin centres minus the mean, and the number of samples in each bin.
+        variance: Mean square deviation of the samples themselves, divisor N.
+        samples, confidence: Number of samples; confidence of the intervals.
+        skewness: Skewness of the values and of their squared deviations, derived from the laws; NaN where unknown.
     """
 
     deviations: Array

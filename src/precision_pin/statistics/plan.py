@@ -45,21 +45,16 @@ _NOISE: Final = 1e-12
 class Specification:
     """Requirement that |quantity| ≤ limit with at least the required probability.
 
-    Attributes
-    ----------
-    quantity
-        One of `QUANTITIES`, or another of its names (:func:`precision_pin.statistics.quantities.quantity_name`).
-    limit
-        Largest absolute value allowed, m or rad, or text such as ``"0.5 mm"``; a value equal to the limit is inside.
-    required
-        Required probability, between 0 and 1 (both excluded: no sample can show 100 %).
+    Attributes:
+        quantity: One of `QUANTITIES`, or another of its names
+            (:func:`precision_pin.statistics.quantities.quantity_name`).
+        limit: Largest absolute value allowed, m or rad, or text such as ``"0.5 mm"``; a value equal to the limit is
+            inside.
+        required: Required probability, between 0 and 1 (both excluded: no sample can show 100 %).
 
-    Raises
-    ------
-    UnknownNameError
-        The quantity does not exist.
-    InputError
-        The limit is not a positive number, or the probability not between 0 and 1.
+    Raises:
+        UnknownNameError: The quantity does not exist.
+        InputError: The limit is not a positive number, or the probability not between 0 and 1.
     """
 
     quantity: str
@@ -99,24 +94,18 @@ class Plan:
     Neither centre nor scale biases any result. They decide how finely the sketch resolves a quantity and how many
     digits cancel in the sums. Median and spread of a pilot's samples are good choices (`from_pilot`).
 
-    Attributes
-    ----------
-    centre
-        ``(8,)`` planned centres, m and rad; subtracted before anything is summed or binned.
-    scale
-        ``(8,)`` planned spreads, m and rad, each rounded to a power of two, so that dividing by it is
-        exact. A spread of zero is replaced by 2⁻¹⁰ of the largest of its four (position or attitude), or
-        by 2⁻³⁰ where all four are zero; none is below 2⁻⁴⁰.
-    specifications
-        Specifications whose samples are counted exactly.
-    skewness
-        ``(8, 2)`` skewness of each quantity and of its squared deviation from the mean, derived from the laws. The
-        intervals of the moments allow for it even where the samples do not show it. NaN (the default) where unknown.
+    Attributes:
+        centre: ``(8,)`` planned centres, m and rad; subtracted before anything is summed or binned.
+        scale: ``(8,)`` planned spreads, m and rad, each rounded to a power of two, so that dividing by it is exact. A
+            spread of zero is replaced by 2⁻¹⁰ of the largest of its four (position or attitude), or by 2⁻³⁰ where all
+            four are zero; none is below 2⁻⁴⁰.
+        specifications: Specifications whose samples are counted exactly.
+        skewness: ``(8, 2)`` skewness of each quantity and of its squared deviation from the mean, derived from the
+            laws. The intervals of the moments allow for it even where the samples do not show it. NaN (the default)
+            where unknown.
 
-    Raises
-    ------
-    InternalError
-        An array of another shape, a value that is not finite, or a negative spread.
+    Raises:
+        InternalError: An array of another shape, a value that is not finite, or a negative spread.
     """
 
     centre: Array
@@ -151,17 +140,11 @@ class Plan:
     def from_pilot(cls, values: ArrayLike, reach: ArrayLike, specifications: tuple[Specification, ...] = ()) -> Plan:
         """Return the plan for the samples of a pilot and the largest possible errors.
 
-        Parameters
-        ----------
-        values
-            ``(8, N)`` quantities of the samples, as `quantity_values` returns them.
-        reach
-            ``(6,)`` approximate largest deviation of each component from the centre; 0 where unknown.
-        specifications
-            Specifications whose samples are counted exactly.
+        Args:
+            values: ``(8, N)`` quantities of the samples, as `quantity_values` returns them.
+            reach: ``(6,)`` approximate largest deviation of each component from the centre; 0 where unknown.
+            specifications: Specifications whose samples are counted exactly.
 
-        Notes
-        -----
         The centre is the median. The spread s is that of the bulk, the smallest of three estimates: the interquartile
         range and the range from 5 to 95 %, each divided by that of a unit normal law, and the standard deviation.
         Estimates that are zero or mere rounding are left out. The scale is s. Where errors exceed 256 s it is larger, so
@@ -195,17 +178,11 @@ class Plan:
     ) -> Plan:
         """Return the plan for the mean and covariance of the linear model.
 
-        Parameters
-        ----------
-        mean
-            ``(6,)`` expected error [d; δ], m and rad, base axes.
-        covariance
-            ``(6, 6)`` covariance of the error.
-        specifications
-            Specifications whose samples are counted exactly.
+        Args:
+            mean: ``(6,)`` expected error [d; δ], m and rad, base axes.
+            covariance: ``(6, 6)`` covariance of the error.
+            specifications: Specifications whose samples are counted exactly.
 
-        Notes
-        -----
         For a norm: E|d|² = |m|² + tr C and Var|d|² = 2 tr C² + 4 mᵀCm (for a normal vector), hence
         Var|d| ≈ Var|d|² / (4 E|d|²) and (E|d|)² ≈ E|d|² − Var|d|. These approximations only place bins.
         """
@@ -245,18 +222,14 @@ Specifications = Specification | str | Sequence[Specification | str]
 def specification(text: str) -> Specification:
     """Return the specification that a text states.
 
-    Parameters
-    ----------
-    text
-        ``[QUANTITY] LIMIT [@ PROBABILITY]``. The quantity is position (the default of a length), attitude (the default
-        of an angle), a component x, y, z, rx, ry, rz, a name of the tables such as ``dx`` or ``|d|``, or a name of the
-        JSON such as ``position.x``. It may be followed by ≤. The limit is a length or an angle. The probability is 95 %
-        by default.
+    Args:
+        text: ``[QUANTITY] LIMIT [@ PROBABILITY]``. The quantity is position (the default of a length), attitude (the
+            default of an angle), a component x, y, z, rx, ry, rz, a name of the tables such as ``dx`` or ``|d|``, or a
+            name of the JSON such as ``position.x``. It may be followed by ≤. The limit is a length or an angle. The
+            probability is 95 % by default.
 
-    Raises
-    ------
-    InputError
-        The text is not of this form, the limit is not positive, or the probability lies outside 0 to 1.
+    Raises:
+        InputError: The text is not of this form, the limit is not positive, or the probability lies outside 0 to 1.
     """
     demand, at, probability_text = (
         part.strip() for part in check_text("a specification", text, "0.5 mm @ 99.73 %").partition("@")
@@ -306,10 +279,8 @@ def _parse_required(text: str) -> float:
 def listed_specifications(given: Specifications) -> tuple[Specification, ...]:
     """Return a tuple of specifications, the texts among them parsed.
 
-    Raises
-    ------
-    InputError
-        An entry is neither a specification nor a text, or its text is not a specification.
+    Raises:
+        InputError: An entry is neither a specification nor a text, or its text is not a specification.
     """
     if isinstance(given, Specification | str):
         given = (given,)

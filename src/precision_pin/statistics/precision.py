@@ -41,16 +41,11 @@ _EXAMPLES: Final = "'95 % to 0.01 mm', 'x mean to 1 um' or 'attitude std to 1 %'
 class Target:
     """Target precision of a statistic.
 
-    Attributes
-    ----------
-    quantity
-        One of the eight quantities, such as ``position.norm``.
-    statistic
-        ``"mean"``, ``"std"``, or the probability of a quantile.
-    tolerance
-        Largest allowed half-width of the statistic's interval: m or rad, or a share of the statistic itself.
-    relative
-        True if the tolerance is such a share.
+    Attributes:
+        quantity: One of the eight quantities, such as ``position.norm``.
+        statistic: ``"mean"``, ``"std"``, or the probability of a quantile.
+        tolerance: Largest allowed half-width of the statistic's interval: m or rad, or a share of the statistic itself.
+        relative: True if the tolerance is such a share.
     """
 
     quantity: str
@@ -64,15 +59,11 @@ class Target:
 class Precision:
     """Reached precision of a statistic.
 
-    Attributes
-    ----------
-    half_width
-        Distance of the statistic from the farther end of its interval, m or rad; ``None`` where the samples do not
-        resolve it.
-    tolerance
-        Largest allowed half-width, m or rad.
-    reached
-        True if the half-width is within the tolerance.
+    Attributes:
+        half_width: Distance of the statistic from the farther end of its interval, m or rad; ``None`` where the samples
+            do not resolve it.
+        tolerance: Largest allowed half-width, m or rad.
+        reached: True if the half-width is within the tolerance.
     """
 
     half_width: float | None
@@ -99,20 +90,16 @@ _LARGEST_RATIO: Final = 1e9
 def target(text: str) -> Target:
     """Return the target that a text states.
 
-    Parameters
-    ----------
-    text
-        ``[QUANTITY] STATISTIC to TOLERANCE``: the quantity as in :func:`precision_pin.specification` (position, attitude,
-        x, y, z, rx, ry, rz, or a name such as ``dx``, ``|d|`` or ``position.x``; by default position, or attitude where
-        the tolerance is an angle); the statistic as ``mean``, ``std`` or the probability of a quantile, ``95 %`` or
-        ``0.95``; the tolerance as a length or an angle, or as a share of the statistic such as ``1 %``.
+    Args:
+        text: ``[QUANTITY] STATISTIC to TOLERANCE``: the quantity as in :func:`precision_pin.specification` (position,
+            attitude, x, y, z, rx, ry, rz, or a name such as ``dx``, ``|d|`` or ``position.x``; by default position, or
+            attitude where the tolerance is an angle); the statistic as ``mean``, ``std`` or the probability of a
+            quantile, ``95 %`` or ``0.95``; the tolerance as a length or an angle, or as a share of the statistic such
+            as ``1 %``.
 
-    Raises
-    ------
-    InputError
-        The text is not of this form, a probability lies outside 0 to 1, or a tolerance is not positive.
-    UnknownNameError
-        There is no such quantity.
+    Raises:
+        InputError: The text is not of this form, a probability lies outside 0 to 1, or a tolerance is not positive.
+        UnknownNameError: There is no such quantity.
     """
     match = _FORM.fullmatch(check_text("until, a target,", text, "95 % to 0.01 mm").strip())
     if match is None:
@@ -148,17 +135,12 @@ def target(text: str) -> Target:
 def reached(wanted: Target, found: Summary | Distribution) -> Precision:
     """Return the precision that a statistic has reached, and its tolerance.
 
-    Parameters
-    ----------
-    wanted
-        The statistic and its tolerance.
-    found
-        Results of the samples so far; their confidence is that of the interval.
+    Args:
+        wanted: The statistic and its tolerance.
+        found: Results of the samples so far; their confidence is that of the interval.
 
-    Raises
-    ------
-    InputError
-        The distribution is of another quantity.
+    Raises:
+        InputError: The distribution is of another quantity.
     """
     distribution = found.distribution(wanted.quantity) if isinstance(found, Summary) else found
     if distribution.quantity != wanted.quantity:

@@ -44,10 +44,8 @@ COLUMNS: Final = 2 * BINS
 def sketch_columns(scaled: Array) -> Counts:
     """Return the column of each centred and scaled value, in an array of the same shape.
 
-    Parameters
-    ----------
-    scaled
-        ``v = (value − centre) / scale``, finite.
+    Args:
+        scaled: ``v = (value − centre) / scale``, finite.
     """
     shifted = np.abs(scaled).view(np.int64) >> SHIFT
     magnitude_bin = np.minimum(np.maximum(shifted - (OFFSET - 1), 0), BINS - 1)

@@ -44,12 +44,9 @@ class VectorDistribution(Record):
 class Extreme:
     """One of the largest sampled errors.
 
-    Attributes
-    ----------
-    sample
-        Index of the sample, which is the robot index of the seed.
-    value
-        |d| in m or |δ| in rad.
+    Attributes:
+        sample: Index of the sample, which is the robot index of the seed.
+        value: |d| in m or |δ| in rad.
     """
 
     sample: int
@@ -61,26 +58,17 @@ class Extreme:
 class Summary(Record):
     """Statistics of the sampled pose error, base axes.
 
-    Attributes
-    ----------
-    samples
-        Number of samples.
-    confidence
-        Confidence of every interval.
-    position
-        |d|, dx, dy, dz in m.
-    attitude
-        |δ|, δx, δy, δz in rad.
-    mean
-        ``(6,)`` mean error [d; δ].
-    covariance
-        ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
-    varying
-        True for each of the eight quantities that differs from robot to robot, in the order of `QUANTITIES`.
-    specifications
-        One result for each specification of the plan, in its order.
-    largest_position, largest_attitude
-        The ten samples with the largest |d| and |δ|, in descending order; all samples if there are fewer.
+    Attributes:
+        samples: Number of samples.
+        confidence: Confidence of every interval.
+        position: |d|, dx, dy, dz in m.
+        attitude: |δ|, δx, δy, δz in rad.
+        mean: ``(6,)`` mean error [d; δ].
+        covariance: ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
+        varying: True for each of the eight quantities that differs from robot to robot, in the order of `QUANTITIES`.
+        specifications: One result for each specification of the plan, in its order.
+        largest_position, largest_attitude: The ten samples with the largest |d| and |δ|, in descending order; all
+            samples if there are fewer.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -120,10 +108,8 @@ class Summary(Record):
     def distribution(self, quantity: str) -> Distribution:
         """Return the distribution of a quantity by any of its names, such as ``position.x``, ``dx`` or ``x``.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such quantity.
+        Raises:
+            UnknownNameError: There is no such quantity.
         """
         vector, part = quantity_name(quantity).split(".")
         found: Distribution = getattr(self.position if vector == "position" else self.attitude, part)
@@ -138,12 +124,10 @@ class Summary(Record):
 def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray[np.bool_]:
     """Return a mask ``(8,)`` of the quantities that vary, in the samples or to first order.
 
-    Parameters
-    ----------
-    state
-        The accumulated samples.
-    spread
-        ``(6,)`` standard deviations of the components to first order. They include rare values that no sample has.
+    Args:
+        state: The accumulated samples.
+        spread: ``(6,)`` standard deviations of the components to first order. They include rare values that no sample
+            has.
     """
     seen: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
     if spread is not None:
@@ -156,23 +140,15 @@ def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray
 def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayLike | None = None) -> Summary:
     """Return the summary of the accumulated samples.
 
-    Parameters
-    ----------
-    plan
-        The plan that the state was started with.
-    state
-        State of at least one sample.
-    confidence
-        Confidence of every interval, between 0 and 1.
-    spread
-        As for :func:`varying_quantities`.
+    Args:
+        plan: The plan that the state was started with.
+        state: State of at least one sample.
+        confidence: Confidence of every interval, between 0 and 1.
+        spread: As for :func:`varying_quantities`.
 
-    Raises
-    ------
-    InputError
-        The confidence lies outside 0 to 1.
-    InternalError
-        The state has no samples or belongs to another plan.
+    Raises:
+        InputError: The confidence lies outside 0 to 1.
+        InternalError: The state has no samples or belongs to another plan.
     """
     check_confidence(confidence)
     if state.count < 1:

@@ -16,13 +16,10 @@ Verdict = Literal["met", "not met", "not judged", "undecided", "nothing to judge
 def judge(*, holds: bool, fails: bool, varies: bool = True) -> Verdict:
     """Return the verdict on a specification.
 
-    Parameters
-    ----------
-    holds, fails
-        Whether the whole interval of the probability is at least the required probability, or below it.
-    varies
-        Whether the quantity differs from robot to robot. Where it does not, no tolerance acts on it, and being inside
-        proves nothing.
+    Args:
+        holds, fails: Whether the whole interval of the probability is at least the required probability, or below it.
+        varies: Whether the quantity differs from robot to robot. Where it does not, no tolerance acts on it, and being
+            inside proves nothing.
     """
     if fails:
         return "not met"
@@ -48,12 +45,9 @@ def capability_index(inside: float) -> float:
 class Grounds(Record):
     """What a verdict rests on besides the samples.
 
-    Attributes
-    ----------
-    not_judged
-        Why nothing is judged, such as a joint outside its limits; empty where a verdict can be given.
-    exact
-        Sources and parameters whose laws a change of the sheet has replaced by single values.
+    Attributes:
+        not_judged: Why nothing is judged, such as a joint outside its limits; empty where a verdict can be given.
+        exact: Sources and parameters whose laws a change of the sheet has replaced by single values.
     """
 
     KEYS: ClassVar[Keys] = ("judged=_judged", "why_not_judged=_reason", "taken_as_exact=exact")
@@ -95,18 +89,12 @@ NO_GROUNDS: Final = Grounds()
 class SpecificationResult(Record):
     """Result of a specification: the share of samples inside its limit.
 
-    Attributes
-    ----------
-    quantity, limit, required
-        The specification.
-    probability
-        Share of samples with |quantity| ≤ limit, counted exactly.
-    interval
-        Clopper-Pearson interval of the probability.
-    varies
-        True if the quantity differs from robot to robot.
-    grounds
-        What keeps it from being judged, and what it takes as exact.
+    Attributes:
+        quantity, limit, required: The specification.
+        probability: Share of samples with |quantity| ≤ limit, counted exactly.
+        interval: Clopper-Pearson interval of the probability.
+        varies: True if the quantity differs from robot to robot.
+        grounds: What keeps it from being judged, and what it takes as exact.
     """
 
     KEYS: ClassVar[Keys] = (

@@ -29,17 +29,12 @@ Item = TypeVar("Item")
 class BoundSource:
     """A source with the values of its settings; results that do not depend on the posture are computed once.
 
-    Parameters
-    ----------
-    source
-        The source.
-    view
-        The space of the source.
+    Args:
+        source: The source.
+        view: The space of the source.
 
-    Attributes
-    ----------
-    is_same_everywhere
-        True if nothing of it depends on the posture.
+    Attributes:
+        is_same_everywhere: True if nothing of it depends on the posture.
     """
 
     def __init__(self, source: Source, view: LabelledSpace) -> None:
@@ -88,18 +83,12 @@ def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[Boun
 
     Those of a source that does not accept many postures at once are made at one after another.
 
-    Parameters
-    ----------
-    bare
-        A posture of P configurations, without the loads of sources.
-    each
-        The P postures of one configuration.
-    sources
-        The sources.
+    Args:
+        bare: A posture of P configurations, without the loads of sources.
+        each: The P postures of one configuration.
+        sources: The sources.
 
-    Returns
-    -------
-    tuple[Term, ...] | None
+    Returns:
         None where targets or factors change between the configurations, or loads of sources do.
     """
     chain = bare.chain

@@ -36,14 +36,10 @@ Dependence = Literal["chain", "configuration", "loads"]
 class SettingField:
     """A setting of a kind of source, or of a part of a setting.
 
-    Attributes
-    ----------
-    name
-        Name of the field.
-    hint
-        The declared type, with its annotations.
-    default
-        The value if it is left out; :data:`dataclasses.MISSING` if it must be given.
+    Attributes:
+        name: Name of the field.
+        hint: The declared type, with its annotations.
+        default: The value if it is left out; :data:`dataclasses.MISSING` if it must be given.
     """
 
     name: str
@@ -94,14 +90,10 @@ def takes_law(hint: Any) -> bool:
 class _Leaf:
     """One value among the settings of a source.
 
-    Attributes
-    ----------
-    name
-        Its name: ``kind[subject].field``, or in a part of a setting ``kind[subject].field[0].field``.
-    value
-        The value.
-    owner, entry
-        The class whose field holds it, and the field's name.
+    Attributes:
+        name: Its name: ``kind[subject].field``, or in a part of a setting ``kind[subject].field[0].field``.
+        value: The value.
+        owner, entry: The class whose field holds it, and the field's name.
     """
 
     name: str
@@ -113,10 +105,8 @@ class _Leaf:
     def field(self) -> SettingField:
         """The field that holds it, with its type.
 
-        Raises
-        ------
-        InputError
-            Its type cannot be found, because no module defines the names in the annotations of the class.
+        Raises:
+            InputError: Its type cannot be found, because no module defines the names in the annotations of the class.
         """
         try:
             return next(field for field in setting_fields(self.owner) if field.name == self.entry)
@@ -229,12 +219,9 @@ class Source(ABC):
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield the terms at a posture.
 
-        Parameters
-        ----------
-        posture
-            The chain at its nominal configuration, with all loads on it.
-        space
-            The space of the source, which gives the values of its settings.
+        Args:
+            posture: The chain at its nominal configuration, with all loads on it.
+            space: The space of the source, which gives the values of its settings.
         """
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
@@ -314,10 +301,8 @@ class Source(ABC):
     def places(self, label: str) -> dict[str, str]:
         """Return the setting or own draw of each random number that the source uses, by the number's name.
 
-        Raises
-        ------
-        InputError
-            The types of its settings cannot be found.
+        Raises:
+            InputError: The types of its settings cannot be found.
         """
         found: dict[str, str] = {}
         for leaf in _leaves(self, label):
@@ -334,10 +319,8 @@ class Source(ABC):
 
         These are the numbers that its settings hold or name, parts of settings and formulas included, and its own draws.
 
-        Raises
-        ------
-        InputError
-            The types of its settings cannot be found.
+        Raises:
+            InputError: The types of its settings cannot be found.
         """
         found: dict[str, Quantity | PerJoint | None] = {}
         for leaf in _leaves(self, label):

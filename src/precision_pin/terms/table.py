@@ -29,22 +29,14 @@ class TermTable:
 
     A joint value is a target like any other: its pivot is the joint's frame after its motion, its twist is along the axis.
 
-    Attributes
-    ----------
-    pose
-        Nominal tip in the base, ``(4, 4)``.
-    targets
-        K targets in chain order.
-    frames
-        Pose of every target in the base, ``(K, 4, 4)``.
-    program
-        Program that computes the P parameters from the d components.
-    target
-        Target of each of the T terms, ``(T,)``.
-    twists
-        ``[d; δ]`` in the target's axes, ``(T, 6)``.
-    factors
-        Up to three parameters that multiply the twist, ``(T, 3)``, -1 for none.
+    Attributes:
+        pose: Nominal tip in the base, ``(4, 4)``.
+        targets: K targets in chain order.
+        frames: Pose of every target in the base, ``(K, 4, 4)``.
+        program: Program that computes the P parameters from the d components.
+        target: Target of each of the T terms, ``(T,)``.
+        twists: ``[d; δ]`` in the target's axes, ``(T, 6)``.
+        factors: Up to three parameters that multiply the twist, ``(T, 3)``, -1 for none.
     """
 
     pose: Array
@@ -145,16 +137,12 @@ def _sum_entries(
 class TableLayout:
     """The common part of tables that differ in twists and frames only: those of one model at different poses.
 
-    Attributes
-    ----------
-    terms
-        The terms of one such table.
-    targets, program, target, factors
-        As in :class:`TermTable`.
-    links, places
-        The chain link that carries each target, and the target's pose in its axes, ``(K,)`` and ``(K, 4, 4)``.
-    at_joints, joints
-        The terms on joint values, and their joints.
+    Attributes:
+        terms: The terms of one such table.
+        targets, program, target, factors: As in :class:`TermTable`.
+        links, places: The chain link that carries each target, and the target's pose in its axes, ``(K,)`` and ``(K, 4,
+            4)``.
+        at_joints, joints: The terms on joint values, and their joints.
     """
 
     terms: tuple[Term, ...]

@@ -43,22 +43,15 @@ Target = JointValue | Place
 class Term:
     """A displacement: ``target += twist × product of factors``.
 
-    Attributes
-    ----------
-    target
-        A joint value or a place.
-    twist
-        ``(1[, P])`` for a joint value (rad or m), ``(6[, P])`` ``[d; δ]`` in a place's axes; P values for a posture of P
-        configurations.
-    factors
-        At most three parameters.
-    loaded
-        True if a load causes it, so that it depends on where the loads act.
+    Attributes:
+        target: A joint value or a place.
+        twist: ``(1[, P])`` for a joint value (rad or m), ``(6[, P])`` ``[d; δ]`` in a place's axes; P values for a
+            posture of P configurations.
+        factors: At most three parameters.
+        loaded: True if a load causes it, so that it depends on where the loads act.
 
-    Raises
-    ------
-    InputError
-        More than three factors, or a twist of the wrong size or not finite.
+    Raises:
+        InputError: More than three factors, or a twist of the wrong size or not finite.
     """
 
     target: Target
@@ -107,12 +100,9 @@ class Term:
 class TermsOfPose(Sequence[Term]):
     """The terms of one of P postures whose terms were made together; each is made when it is read.
 
-    Parameters
-    ----------
-    terms
-        Terms whose twists have P columns, or none if they are the same at every posture.
-    pose
-        Number of the posture.
+    Args:
+        terms: Terms whose twists have P columns, or none if they are the same at every posture.
+        pose: Number of the posture.
     """
 
     def __init__(self, terms: Sequence[Term], pose: int) -> None:
@@ -135,22 +125,16 @@ class TermsOfPose(Sequence[Term]):
 def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:
     """Return the sum of values × product of their factors with every component at its mean; zero for no values.
 
-    Parameters
-    ----------
-    values
-        Numbers, all of one shape, by the parameters that multiply them: a wrench of
-        :meth:`~precision_pin.robot.chain.Posture.wrench_on`, a torque of :meth:`~precision_pin.robot.chain.Posture.torque_on`.
-    space
-        All draws.
+    Args:
+        values: Numbers, all of one shape, by the parameters that multiply them: a wrench of
+            :meth:`~precision_pin.robot.chain.Posture.wrench_on`, a torque of
+            :meth:`~precision_pin.robot.chain.Posture.torque_on`.
+        space: All draws.
 
-    Raises
-    ------
-    InputError
-        A formula has no value at the means.
+    Raises:
+        InputError: A formula has no value at the means.
 
-    Returns
-    -------
-    NDArray
+    Returns:
         In the shape of the values. It is also the mean of a product whose factors are independent and no formulas.
     """
     mean = space.mean[:, None]

@@ -82,32 +82,23 @@ def allocate(
     end of an interval misses the probability with its margin, or has much to spare, another one is aimed at and the tolerances
     are found anew, verified with fresh samples. The intervals of all rounds hold together.
 
-    Parameters
-    ----------
-    error_model
-        Model read from a sheet or a dictionary.
-    problem
-        ``tolerances``, ``specs`` and ``poses`` as the sheet's ``allocate:`` has them; by default the sheet's own.
-    seed
-        64-bit seed of the samples.
-    seconds
-        Time for the choice of grades, and again for the front; then the best found is returned, with the gap that is left.
-    pareto
-        How many points of the front of cost against accuracy to find: 0, or 2 to 1000.
-    for_samples
-        Number of samples that are to show, with a chance of 95 %, that all specifications are met: as many as ``analyze``
-        takes. 0 for no margin.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    progress
-        Function called with the steps done since its last call, :func:`allocation_steps` in all; ``True`` shows a bar.
+    Args:
+        error_model: Model read from a sheet or a dictionary.
+        problem: ``tolerances``, ``specs`` and ``poses`` as the sheet's ``allocate:`` has them; by default the sheet's
+            own.
+        seed: 64-bit seed of the samples.
+        seconds: Time for the choice of grades, and again for the front; then the best found is returned, with the gap
+            that is left.
+        pareto: How many points of the front of cost against accuracy to find: 0, or 2 to 1000.
+        for_samples: Number of samples that are to show, with a chance of 95 %, that all specifications are met: as many
+            as ``analyze`` takes. 0 for no margin.
+        findings: Warnings to include in the result, such as those of the sheet.
+        progress: Function called with the steps done since its last call, :func:`allocation_steps` in all; ``True``
+            shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong problem, or a tolerance with which the error does not scale.
-    UnknownNameError
-        No such pose, source or key.
+    Raises:
+        InputError: A wrong problem, or a tolerance with which the error does not scale.
+        UnknownNameError: No such pose, source or key.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)

@@ -28,29 +28,21 @@ Basis = Literal["proof", "samples", "normal law"]
 class AllocatedLimit(Record):
     """A limit with the tolerances chosen, at its worst pose.
 
-    Attributes
-    ----------
-    kind
-        ``"quantile"``, ``"rms"`` or ``"worst_case"``.
-    quantity, limit, required
-        What is limited, m or rad, and the required probability of a quantile.
-    aimed
-        Probability at which the first-order quantile was held, so that the samples show the required one; ``None`` where
-        every choice of grades was sampled.
-    first_order
-        Largest value over the poses: quantile, root mean square or worst case of the first-order model.
-    worst_pose
-        The worst pose: by the samples of a quantile, else by the first-order model.
-    shadow_price
-        What the least cost would fall for each m or rad of a wider limit, summed over the poses; ``None`` if infeasible.
-    probability, interval
-        Share of fresh samples of the exact model inside, and its 95 % interval; ``None`` of a limit without probability.
-    varies
-        Whether the quantity differs from robot to robot.
-    margin
-        Probability beyond the required one that the interval keeps, so that as many samples as were asked for will show it.
-    grounds
-        What keeps it from being judged, and what it takes as exact.
+    Attributes:
+        kind: ``"quantile"``, ``"rms"`` or ``"worst_case"``.
+        quantity, limit, required: What is limited, m or rad, and the required probability of a quantile.
+        aimed: Probability at which the first-order quantile was held, so that the samples show the required one;
+            ``None`` where every choice of grades was sampled.
+        first_order: Largest value over the poses: quantile, root mean square or worst case of the first-order model.
+        worst_pose: The worst pose: by the samples of a quantile, else by the first-order model.
+        shadow_price: What the least cost would fall for each m or rad of a wider limit, summed over the poses; ``None``
+            if infeasible.
+        probability, interval: Share of fresh samples of the exact model inside, and its 95 % interval; ``None`` of a
+            limit without probability.
+        varies: Whether the quantity differs from robot to robot.
+        margin: Probability beyond the required one that the interval keeps, so that as many samples as were asked for
+            will show it.
+        grounds: What keeps it from being judged, and what it takes as exact.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -106,40 +98,28 @@ def tightest_of(limits: Sequence[AllocatedLimit]) -> int:
 class AllocationResult(AnalysisResult):
     """Cheapest tolerances that keep every limit, or the narrowest ones where none do.
 
-    Attributes
-    ----------
-    tolerances
-        What was to be chosen, with the values of the sheet.
-    after, costs
-        Chosen tolerances (m, rad) and the cost of each, ``(n,)``.
-    shadow_prices
-        What one held by its upper bound would save for each m or rad more; negative at the lower bound, zero between and
-        where it has grades.
-    lower_bound
-        No tolerances that keep the limits, as they are stated, cost less; ``None`` if infeasible, where the time for a choice of
-        grades ended before one was found, and where specifications have a law far from normal or a norm below 92 %.
-    bound_basis
-        What the lower bound rests on: ``"proof"``, of limits of the first order; ``"samples"``, where every cheaper choice of
-        grades was sampled and shown to fail, with 95 % confidence; ``"normal law"``, of specifications otherwise: that no other
-        tolerances exceed the normal law of the first order by more than the samples show, and that the variances that keep the
-        quantile of a norm form a convex set.
-    limits
-        The limits with the tolerances chosen.
-    for_samples
-        Number of samples that are to show that the specifications are met; 0 for no margin.
-    margin_cost
-        What the margin costs: by samples of the cheapest choice without one, else by the first order; ``None`` without margin,
-        and where that is not known.
-    parts
-        What causes the error at the worst pose of the tightest limit, before and after.
-    poses
-        Names of the poses.
-    grounds
-        What keeps the limits from being judged, and what is taken as exact.
-    feasible
-        Whether tolerances within the bounds keep the limits; if not, all numbers are those of the narrowest tolerances.
-    front
-        Points of the front of cost against accuracy, if asked for.
+    Attributes:
+        tolerances: What was to be chosen, with the values of the sheet.
+        after, costs: Chosen tolerances (m, rad) and the cost of each, ``(n,)``.
+        shadow_prices: What one held by its upper bound would save for each m or rad more; negative at the lower bound,
+            zero between and where it has grades.
+        lower_bound: No tolerances that keep the limits, as they are stated, cost less; ``None`` if infeasible, where
+            the time for a choice of grades ended before one was found, and where specifications have a law far from
+            normal or a norm below 92 %.
+        bound_basis: What the lower bound rests on: ``"proof"``, of limits of the first order; ``"samples"``, where
+            every cheaper choice of grades was sampled and shown to fail, with 95 % confidence; ``"normal law"``, of
+            specifications otherwise: that no other tolerances exceed the normal law of the first order by more than the
+            samples show, and that the variances that keep the quantile of a norm form a convex set.
+        limits: The limits with the tolerances chosen.
+        for_samples: Number of samples that are to show that the specifications are met; 0 for no margin.
+        margin_cost: What the margin costs: by samples of the cheapest choice without one, else by the first order;
+            ``None`` without margin, and where that is not known.
+        parts: What causes the error at the worst pose of the tightest limit, before and after.
+        poses: Names of the poses.
+        grounds: What keeps the limits from being judged, and what is taken as exact.
+        feasible: Whether tolerances within the bounds keep the limits; if not, all numbers are those of the narrowest
+            tolerances.
+        front: Points of the front of cost against accuracy, if asked for.
     """
 
     schema: ClassVar[str] = "precision-pin/allocation/1"
@@ -251,14 +231,10 @@ _DEVIATIONS: Final = 3.0
 class SourcePart(Record):
     """Part of a source.
 
-    Attributes
-    ----------
-    source
-        Label of the source, or of those that share a draw; or `MEAN`.
-    before, after
-        Root mean square (worst case: largest deviation), m or rad.
-    is_chosen
-        Whether the allocation chooses any of its tolerances.
+    Attributes:
+        source: Label of the source, or of those that share a draw; or `MEAN`.
+        before, after: Root mean square (worst case: largest deviation), m or rad.
+        is_chosen: Whether the allocation chooses any of its tolerances.
     """
 
     KEYS: ClassVar[Keys] = ("source", "before", "after", "chosen=is_chosen")
@@ -274,14 +250,10 @@ class SourcePart(Record):
 class ErrorParts(Record):
     """Parts of the first-order error at the worst pose of the tightest limit, the largest first.
 
-    Attributes
-    ----------
-    pose, quantity
-        Where, and of what: ``position.norm``, ``attitude.x`` and so on.
-    kind
-        ``"rms"``: squares of the parts add to the mean square; ``"worst_case"``: the parts add.
-    sources
-        The parts.
+    Attributes:
+        pose, quantity: Where, and of what: ``position.norm``, ``attitude.x`` and so on.
+        kind: ``"rms"``: squares of the parts add to the mean square; ``"worst_case"``: the parts add.
+        sources: The parts.
     """
 
     pose: str
@@ -300,14 +272,10 @@ def error_parts(
 ) -> ErrorParts:
     """Return the parts of every source.
 
-    Parameters
-    ----------
-    models
-        The model before, after, and with every tolerance to be chosen changed.
-    pose, rows, quantity
-        Where, which of the six components together, and their name.
-    worst_case
-        Whether parts are largest deviations, of one component.
+    Args:
+        models: The model before, after, and with every tolerance to be chosen changed.
+        pose, rows, quantity: Where, which of the six components together, and their name.
+        worst_case: Whether parts are largest deviations, of one component.
     """
     before, after, changed = (_parts(one, pose, list(rows), worst_case) for one in models)
     rounding = _SAME * max(before.values())

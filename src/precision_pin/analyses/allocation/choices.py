@@ -54,17 +54,12 @@ _NUMBERS: Final = 2**22
 class Judged:
     """What samples of the exact model say of tolerances.
 
-    Attributes
-    ----------
-    sampled
-        Shares inside and the ends of their intervals, ``(3, limits, poses)``.
-    varies
-        Whether the quantity differs from robot to robot, ``(limits, poses)``.
-    is_met, is_failed
-        Whether the lower ends reach what is required everywhere; whether an upper end stays below it somewhere. Neither where
-        the samples do not decide.
-    is_clear, is_short
-        The same with the margin.
+    Attributes:
+        sampled: Shares inside and the ends of their intervals, ``(3, limits, poses)``.
+        varies: Whether the quantity differs from robot to robot, ``(limits, poses)``.
+        is_met, is_failed: Whether the lower ends reach what is required everywhere; whether an upper end stays below it
+            somewhere. Neither where the samples do not decide.
+        is_clear, is_short: The same with the margin.
     """
 
     sampled: Array
@@ -150,17 +145,12 @@ class Judge:
 class Walk:
     """Where a walk through the choices ended.
 
-    Attributes
-    ----------
-    chosen, judged
-        The cheapest choice that is met with the margin, ``(n,)``; else the cheapest that is met, else the cheapest that the
-        samples leave open; ``None`` if there is none.
-    least_met
-        Cost of the cheapest choice that is met, with the margin or without; infinite if none is.
-    lower_bound
-        Cost of the cheapest choice that was not shown to fail, infinite if all were.
-    is_complete
-        Whether every cheaper choice was judged.
+    Attributes:
+        chosen, judged: The cheapest choice that is met with the margin, ``(n,)``; else the cheapest that is met, else
+            the cheapest that the samples leave open; ``None`` if there is none.
+        least_met: Cost of the cheapest choice that is met, with the margin or without; infinite if none is.
+        lower_bound: Cost of the cheapest choice that was not shown to fail, infinite if all were.
+        is_complete: Whether every cheaper choice was judged.
     """
 
     chosen: Array | None
@@ -181,16 +171,12 @@ def walk(
 ) -> Walk | None:
     """Return the cheapest choice that keeps the limits; ``None`` where not all have grades, or there are too many choices.
 
-    Parameters
-    ----------
-    programme, choices, members
-        Costs and first-order limits of the variables; their grades; the variable of each tolerance.
-    parts
-        First-order error of each tolerance.
-    judge, seed
-        What samples the exact model, and the seed of the first-order samples.
-    end
-        Time at which to stop.
+    Args:
+        programme, choices, members: Costs and first-order limits of the variables; their grades; the variable of each
+            tolerance.
+        parts: First-order error of each tolerance.
+        judge, seed: What samples the exact model, and the seed of the first-order samples.
+        end: Time at which to stop.
     """
     listed = [one for one in choices if one is not None]
     if len(listed) < len(choices) or not judge.chances or np.prod([float(len(one)) for one in listed]) > _MOST_CHOICES:

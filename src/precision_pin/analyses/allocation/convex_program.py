@@ -53,22 +53,15 @@ def last_kept(kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]
 class Limit:
     """A limit at every pose.
 
-    Attributes
-    ----------
-    kind
-        ``"quantile"``, ``"rms"`` or ``"worst_case"``.
-    limit, probability
-        Largest value, m or rad; probability of a quantile.
-    rows
-        Which components of the error are limited.
-    mean, fixed
-        Rows of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation, ``(r, 1, P)``) that no
-        tolerance changes, ``(r, r, P)``.
-    parts
-        The same for each tolerance of 1 m or rad, ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``); then what the product of two
-        tolerances adds.
-    pairs
-        Numbers of these two, n for the part that no tolerance changes; ``(m, 2)``.
+    Attributes:
+        kind: ``"quantile"``, ``"rms"`` or ``"worst_case"``.
+        limit, probability: Largest value, m or rad; probability of a quantile.
+        rows: Which components of the error are limited.
+        mean, fixed: Rows of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation,
+            ``(r, 1, P)``) that no tolerance changes, ``(r, r, P)``.
+        parts: The same for each tolerance of 1 m or rad, ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``); then what the
+            product of two tolerances adds.
+        pairs: Numbers of these two, n for the part that no tolerance changes; ``(m, 2)``.
     """
 
     kind: str
@@ -165,19 +158,14 @@ class Limit:
 class Solution:
     """Cheapest tolerances.
 
-    Attributes
-    ----------
-    t
-        Tolerances ``(n,)``.
-    cost
-        Sum of their costs.
-    lower_bound
-        No tolerances that keep the limits cost less; of the quantile of a norm if the variances that keep it form a convex
-        set. ``None`` where these do not, below 92 %, or where it was not found in time.
-    prices
-        Derivative of the least cost with respect to each limit, with its sign changed.
-    bound_prices
-        What a tolerance held by its bounds would save for each m or rad more, ``(n,)``; negative at the lower bound.
+    Attributes:
+        t: Tolerances ``(n,)``.
+        cost: Sum of their costs.
+        lower_bound: No tolerances that keep the limits cost less; of the quantile of a norm if the variances that keep
+            it form a convex set. ``None`` where these do not, below 92 %, or where it was not found in time.
+        prices: Derivative of the least cost with respect to each limit, with its sign changed.
+        bound_prices: What a tolerance held by its bounds would save for each m or rad more, ``(n,)``; negative at the
+            lower bound.
     """
 
     t: Array

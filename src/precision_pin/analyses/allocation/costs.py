@@ -34,12 +34,10 @@ _LARGEST: Final = 1e50
 class Cost:
     """A cost that falls with the tolerance t (m, rad) and is convex in it, and in t².
 
-    Attributes
-    ----------
-    kind
-        ``reciprocal`` c/t, ``squared`` c/t², ``power`` b t^(-k), ``exponential`` b exp(-c t), ``logarithmic`` c ln(t_max/t).
-    numbers
-        Its one or two positive numbers, SI.
+    Attributes:
+        kind: ``reciprocal`` c/t, ``squared`` c/t², ``power`` b t^(-k), ``exponential`` b exp(-c t), ``logarithmic`` c
+            ln(t_max/t).
+        numbers: Its one or two positive numbers, SI.
     """
 
     kind: str
@@ -77,12 +75,9 @@ class Cost:
 class Grades:
     """Tolerances that can be had, with their prices.
 
-    Attributes
-    ----------
-    names
-        Names of the grades, such as ``IT7``; empty texts for those without.
-    widths, prices
-        Tolerances (m, rad), narrowest first, and the price of each, ``(g,)``.
+    Attributes:
+        names: Names of the grades, such as ``IT7``; empty texts for those without.
+        widths, prices: Tolerances (m, rad), narrowest first, and the price of each, ``(g,)``.
     """
 
     names: tuple[str, ...]
@@ -114,18 +109,12 @@ class Grades:
 class Tolerance:
     """A tolerance to choose.
 
-    Attributes
-    ----------
-    path
-        Where it stands in the sheet.
-    sign, unit
-        What stands before its number, up to a ±, and after it.
-    before, low, high
-        Its value in the sheet and its bounds, m or rad.
-    cost
-        Its cost.
-    group
-        Tolerances of one group are equal; empty without one.
+    Attributes:
+        path: Where it stands in the sheet.
+        sign, unit: What stands before its number, up to a ±, and after it.
+        before, low, high: Its value in the sheet and its bounds, m or rad.
+        cost: Its cost.
+        group: Tolerances of one group are equal; empty without one.
     """
 
     path: str
@@ -161,21 +150,15 @@ class Tolerance:
 def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> Cost | Grades:
     """Return the cost that a mapping of one kind to its numbers, or its grades, states.
 
-    Parameters
-    ----------
-    given
-        The mapping.
-    where
-        What messages begin with.
-    quantity
-        Length or angle, as the tolerance is.
-    key
-        Last key of its path: a ``diameter`` is as wide as a grade, anything else half as wide; ``std`` is no width.
+    Args:
+        given: The mapping.
+        where: What messages begin with.
+        quantity: Length or angle, as the tolerance is.
+        key: Last key of its path: a ``diameter`` is as wide as a grade, anything else half as wide; ``std`` is no
+            width.
 
-    Raises
-    ------
-    InputError
-        Another kind, numbers that are not positive, a unit that does not fit, or no grades.
+    Raises:
+        InputError: Another kind, numbers that are not positive, a unit that does not fit, or no grades.
     """
     if not isinstance(given, Mapping) or len(given) != 1 or next(iter(given)) not in (*_UNITS, *_LISTS):
         raise InputError(
@@ -308,12 +291,9 @@ LARGEST: Final = SIZES[-1] * 1e-3
 def grade_width(grade: str, size: float) -> float:
     """Return the width of the tolerance zone, m, of a grade for a nominal size, m.
 
-    Raises
-    ------
-    UnknownNameError
-        Another grade than IT5 to IT12.
-    InputError
-        A size that is not positive, or beyond the table.
+    Raises:
+        UnknownNameError: Another grade than IT5 to IT12.
+        InputError: A size that is not positive, or beyond the table.
     """
     if grade not in GRADES:
         raise UnknownNameError("ISO 286 grade", grade, tuple(GRADES))

@@ -44,16 +44,11 @@ def solve_with_grades(
 ) -> Solution | None:
     """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit.
 
-    Parameters
-    ----------
-    programme
-        Costs, bounds and limits.
-    choices
-        Tolerances that each variable can have, narrowest first, within its bounds; ``None`` for any.
-    seconds
-        After this time the best found so far is returned, with its lower bound.
-    advance
-        Called after each round of both bounds.
+    Args:
+        programme: Costs, bounds and limits.
+        choices: Tolerances that each variable can have, narrowest first, within its bounds; ``None`` for any.
+        seconds: After this time the best found so far is returned, with its lower bound.
+        advance: Called after each round of both bounds.
     """
     end = monotonic() + seconds
     fixed = np.array([one is not None for one in choices])

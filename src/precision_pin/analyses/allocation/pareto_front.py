@@ -26,14 +26,10 @@ _EDGE: Final = 1.001
 class FrontPoint(Record):
     """The cheapest tolerances of the first-order model for limits that are multiplied by a factor.
 
-    Attributes
-    ----------
-    factor, cost
-        Factor of every limit, and the least cost.
-    lower_bound
-        Of the cost; ``None`` where it was not found in time.
-    tolerances
-        The tolerances, m or rad, ``(n,)``.
+    Attributes:
+        factor, cost: Factor of every limit, and the least cost.
+        lower_bound: Of the cost; ``None`` where it was not found in time.
+        tolerances: The tolerances, m or rad, ``(n,)``.
     """
 
     factor: float
@@ -65,18 +61,12 @@ def pareto_front(
 ) -> tuple[FrontPoint, ...]:
     """Return points from the narrowest limits that can be kept, or a third, to those that cost the least, or threefold.
 
-    Parameters
-    ----------
-    programme, choices
-        What is solved.
-    members
-        Number of the group of each tolerance.
-    count
-        How many points; their factors have equal ratios, but for the one nearest to 1, which is 1.
-    seconds
-        For all points together, where there are grades.
-    advance
-        Called with 1 after each point.
+    Args:
+        programme, choices: What is solved.
+        members: Number of the group of each tolerance.
+        count: How many points; their factors have equal ratios, but for the one nearest to 1, which is 1.
+        seconds: For all points together, where there are grades.
+        advance: Called with 1 after each point.
     """
     least = float(programme.shares(programme.low[:, None]).max()) * _EDGE
     most = float(programme.shares(programme.high[:, None]).max())

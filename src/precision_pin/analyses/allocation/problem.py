@@ -60,10 +60,8 @@ class Problem:
 def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
     """Return the problem that a mapping states, or the sheet's own.
 
-    Raises
-    ------
-    InputError
-        A model without a sheet or a sheet without a problem; a wrong key or value.
+    Raises:
+        InputError: A model without a sheet or a sheet without a problem; a wrong key or value.
     """
     if model.sheet is None or model.sheet.contents is None:
         raise InputError("the model was not read from a sheet or a dictionary, so that it has no tolerances to choose")

@@ -47,20 +47,15 @@ class NoScaleError(InputError):
 class Contributions:
     """First-order error at P poses, in parts: ``mean + rest z + Σ t_i moved_i z``, z the components in standard deviations.
 
-    Attributes
-    ----------
-    mean
-        Error at the means ``(6, P)``.
-    covariance, by_tolerance
-        Covariance that no tolerance changes ``(6, 6, P)``, and that of each tolerance of 1 m or rad ``(n, 6, 6, P)``.
-    pairs, by_pair
-        Numbers of two tolerances with correlated draws, n for what is not chosen, ``(m, 2)``; what their product adds to the
-        covariance, ``(m, 6, 6, P)``.
-    reach, reach_by_tolerance
-        Largest deviations of the components, ``(6, P)`` and ``(n, 6, P)``.
-    moved, rest
-        Slopes of the error by the components that each tolerance moves: their columns ``(c,)`` and ``(6, c, P)``; and of what is
-        not chosen.
+    Attributes:
+        mean: Error at the means ``(6, P)``.
+        covariance, by_tolerance: Covariance that no tolerance changes ``(6, 6, P)``, and that of each tolerance of 1 m
+            or rad ``(n, 6, 6, P)``.
+        pairs, by_pair: Numbers of two tolerances with correlated draws, n for what is not chosen, ``(m, 2)``; what
+            their product adds to the covariance, ``(m, 6, 6, P)``.
+        reach, reach_by_tolerance: Largest deviations of the components, ``(6, P)`` and ``(n, 6, P)``.
+        moved, rest: Slopes of the error by the components that each tolerance moves: their columns ``(c,)`` and ``(6,
+            c, P)``; and of what is not chosen.
     """
 
     mean: Array
@@ -106,10 +101,9 @@ def contributions(
 
     Each tolerance is doubled, and all are halved together: the error must follow in proportion, and nothing else may change.
 
-    Raises
-    ------
-    InputError
-        A tolerance whose part does not follow in proportion, or that changes the mean or other tolerances' parts.
+    Raises:
+        InputError: A tolerance whose part does not follow in proportion, or that changes the mean or other tolerances'
+            parts.
     """
     whole = _errors(model, poses, worst_case)
     scale = max(float(np.abs(whole.slopes).max(initial=0.0)), 1e-300)

@@ -12,17 +12,12 @@ from precision_pin.model.error_model import ErrorModel
 def allocated_sheet(model: ErrorModel, result: AllocationResult, folder: Path) -> str:
     """Return the sheet of a model with the chosen tolerances, without its comments.
 
-    Parameters
-    ----------
-    model, result
-        The model that was allocated, and the result.
-    folder
-        Where the sheet will lie; the robot's file is named from there.
+    Args:
+        model, result: The model that was allocated, and the result.
+        folder: Where the sheet will lie; the robot's file is named from there.
 
-    Raises
-    ------
-    InputError
-        The model was not read from a sheet.
+    Raises:
+        InputError: The model was not read from a sheet.
     """
     changed = model.with_(result.changes).sheet
     if changed is None or changed.contents is None:

@@ -73,32 +73,22 @@ def budget(
 ) -> BudgetResult:
     """Return the error budget at one or several poses.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
-    seed
-        64-bit seed of the sampled indices and quantiles.
-    samples
-        Points in each of the two sets of the pick-freeze method: 32 independent scrambles of a power of two. The exact
-        model is evaluated about ``samples · (2 + 3 · draws)`` times.
-    confidence
-        Confidence of each interval by itself.
-    k, bound_at
-        Number of standard deviations at which unbounded laws are cut in the share of the worst case, as in
-        :func:`precision_pin.worst_case`. The two arguments are synonyms, of which the second is the former name.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    progress
-        Function called with the number of evaluations of the model since its last call, zero while points are prepared;
-        ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
+            arguments are synonyms.
+        seed: 64-bit seed of the sampled indices and quantiles.
+        samples: Points in each of the two sets of the pick-freeze method: 32 independent scrambles of a power of two.
+            The exact model is evaluated about ``samples · (2 + 3 · draws)`` times.
+        confidence: Confidence of each interval by itself.
+        k, bound_at: Number of standard deviations at which unbounded laws are cut in the share of the worst case, as in
+            :func:`precision_pin.worst_case`. The two arguments are synonyms, of which the second is the former name.
+        findings: Warnings to include in the result, such as those of the sheet.
+        progress: Function called with the number of evaluations of the model since its last call, zero while points are
+            prepared; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong pose, seed, number of samples, confidence or bound; errors too large to compute with.
+    Raises:
+        InputError: A wrong pose, seed, number of samples, confidence or bound; errors too large to compute with.
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
@@ -125,10 +115,8 @@ def budget(
 def check_points(samples: int) -> None:
     """Check that the number of points is 32 times a power of two from 32 to 2¹³.
 
-    Raises
-    ------
-    InputError
-        The number is another one.
+    Raises:
+        InputError: The number is another one.
     """
     allowed = [REPLICATES << k for k in range(5, 14)]
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
@@ -141,10 +129,8 @@ def check_points(samples: int) -> None:
 def _check_cost(space: Space, samples: int) -> None:
     """Reject a budget that would take hours: the time grows with the square of the number of draws.
 
-    Raises
-    ------
-    InputError
-        There are too many draws for the number of samples, or for the memory.
+    Raises:
+        InputError: There are too many draws for the number of samples, or for the memory.
     """
     draws, size = len(space.draws), space.size
     evaluations = samples * (2 + 3 * draws)
@@ -176,10 +162,8 @@ def check_quantities(quantities: Sequence[str]) -> tuple[str, ...]:
 
     Here ``position`` and ``attitude`` are the three components together, ``|d|`` and ``|δ|`` the norms.
 
-    Raises
-    ------
-    UnknownNameError
-        A quantity is none of position, attitude, their norms and components.
+    Raises:
+        UnknownNameError: A quantity is none of position, attitude, their norms and components.
     """
     for quantity in quantities:
         if quantity not in (*SAMPLED, *QUANTITY_WORDS):

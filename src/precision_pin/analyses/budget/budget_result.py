@@ -60,15 +60,11 @@ class Estimate:
 class Halved:
     """Effect of halving one draw's tolerance.
 
-    Attributes
-    ----------
-    std
-        New standard deviations, m and rad, closed form; for position and attitude the root of the trace.
-    quantile
-        New quantile of |d| and |δ|, m and rad, keyed by ``position.norm`` and ``attitude.norm``; ``None`` where the points
-        do not resolve it.
-    change
-        Change of the quantile, with the same random numbers.
+    Attributes:
+        std: New standard deviations, m and rad, closed form; for position and attitude the root of the trace.
+        quantile: New quantile of |d| and |δ|, m and rad, keyed by ``position.norm`` and ``attitude.norm``; ``None``
+            where the points do not resolve it.
+        change: Change of the quantile, with the same random numbers.
     """
 
     std: Mapping[str, float]
@@ -81,24 +77,15 @@ class Halved:
 class DrawShare:
     """Contribution of one draw.
 
-    Attributes
-    ----------
-    name, scope
-        Name and scope of the draw.
-    unbounded
-        True if its reach is infinite in some component and was cut at ``k`` standard deviations.
-    share
-        Share of the variance, closed form; Shapley effects for correlated draws.
-    components
-        Shares of the single numbers of a draw of several, by name.
-    reach
-        Half-width of the range that it causes in each component, first order, m and rad.
-    worst_case
-        Share of the sum of the reaches of all draws.
-    halved
-        Effect of halving its tolerance.
-    words, tolerance
-        Description of the draw and of its tolerance, as text.
+    Attributes:
+        name, scope: Name and scope of the draw.
+        unbounded: True if its reach is infinite in some component and was cut at ``k`` standard deviations.
+        share: Share of the variance, closed form; Shapley effects for correlated draws.
+        components: Shares of the single numbers of a draw of several, by name.
+        reach: Half-width of the range that it causes in each component, first order, m and rad.
+        worst_case: Share of the sum of the reaches of all draws.
+        halved: Effect of halving its tolerance.
+        words, tolerance: Description of the draw and of its tolerance, as text.
     """
 
     name: str
@@ -118,17 +105,13 @@ class DrawShare:
 class Group:
     """Sobol indices of a draw, or of several draws that are correlated with one another.
 
-    Attributes
-    ----------
-    draws
-        Names of the draws.
-    share
-        Share of the variance, closed form.
-    first, total
-        Indices of the exact model by quantity: the two vectors, norms and components; ``None`` where the quantity does not
-        vary or the points do not resolve it.
-    nonlinear
-        Quantities whose index differs from the closed form by more than one percentage point beyond the interval.
+    Attributes:
+        draws: Names of the draws.
+        share: Share of the variance, closed form.
+        first, total: Indices of the exact model by quantity: the two vectors, norms and components; ``None`` where the
+            quantity does not vary or the points do not resolve it.
+        nonlinear: Quantities whose index differs from the closed form by more than one percentage point beyond the
+            interval.
     """
 
     draws: tuple[str, ...]
@@ -163,16 +146,11 @@ class PlaceShare:
 class Sums:
     """Sums of the shares of one quantity, as a check.
 
-    Attributes
-    ----------
-    closed
-        Sum of the closed-form shares: 1 to rounding.
-    first
-        Sum of the first-order indices: 1 if the exact model has no interactions, less otherwise.
-    std
-        Standard deviation of the tangent model, m or rad.
-    variance
-        Variance of the exact model, sampled; ``None`` where the points do not resolve it.
+    Attributes:
+        closed: Sum of the closed-form shares: 1 to rounding.
+        first: Sum of the first-order indices: 1 if the exact model has no interactions, less otherwise.
+        std: Standard deviation of the tangent model, m or rad.
+        variance: Variance of the exact model, sampled; ``None`` where the points do not resolve it.
     """
 
     closed: float | None
@@ -186,24 +164,16 @@ class Sums:
 class PoseBudget:
     """Error budget at one pose.
 
-    Attributes
-    ----------
-    pose
-        Name and joint values of the pose.
-    nominal
-        Error with every parameter at its mean, ``[d; δ]``.
-    std
-        Standard deviations of the tangent model, m and rad.
-    quantile
-        Quantile of |d| and |δ| of the exact model; ``None`` where the points do not resolve it.
-    reach
-        Half-width of the range of every component, first order.
-    draws, groups, sources, places
-        Shares of the draws, of groups of correlated draws, of the sources, and of the joints and links.
-    sums
-        Sums of the shares, by quantity.
-    warnings
-        One line each.
+    Attributes:
+        pose: Name and joint values of the pose.
+        nominal: Error with every parameter at its mean, ``[d; δ]``.
+        std: Standard deviations of the tangent model, m and rad.
+        quantile: Quantile of |d| and |δ| of the exact model; ``None`` where the points do not resolve it.
+        reach: Half-width of the range of every component, first order.
+        draws, groups, sources, places: Shares of the draws, of groups of correlated draws, of the sources, and of the
+            joints and links.
+        sums: Sums of the shares, by quantity.
+        warnings: One line each.
     """
 
     pose: PoseLabel
@@ -241,10 +211,8 @@ class PoseBudget:
 class BudgetResult(Result):
     """Error budgets of a model.
 
-    Attributes
-    ----------
-    k, marked
-        Number of standard deviations at which unbounded laws are cut; probability of the quantiles.
+    Attributes:
+        k, marked: Number of standard deviations at which unbounded laws are cut; probability of the quantiles.
     """
 
     schema: ClassVar[str] = "precision-pin/budget/1"
@@ -283,17 +251,12 @@ class BudgetResult(Result):
         ``halved_std``; and for norms ``halved_quantile`` and ``halved_change`` with their intervals. Sources and places
         (joints and links) have a ``share``. ``attrs`` gives the settings.
 
-        Parameters
-        ----------
-        lines
-            Kind of rows: ``"draws"``, ``"sources"`` or ``"places"``.
+        Args:
+            lines: Kind of rows: ``"draws"``, ``"sources"`` or ``"places"``.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such kind.
-        InputError
-            pandas is not installed.
+        Raises:
+            UnknownNameError: There is no such kind.
+            InputError: pandas is not installed.
         """
         if lines not in ("draws", "sources", "places"):
             raise UnknownNameError("table of a budget", lines, ("draws", "sources", "places"))

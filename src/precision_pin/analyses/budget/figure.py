@@ -55,12 +55,9 @@ def figure(result: BudgetResult, pose: int = 0) -> Figure:
 
     Diamonds are the total Sobol indices of the exact model, whiskers their intervals.
 
-    Parameters
-    ----------
-    result
-        What was found.
-    pose
-        Which of its poses.
+    Args:
+        result: What was found.
+        pose: Which of its poses.
     """
     return draw_bars(result, pose, {name: _bars(result.poses[pose], name) for name in VECTORS})
 
@@ -74,14 +71,10 @@ def draw(axes: Axes, result: BudgetResult, which: int, quantity: str) -> None:
 def draw_bars(result: BudgetResult, pose: int, bars: Mapping[str, Sequence[Bar]]) -> Figure:
     """Return given bars of position and attitude, 174 mm wide.
 
-    Parameters
-    ----------
-    result
-        Of what.
-    pose
-        Which of its poses.
-    bars
-        By vector, the largest first.
+    Args:
+        result: Of what.
+        pose: Which of its poses.
+        bars: By vector, the largest first.
     """
     rows = max(1, min(MOST_BARS, max(map(len, bars.values()), default=1)))
     with style():

@@ -31,21 +31,14 @@ def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
 
     φ_i = Σ over S without i of |S|! (n - |S| - 1)! / n! · (v(S ∪ i) - v(S)).
 
-    Parameters
-    ----------
-    players
-        Number of players, n.
-    worth
-        Function v of a coalition (ascending players, possibly empty); its values have one shape.
+    Args:
+        players: Number of players, n.
+        worth: Function v of a coalition (ascending players, possibly empty); its values have one shape.
 
-    Raises
-    ------
-    InputError
-        There are more than twelve players.
+    Raises:
+        InputError: There are more than twelve players.
 
-    Returns
-    -------
-    NDArray
+    Returns:
         ``(n, …)`` values, with the sum v(all players) - v(no player).
     """
     if players > MOST_PLAYERS:
@@ -69,18 +62,12 @@ def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
 
     v(S) = w Σ_·S Σ_SS⁺ Σ_S· wᵀ is the covariance of the best linear prediction: Cov(E[y | x_S]) for normal inputs.
 
-    Parameters
-    ----------
-    slopes
-        ``(m, d)`` derivatives of the outputs with respect to the inputs.
-    covariance
-        ``(d, d)`` covariance of the inputs; it may be singular.
-    known
-        Columns of the known inputs.
+    Args:
+        slopes: ``(m, d)`` derivatives of the outputs with respect to the inputs.
+        covariance: ``(d, d)`` covariance of the inputs; it may be singular.
+        known: Columns of the known inputs.
 
-    Returns
-    -------
-    NDArray
+    Returns:
         ``(m, m)`` explained covariance.
     """
     rows = [k for k in known if covariance[k, k] > 0]
@@ -106,17 +93,12 @@ def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -
 
     Their sum is the variance explained by all groups. Without correlation between groups they are the variance shares.
 
-    Parameters
-    ----------
-    slopes, covariance
-        As in :func:`explained`.
-    groups
-        Columns of each group.
+    Args:
+        slopes, covariance: As in :func:`explained`.
+        groups: Columns of each group.
 
-    Raises
-    ------
-    InputError
-        There are more than twelve groups.
+    Raises:
+        InputError: There are more than twelve groups.
     """
     return values(
         len(groups),
@@ -129,15 +111,11 @@ def effect_forms(covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
 
     With Φ_g that of a group, its effect on the variance of an output with slopes w is w Φ_g wᵀ. Their sum is the covariance.
 
-    Parameters
-    ----------
-    covariance, groups
-        As in :func:`effects`; every input is in one group.
+    Args:
+        covariance, groups: As in :func:`effects`; every input is in one group.
 
-    Raises
-    ------
-    InputError
-        There are more than twelve groups.
+    Raises:
+        InputError: There are more than twelve groups.
     """
     slopes = np.eye(len(covariance))
     return values(
@@ -151,17 +129,12 @@ def joined_effect_forms(covariance: Array, groups: Sequence[Sequence[int]], unio
 
     This is the value of Owen, Values of games with a priori unions (1977). Its cost is 2ⁿ with n the number of unions.
 
-    Parameters
-    ----------
-    covariance, groups
-        As in :func:`effect_forms`.
-    unions
-        Numbers of the groups of each union; every group is in one.
+    Args:
+        covariance, groups: As in :func:`effect_forms`.
+        unions: Numbers of the groups of each union; every group is in one.
 
-    Raises
-    ------
-    InputError
-        There are more than twelve unions, or more than twelve groups in one.
+    Raises:
+        InputError: There are more than twelve unions, or more than twelve groups in one.
     """
     members = [[k for group in union for k in groups[group]] for union in unions]
     whole = effect_forms(covariance, members)

@@ -237,15 +237,11 @@ def deviations_of(variances: Array) -> dict[str, float]:
 class SourceLine:
     """What the sources cause that is reported together: a source's own draws, a draw that several use, or a part of one.
 
-    Attributes
-    ----------
-    name, sources
-        Name of the line, and labels of the sources.
-    draws, columns
-        Rows of the draws that are in it as a whole, and their columns.
-    parts
-        Of each draw that is divided among lines: its row, its columns and the form ``(size, size)`` of this line, as of
-        :func:`shapley.effect_forms`.
+    Attributes:
+        name, sources: Name of the line, and labels of the sources.
+        draws, columns: Rows of the draws that are in it as a whole, and their columns.
+        parts: Of each draw that is divided among lines: its row, its columns and the form ``(size, size)`` of this
+            line, as of :func:`shapley.effect_forms`.
     """
 
     name: str

@@ -31,16 +31,11 @@ _BITS: Final = 30
 class Indices:
     """Sobol indices of G groups of inputs and Q outputs.
 
-    Attributes
-    ----------
-    first, total
-        ``(G, Q)`` first-order and total indices.
-    first_sum
-        ``(Q,)`` sum of the first-order indices.
-    variance
-        ``(Q,)`` variance; for several outputs together the sum of their variances.
-    varies
-        ``(Q,)`` true if the output varies.
+    Attributes:
+        first, total: ``(G, Q)`` first-order and total indices.
+        first_sum: ``(Q,)`` sum of the first-order indices.
+        variance: ``(Q,)`` variance; for several outputs together the sum of their variances.
+        varies: ``(Q,)`` true if the output varies.
     """
 
     first: Estimates
@@ -53,20 +48,13 @@ class Indices:
 def scrambled_points(dimension: int, seed: int, points: int, step: Callable[[], None] = lambda: None) -> Array:
     """Return `REPLICATES` independent scrambles of a Sobol net, concatenated.
 
-    Parameters
-    ----------
-    dimension
-        Number of coordinates of a point.
-    seed
-        64-bit seed.
-    points
-        Points in each replicate, a power of two.
-    step
-        Function called after each replicate.
+    Args:
+        dimension: Number of coordinates of a point.
+        seed: 64-bit seed.
+        points: Points in each replicate, a power of two.
+        step: Function called after each replicate.
 
-    Returns
-    -------
-    NDArray
+    Returns:
         ``(dimension, REPLICATES · points)`` inside (0, 1): midpoints of 2³⁰ cells.
     """
     # imported here, because it takes half a second and only this function needs it
@@ -98,22 +86,15 @@ def sobol_indices(
     With A and B two independent sets of points, A' the points A with the inputs of group g from B, and B' the points B
     with those of A: ``S_g V = E[(f(A') - f(A)) (f(B) - f(B'))]/2``, ``T_g V = E[(f(A') - f(A))² + (f(B') - f(B))²]/4``.
 
-    Parameters
-    ----------
-    function
-        Function from uniform numbers ``(d, N)`` to values ``(q, N)``.
-    points, other_points
-        A and B, ``(d, REPLICATES · n)``, halves of one set of :func:`scrambled_points`.
-    groups
-        Rows of each group's inputs; groups must be independent of one another.
-    outputs
-        ``(Q, q)`` zeros and ones that select the function's values of each output; by default each value is an output.
-    smallest
-        Variance up to which the indices of an output are NaN.
-    confidence
-        Confidence of each interval by itself.
-    breaks
-        Uniform numbers at which the function has jumps or kinks, for each input.
+    Args:
+        function: Function from uniform numbers ``(d, N)`` to values ``(q, N)``.
+        points, other_points: A and B, ``(d, REPLICATES · n)``, halves of one set of :func:`scrambled_points`.
+        groups: Rows of each group's inputs; groups must be independent of one another.
+        outputs: ``(Q, q)`` zeros and ones that select the function's values of each output; by default each value is an
+            output.
+        smallest: Variance up to which the indices of an output are NaN.
+        confidence: Confidence of each interval by itself.
+        breaks: Uniform numbers at which the function has jumps or kinks, for each input.
     """
     at_a, at_b = _split(function(points)), _split(function(other_points))
     together = np.eye(at_a.shape[0]) if outputs is None else outputs
@@ -158,14 +139,10 @@ def sobol_indices(
 def _are_ratios_resolved(marginals: Marginals, shares: Array, found: Estimates, members: Array) -> NDArray[np.bool_]:
     """Return which indices the points resolve, given the contributions of a number to numerator and denominator.
 
-    Parameters
-    ----------
-    marginals, shares
-        Nodes, and their contributions to the variance divided by the variance, ``(Q, M)``.
-    found
-        The indices, ``(…, Q)``.
-    members
-        ``(…, d)`` one if the number contributes to the numerator, otherwise zero.
+    Args:
+        marginals, shares: Nodes, and their contributions to the variance divided by the variance, ``(Q, M)``.
+        found: The indices, ``(…, Q)``.
+        members: ``(…, d)`` one if the number contributes to the numerator, otherwise zero.
     """
     values = found.value.reshape(-1, len(shares))
     seen = found.replicate_variance.reshape(values.shape)
@@ -205,16 +182,11 @@ _NEAR: Final = 0.02
 class Quantiles:
     """Quantiles of several rows of samples.
 
-    Attributes
-    ----------
-    value
-        ``(rows,)`` quantiles.
-    pseudo
-        ``(REPLICATES, rows)`` pseudo-values of the jackknife.
-    steps
-        ``(rows, m)`` effect of each step between neighbours on the quantile.
-    jumps
-        ``(rows, m)`` true if the step is a jump.
+    Attributes:
+        value: ``(rows,)`` quantiles.
+        pseudo: ``(REPLICATES, rows)`` pseudo-values of the jackknife.
+        steps: ``(rows, m)`` effect of each step between neighbours on the quantile.
+        jumps: ``(rows, m)`` true if the step is a jump.
     """
 
     value: Array
@@ -245,16 +217,12 @@ def quantile_changes(
 ) -> tuple[Estimates, Estimates]:
     """Return a quantile of every row, and its difference from that of ``before`` with the same random numbers.
 
-    Parameters
-    ----------
-    samples, before
-        ``(rows, REPLICATES · n)`` samples; the quantiles of the latter may be given instead, if already computed.
-    probability
-        Probability of the quantile.
-    confidence
-        Confidence of the intervals.
-    unseen
-        ``(rows,)`` possible change in regions without samples, by which the intervals are widened.
+    Args:
+        samples, before: ``(rows, REPLICATES · n)`` samples; the quantiles of the latter may be given instead, if
+            already computed.
+        probability: Probability of the quantile.
+        confidence: Confidence of the intervals.
+        unseen: ``(rows,)`` possible change in regions without samples, by which the intervals are widened.
     """
     after = found_quantiles(samples, probability)
     change = after - (before if isinstance(before, Quantiles) else found_quantiles(before, probability))

@@ -30,19 +30,13 @@ MOST_DECIMALS: Final = 3
 def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: bool = False) -> str:
     """Return the budget of every pose: per cent, mm and mrad, half-widths of intervals behind ±.
 
-    Parameters
-    ----------
-    result
-        What was found.
-    quantities
-        One block each: ``position`` and ``attitude`` if left out, ``position.norm``, ``position.x``, …
-    is_whole
-        Whether to list all draws, sources and joints; else the ten largest.
+    Args:
+        result: What was found.
+        quantities: One block each: ``position`` and ``attitude`` if left out, ``position.norm``, ``position.x``, …
+        is_whole: Whether to list all draws, sources and joints; else the ten largest.
 
-    Raises
-    ------
-    UnknownNameError
-        No such quantity.
+    Raises:
+        UnknownNameError: No such quantity.
     """
     quantities = check_quantities(quantities or VECTORS)
     lines = []
@@ -127,20 +121,13 @@ def draw_rows(
 ) -> list[list[str]]:
     """Return the shares of draws, the largest first, of those beyond ``most`` together, of correlated groups, the sum.
 
-    Parameters
-    ----------
-    pose
-        The budget.
-    quantity
-        Shares of what.
-    most
-        How many draws have a row of their own.
-    further
-        Returns the cells after a draw's name, scope, share, S1 and ST, all in per cent.
-    columns
-        How many cells that is.
-    nonlinear
-        Mark after ST where the exact model is not linear.
+    Args:
+        pose: The budget.
+        quantity: Shares of what.
+        most: How many draws have a row of their own.
+        further: Returns the cells after a draw's name, scope, share, S1 and ST, all in per cent.
+        columns: How many cells that is.
+        nonlinear: Mark after ST where the exact model is not linear.
     """
 
     def indices(group: Group) -> list[str]:

@@ -93,35 +93,26 @@ class GrossError(Record):
 class CalibrationResult(PosesOutcome):
     """A calibrated robot, beside what :class:`PosesOutcome` has.
 
-    Attributes
-    ----------
-    has_prior
-        Whether the sheet was the prior.
-    posterior, without_bounds
-        The numbers drawn once for each robot, and their estimates where no law had bounds, ``(U,)``.
-    set_ups
-        The set-up of each measurement of ``data.measurements`` as estimated; ``measurement`` and ``set_up`` are the first.
-    chi_square, degrees_of_freedom
-        Sum of squares of whitened residuals (with a prior, of the numbers' deviations too), and its expectation.
-    residuals, residuals_before
-        Reading less prediction of the calibrated arm, in base axes, ``(P, m)``; of the sheet's means, with the first guess of
-        the set-up. Zeros beyond the numbers of a reading that has fewer than others.
-    left_out
-        Reading less the prediction of a fit without the readings at its pose, or without its group where the data have groups,
-        ``(P, m)``, first order.
-    std_left_out, std_predicted
-        Standard deviation of ``left_out``, and of a new reading at the pose from the calibrated arm's prediction: what is left of
-        arm and set-up, repeatability and instrument, ``(P, m)``.
-    improvement
-        Whether the calibration helps at poses left out of it; ``None`` where none can be predicted.
-    noise, repeated
-        Standard deviations that were estimated, by name, and the numbers read again at a pose.
-    gross_errors, at_bounds
-        Readings that were given no weight, and numbers estimated at a bound of their law.
-    original, model
-        The model before, and the arm that is left: means moved, remaining uncertainty correlated.
-    data, steps
-        The readings as given, and Gauss-Newton steps.
+    Attributes:
+        has_prior: Whether the sheet was the prior.
+        posterior, without_bounds: The numbers drawn once for each robot, and their estimates where no law had bounds,
+            ``(U,)``.
+        set_ups: The set-up of each measurement of ``data.measurements`` as estimated; ``measurement`` and ``set_up``
+            are the first.
+        chi_square, degrees_of_freedom: Sum of squares of whitened residuals (with a prior, of the numbers' deviations
+            too), and its expectation.
+        residuals, residuals_before: Reading less prediction of the calibrated arm, in base axes, ``(P, m)``; of the
+            sheet's means, with the first guess of the set-up. Zeros beyond the numbers of a reading that has fewer than
+            others.
+        left_out: Reading less the prediction of a fit without the readings at its pose, or without its group where the
+            data have groups, ``(P, m)``, first order.
+        std_left_out, std_predicted: Standard deviation of ``left_out``, and of a new reading at the pose from the
+            calibrated arm's prediction: what is left of arm and set-up, repeatability and instrument, ``(P, m)``.
+        improvement: Whether the calibration helps at poses left out of it; ``None`` where none can be predicted.
+        noise, repeated: Standard deviations that were estimated, by name, and the numbers read again at a pose.
+        gross_errors, at_bounds: Readings that were given no weight, and numbers estimated at a bound of their law.
+        original, model: The model before, and the arm that is left: means moved, remaining uncertainty correlated.
+        data, steps: The readings as given, and Gauss-Newton steps.
     """
 
     schema: ClassVar[str] = "precision-pin/calibration/1"
@@ -218,12 +209,9 @@ class CalibrationResult(PosesOutcome):
         What loads cause, and what changes with the pose, is written as it is at the pose ``q``, the model's first if left
         out; everything else holds at every pose.
 
-        Raises
-        ------
-        OutputError
-            The file cannot be written.
-        InputError
-            The robot's file has changed.
+        Raises:
+            OutputError: The file cannot be written.
+            InputError: The robot's file has changed.
         """
         name = check_path("the path of the URDF", path)
         writer = AsBuilt.prepare(self.original, q)
@@ -279,31 +267,22 @@ def calibrate(
 ) -> CalibrationResult:
     """Fit the exact model to readings of one robot.
 
-    Parameters
-    ----------
-    model
-        The model, whose sheet is the prior.
-    data
-        Path of a CSV file, or a pair of poses (a list, or an array ``(n, P)``) and readings ``(P, m)`` in m and rad; of
-        poses ``(P, 4, 4)`` too. Several: a list, one for each measurement.
-    measurement
-        Instrument and set-up, or a list of several; those of the sheet if left out. Of several that read one file each finds its
-        own columns.
-    prior
-        Maximum a posteriori with the sheet as the prior; ``False``: maximum likelihood on the combinations that the
-        readings determine, where all others keep their tolerances.
-    only
-        Kinds of source, such as ``joint_offset``, whose numbers are estimated; those of all others stay at their means, and
-        the errors before and after leave them out. All if empty.
-    at
-        Poses where the error that is left is computed; the model's named poses if left out, else the measured ones.
-    findings
-        Findings to pass on, such as those of the sheet.
+    Args:
+        model: The model, whose sheet is the prior.
+        data: Path of a CSV file, or a pair of poses (a list, or an array ``(n, P)``) and readings ``(P, m)`` in m and
+            rad; of poses ``(P, 4, 4)`` too. Several: a list, one for each measurement.
+        measurement: Instrument and set-up, or a list of several; those of the sheet if left out. Of several that read
+            one file each finds its own columns.
+        prior: Maximum a posteriori with the sheet as the prior; ``False``: maximum likelihood on the combinations that
+            the readings determine, where all others keep their tolerances.
+        only: Kinds of source, such as ``joint_offset``, whose numbers are estimated; those of all others stay at their
+            means, and the errors before and after leave them out. All if empty.
+        at: Poses where the error that is left is computed; the model's named poses if left out, else the measured ones.
+        findings: Findings to pass on, such as those of the sheet.
 
-    Raises
-    ------
-    InputError
-        The data are wrong, nothing varies from robot to robot or no reading sees it, or the fit does not settle.
+    Raises:
+        InputError: The data are wrong, nothing varies from robot to robot or no reading sees it, or the fit does not
+            settle.
     """
     measurements = measurements_of(model, measurement, has_data=True)
     findings = check_items("findings", findings, Finding)
@@ -496,20 +475,16 @@ Verdict = Literal["agrees", "disagrees", "better than stated", "not tested"]
 class WorstReadings:
     """K readings, that with the largest residual of its lengths first, base axes.
 
-    Attributes
-    ----------
-    rows, lines, labels
-        Their indices in the data, ``(K,)``, their rows in the file, from 1, and in words.
-    points
-        Place of the target where the calibrated arm predicts it, m, ``(3, K)``.
-    after, before, sizes
-        Residual after and before, m, ``(3, K)``: of a distance along the line of sight, of a height along the normal;
-        before in the axes of the first guess of a free base. Lengths of ``after``, ``(K,)``.
-    deviations, is_gross
-        Size of the whole residual in standard deviations of instrument and repeatability, of a gross error in the fit without
-        it, ``(K,)``; whether it was given no weight.
-    anchor
-        Where distances are measured from, m, ``(3,)``; ``None`` for other readings, and of several measurements.
+    Attributes:
+        rows, lines, labels: Their indices in the data, ``(K,)``, their rows in the file, from 1, and in words.
+        points: Place of the target where the calibrated arm predicts it, m, ``(3, K)``.
+        after, before, sizes: Residual after and before, m, ``(3, K)``: of a distance along the line of sight, of a
+            height along the normal; before in the axes of the first guess of a free base. Lengths of ``after``,
+            ``(K,)``.
+        deviations, is_gross: Size of the whole residual in standard deviations of instrument and repeatability, of a
+            gross error in the fit without it, ``(K,)``; whether it was given no weight.
+        anchor: Where distances are measured from, m, ``(3,)``; ``None`` for other readings, and of several
+            measurements.
     """
 
     rows: NDArray[np.intp]

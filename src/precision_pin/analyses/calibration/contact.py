@@ -33,17 +33,12 @@ def contact_poses(chain: Chain, measurement: Measurement, count: int, *, seed: i
     From random joint values within their limits the nearest contact is found by steps of least norm; those that end outside the
     limits, or where the arm hits something, are drawn again.
 
-    Parameters
-    ----------
-    chain, measurement
-        The arm, and a measurement of kind ``"plane"`` or ``"socket"``.
-    count, seed
-        Number of poses, and 64-bit seed.
+    Args:
+        chain, measurement: The arm, and a measurement of kind ``"plane"`` or ``"socket"``.
+        count, seed: Number of poses, and 64-bit seed.
 
-    Raises
-    ------
-    InputError
-        Another kind of measurement, or too few poses are found.
+    Raises:
+        InputError: Another kind of measurement, or too few poses are found.
     """
     place = measurement.place
     if place is None or measurement.kind not in ("plane", "socket"):

@@ -62,23 +62,17 @@ _RIGID: Final = 0.01
 class CalibrationData(Record):
     """P readings.
 
-    Attributes
-    ----------
-    q
-        Joint values in chain order, rad and m, ``(n, P)``.
-    readings
-        ``(P, m)``, m and rad: a position, a position and rotation vector, a distance, a height or an offset from a socket; NaN
-        beyond the numbers of a reading that has fewer than others.
-    std, group
-        Standard deviation of each reading's lengths, m, and number of its group, ``(P,)``; empty for the instrument's, for none.
-    file, lines
-        Where the data were read, and the rows of the file or of the arrays, from 1, ``(P,)``.
-    measurements, files
-        The measurements, one for each target in each file, and the file of each.
-    part, visit
-        The number of each reading's measurement, ``(P,)``; readings of one visit were taken together, ``(P,)``.
-    findings
-        What was left out.
+    Attributes:
+        q: Joint values in chain order, rad and m, ``(n, P)``.
+        readings: ``(P, m)``, m and rad: a position, a position and rotation vector, a distance, a height or an offset
+            from a socket; NaN beyond the numbers of a reading that has fewer than others.
+        std, group: Standard deviation of each reading's lengths, m, and number of its group, ``(P,)``; empty for the
+            instrument's, for none.
+        file, lines: Where the data were read, and the rows of the file or of the arrays, from 1, ``(P,)``.
+        measurements, files: The measurements, one for each target in each file, and the file of each.
+        part, visit: The number of each reading's measurement, ``(P,)``; readings of one visit were taken together,
+            ``(P,)``.
+        findings: What was left out.
     """
 
     q: Array

@@ -277,12 +277,11 @@ def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
 class Estimator:
     """The linear estimate of z and the nuisances from whitened readings with derivatives ``(M, r)`` and ``(M, k)``.
 
-    Attributes
-    ----------
-    projected, nuisance_rank
-        ``by_z`` without what nuisances could explain, and how many combinations of nuisances are determined.
-    covariance, kept
-        Of z after the measurements, ``(r, r)``, and a basis of the combinations estimated, ``(r, kept)``; all with a prior.
+    Attributes:
+        projected, nuisance_rank: ``by_z`` without what nuisances could explain, and how many combinations of nuisances
+            are determined.
+        covariance, kept: Of z after the measurements, ``(r, r)``, and a basis of the combinations estimated, ``(r,
+            kept)``; all with a prior.
     """
 
     by_z: Array

@@ -42,18 +42,14 @@ _NOTED: Final = 1e-7
 class FactoryCalibration(Outcome):
     """A UR robot as its factory calibration has it.
 
-    Attributes
-    ----------
-    file, checksum
-        The file, and its ``hash``; empty for none.
-    kind
-        The model of UR that the robot is, such as ``"UR5e"``.
-    model
-        The built arm: displacements of fixed numbers at each joint and at the tip, beside the sources of the given model.
-    displacements
-        These displacements, ``[d; δ]`` in the axes of each seat, m and rad, ``(7, 6)``; the last is that of the tip.
-    rms_position, largest_position
-        Distance of the tip from the nominal robot over 200 random poses, m.
+    Attributes:
+        file, checksum: The file, and its ``hash``; empty for none.
+        kind: The model of UR that the robot is, such as ``"UR5e"``.
+        model: The built arm: displacements of fixed numbers at each joint and at the tip, beside the sources of the
+            given model.
+        displacements: These displacements, ``[d; δ]`` in the axes of each seat, m and rad, ``(7, 6)``; the last is that
+            of the tip.
+        rms_position, largest_position: Distance of the tip from the nominal robot over 200 random poses, m.
     """
 
     schema: ClassVar[str] = "precision-pin/factory-calibration/1"
@@ -84,12 +80,9 @@ class FactoryCalibration(Outcome):
     def to_urdf(self, path: str | os.PathLike[str]) -> None:
         """Write the built arm as a URDF, without loads and what else the model has beside the factory calibration.
 
-        Raises
-        ------
-        OutputError
-            The file cannot be written.
-        InputError
-            The robot's file has changed.
+        Raises:
+            OutputError: The file cannot be written.
+            InputError: The robot's file has changed.
         """
         name = check_path("the path of the URDF", path)
         chain = replace(self.model.chain, obstacles=None)
@@ -107,18 +100,13 @@ class FactoryCalibration(Outcome):
 def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> FactoryCalibration:
     """Return a UR robot as its factory calibration has it.
 
-    Parameters
-    ----------
-    file
-        ``calibration.conf`` of the controller (differences to Denavit-Hartenberg parameters), or the YAML of ``ur_calibration``
-        that the ROS driver reads. The angles of the latter are taken as URDF readers take them.
-    robot
-        The nominal arm of six joints, a UR3 to UR30, with any frames, base and tip; or a model of it.
+    Args:
+        file: ``calibration.conf`` of the controller (differences to Denavit-Hartenberg parameters), or the YAML of
+            ``ur_calibration`` that the ROS driver reads. The angles of the latter are taken as URDF readers take them.
+        robot: The nominal arm of six joints, a UR3 to UR30, with any frames, base and tip; or a model of it.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read or is of another robot, or the robot is no UR.
+    Raises:
+        InputError: The file cannot be read or is of another robot, or the robot is no UR.
     """
     name = check_path("the factory calibration", file)
     if not isinstance(robot, ErrorModel | Chain):

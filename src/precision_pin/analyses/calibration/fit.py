@@ -52,16 +52,11 @@ _ALONE: Final = 1e-9
 class Problem:
     """Readings ``(P, m)`` to fit, as :meth:`Measurement.predict` returns them, and where the fit begins.
 
-    Attributes
-    ----------
-    instruments, part
-        The measurements, and the number of that of each reading, ``(P,)``.
-    readings, deviations
-        ``(P, m)`` each; a reading of fewer numbers has zeros beyond them, as its residuals have.
-    visit
-        Readings of one visit were taken together, ``(P,)``.
-    start
-        First nuisances, ``(k,)``.
+    Attributes:
+        instruments, part: The measurements, and the number of that of each reading, ``(P,)``.
+        readings, deviations: ``(P, m)`` each; a reading of fewer numbers has zeros beyond them, as its residuals have.
+        visit: Readings of one visit were taken together, ``(P,)``.
+        start: First nuisances, ``(k,)``.
     """
 
     model: ErrorModel
@@ -224,14 +219,11 @@ class Problem:
 class LeftOut:
     """Readings less the prediction of a fit without their group, first order.
 
-    Attributes
-    ----------
-    values, std
-        The difference and its standard deviation, what is left of the arm and set-up with the reading's noise, ``(P, m)``.
-    distance
-        Its size in units of its standard deviation, squared, ``(P,)``: chi-square of m degrees.
-    is_predicted
-        Whether the other groups determine the prediction, ``(P,)``.
+    Attributes:
+        values, std: The difference and its standard deviation, what is left of the arm and set-up with the reading's
+            noise, ``(P, m)``.
+        distance: Its size in units of its standard deviation, squared, ``(P,)``: chi-square of m degrees.
+        is_predicted: Whether the other groups determine the prediction, ``(P,)``.
     """
 
     values: Array
@@ -245,18 +237,13 @@ class LeftOut:
 class Fit:
     """An estimate.
 
-    Attributes
-    ----------
-    z, nuisances, without_bounds
-        The estimate, ``(r,)`` and ``(k,)``; z where no law had bounds, first order.
-    estimator, chi_square, degrees_of_freedom
-        Derivatives there, sum of squares of whitened residuals (with a prior, and of z), and its expectation.
-    residuals, left_out
-        Reading less prediction, ``(P, m)``; less that of a fit without it.
-    local
-        The estimator without the numbers that stop at a bound.
-    steps, at_bounds
-        Gauss-Newton steps, and names of the numbers at a bound of their law.
+    Attributes:
+        z, nuisances, without_bounds: The estimate, ``(r,)`` and ``(k,)``; z where no law had bounds, first order.
+        estimator, chi_square, degrees_of_freedom: Derivatives there, sum of squares of whitened residuals (with a
+            prior, and of z), and its expectation.
+        residuals, left_out: Reading less prediction, ``(P, m)``; less that of a fit without it.
+        local: The estimator without the numbers that stop at a bound.
+        steps, at_bounds: Gauss-Newton steps, and names of the numbers at a bound of their law.
     """
 
     z: Array

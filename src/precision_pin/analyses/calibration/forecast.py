@@ -64,14 +64,11 @@ class CurvePoint(Record):
 class CalibrationForecast(PosesOutcome):
     """What a calibration will buy, beside what :class:`PosesOutcome` has.
 
-    Attributes
-    ----------
-    readings, posterior
-        Number of readings, and the numbers of the arm after the calibration; their means are those before.
-    by_count, by_instrument
-        Accuracy against the number of measured poses and against the instrument's deviation.
-    model
-        The arm as it will be left: every other analysis runs on it. Its means are those of the sheet.
+    Attributes:
+        readings, posterior: Number of readings, and the numbers of the arm after the calibration; their means are those
+            before.
+        by_count, by_instrument: Accuracy against the number of measured poses and against the instrument's deviation.
+        model: The arm as it will be left: every other analysis runs on it. Its means are those of the sheet.
     """
 
     schema: ClassVar[str] = "precision-pin/calibration-forecast/1"
@@ -108,24 +105,17 @@ def forecast_calibration(
 ) -> CalibrationForecast:
     """Forecast what measuring an arm at some poses will tell, and the error that is left.
 
-    Parameters
-    ----------
-    model
-        The model, whose sheet is the prior.
-    poses
-        Measured poses: a list, an array ``(n, P)``, a mapping of joint values or a pose set. A pose given twice is
-        measured twice.
-    measurement
-        Instrument and set-up; those of the sheet if left out.
-    at
-        The user's own poses, where the error is forecast; the model's named poses if left out, else the measured ones.
-    findings
-        Findings to pass on, such as those of the sheet.
+    Args:
+        model: The model, whose sheet is the prior.
+        poses: Measured poses: a list, an array ``(n, P)``, a mapping of joint values or a pose set. A pose given twice
+            is measured twice.
+        measurement: Instrument and set-up; those of the sheet if left out.
+        at: The user's own poses, where the error is forecast; the model's named poses if left out, else the measured
+            ones.
+        findings: Findings to pass on, such as those of the sheet.
 
-    Raises
-    ------
-    InputError
-        Nothing varies from robot to robot, or the poses are wrong.
+    Raises:
+        InputError: Nothing varies from robot to robot, or the poses are wrong.
     """
     measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)

@@ -78,17 +78,12 @@ class Group(Record):
 class Identifiability(Record):
     """What readings determine of a model's U numbers drawn once for each robot.
 
-    Attributes
-    ----------
-    rank, singular_values
-        How many independent combinations the readings determine, and the singular values of their derivatives, in units of noise
-        and of prior standard deviation, falling.
-    projector
-        Onto the combinations that no reading sees, ``(U, U)``, in units of prior standard deviation.
-    nuisances, nuisance_rank
-        Unknown numbers of the set-up, and how many combinations of them are determined.
-    observability
-        O1 to O5 of the determined combinations.
+    Attributes:
+        rank, singular_values: How many independent combinations the readings determine, and the singular values of
+            their derivatives, in units of noise and of prior standard deviation, falling.
+        projector: Onto the combinations that no reading sees, ``(U, U)``, in units of prior standard deviation.
+        nuisances, nuisance_rank: Unknown numbers of the set-up, and how many combinations of them are determined.
+        observability: O1 to O5 of the determined combinations.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -138,19 +133,14 @@ def identifiability(model: ErrorModel, poses: object, measurement: Measurement |
 
     First order, at the numbers' means.
 
-    Parameters
-    ----------
-    model
-        The model; :func:`precision_pin.every_frame` returns one with all geometric errors.
-    poses
-        A list of poses, an array ``(n, P)``, a mapping of joint values or a :class:`~precision_pin.robot.pose_set.PoseSet`.
-    measurement
-        Instrument and set-up; those of the sheet if left out.
+    Args:
+        model: The model; :func:`precision_pin.every_frame` returns one with all geometric errors.
+        poses: A list of poses, an array ``(n, P)``, a mapping of joint values or a
+            :class:`~precision_pin.robot.pose_set.PoseSet`.
+        measurement: Instrument and set-up; those of the sheet if left out.
 
-    Raises
-    ------
-    InputError
-        Nothing varies from robot to robot, or the poses are wrong.
+    Raises:
+        InputError: Nothing varies from robot to robot, or the poses are wrong.
     """
     measurement = measurement_of(model, measurement)
     values, _ = read_poses(model, poses)

@@ -61,18 +61,15 @@ class LeftOutShare(Record):
 class Improvement(Record):
     """Root mean square lengths (m) of left-out readings by base and target alone, and by the calibrated arm.
 
-    Attributes
-    ----------
-    before, after
-        Of readings left out of the fit of base and target alone, the arm at the sheet's means; and of the calibration.
-    interval
-        95 % interval of the gain, ``before - after``, at a pose drawn as those measured were; ``None`` of too few groups.
-    residual_before
-        Of readings in the fit of base and target alone.
-    groups, grouped_by, readings
-        Groups that are left out one after another, ``poses`` or ``groups`` of the data's column, and their readings.
-    share
-        How many of them lie within their deviations.
+    Attributes:
+        before, after: Of readings left out of the fit of base and target alone, the arm at the sheet's means; and of
+            the calibration.
+        interval: 95 % interval of the gain, ``before - after``, at a pose drawn as those measured were; ``None`` of too
+            few groups.
+        residual_before: Of readings in the fit of base and target alone.
+        groups, grouped_by, readings: Groups that are left out one after another, ``poses`` or ``groups`` of the data's
+            column, and their readings.
+        share: How many of them lie within their deviations.
     """
 
     KEYS: ClassVar[Keys] = (

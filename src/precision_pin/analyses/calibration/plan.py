@@ -63,20 +63,17 @@ Criterion = Literal["task", "D"]
 class CalibrationPlan(PosesOutcome):
     """The poses to measure, beside what :class:`PosesOutcome` has.
 
-    Attributes
-    ----------
-    criterion, candidates
-        ``"task"`` or ``"D"``, and how many candidates there were that the instrument sees.
-    chosen, names, q
-        Candidates to measure, in their order, from 0; their names, and joint values ``(n, count)``.
-    left_out
-        How many candidates, or draws of random ones, are left out: ``collision``, ``kept out``, ``hidden`` from the instrument.
-    value, bound
-        The measure of the choice, and a bound that no choice of as many candidates can pass: ln det of the information on z
-        (largest is best), or the mean square position error without the floor, m² (smallest is best).
-    efficiency, random_efficiency
-        Of the choice, at least: for D ``exp((value - bound) / L)`` with L the combinations that all candidates together
-        determine, for a task bound / value. The same of a random choice, the median of 25.
+    Attributes:
+        criterion, candidates: ``"task"`` or ``"D"``, and how many candidates there were that the instrument sees.
+        chosen, names, q: Candidates to measure, in their order, from 0; their names, and joint values ``(n, count)``.
+        left_out: How many candidates, or draws of random ones, are left out: ``collision``, ``kept out``, ``hidden``
+            from the instrument.
+        value, bound: The measure of the choice, and a bound that no choice of as many candidates can pass: ln det of
+            the information on z (largest is best), or the mean square position error without the floor, m² (smallest is
+            best).
+        efficiency, random_efficiency: Of the choice, at least: for D ``exp((value - bound) / L)`` with L the
+            combinations that all candidates together determine, for a task bound / value. The same of a random choice,
+            the median of 25.
     """
 
     schema: ClassVar[str] = "precision-pin/calibration-plan/1"
@@ -140,32 +137,22 @@ def plan_calibration(
 ) -> CalibrationPlan:
     """Choose the poses to measure among candidates.
 
-    Parameters
-    ----------
-    model
-        The model, whose sheet is the prior.
-    candidates
-        Poses that can be measured: a list, an array ``(n, P)``, a mapping of joint values or a pose set.
-    count
-        How many of them are measured, each once.
-    measurement
-        Instrument and set-up; those of the sheet if left out.
-    at
-        The user's own poses; the model's named poses if left out, else the candidates.
-    criterion
-        ``"task"``: the mean square position error left at the user's poses. ``"D"``: the determinant of the information.
-    seed
-        64-bit seed of the starting choices.
-    findings
-        Findings to pass on, such as those of the sheet.
-    progress
-        Function called with the number of steps done since its last call, of :data:`PLAN_STEPS`; ``True`` shows a bar.
+    Args:
+        model: The model, whose sheet is the prior.
+        candidates: Poses that can be measured: a list, an array ``(n, P)``, a mapping of joint values or a pose set.
+        count: How many of them are measured, each once.
+        measurement: Instrument and set-up; those of the sheet if left out.
+        at: The user's own poses; the model's named poses if left out, else the candidates.
+        criterion: ``"task"``: the mean square position error left at the user's poses. ``"D"``: the determinant of the
+            information.
+        seed: 64-bit seed of the starting choices.
+        findings: Findings to pass on, such as those of the sheet.
+        progress: Function called with the number of steps done since its last call, of :data:`PLAN_STEPS`; ``True``
+            shows a bar.
 
-    Raises
-    ------
-    InputError
-        Fewer candidates than poses to choose, a candidate twice, nothing varies from robot to robot, or no candidate sees
-        anything.
+    Raises:
+        InputError: Fewer candidates than poses to choose, a candidate twice, nothing varies from robot to robot, or no
+            candidate sees anything.
     """
     measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)

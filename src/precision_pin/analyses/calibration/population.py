@@ -47,16 +47,13 @@ _UNSEEN: Final = 1e-3
 class MeasuredTolerance(Record):
     """The tolerance of a draw as several robots show it.
 
-    Attributes
-    ----------
-    names, numbers
-        The draws that share it, one or several that the sheet correlates, and their numbers.
-    scale, low, high
-        Standard deviation over that of the sheet, and its confidence interval; ``high`` may be infinite.
-    std
-        Measured standard deviation of the first number, SI.
-    means
-        Mean of each number less that of the sheet, in the sheet's standard deviations; zeros where means are not estimated.
+    Attributes:
+        names, numbers: The draws that share it, one or several that the sheet correlates, and their numbers.
+        scale, low, high: Standard deviation over that of the sheet, and its confidence interval; ``high`` may be
+            infinite.
+        std: Measured standard deviation of the first number, SI.
+        means: Mean of each number less that of the sheet, in the sheet's standard deviations; zeros where means are not
+            estimated.
     """
 
     KEYS: ClassVar[Keys] = ("draws=names", "numbers", "scale", "low", "high", "std", "means")
@@ -80,17 +77,13 @@ class MeasuredTolerance(Record):
 class Population(Outcome):
     """Tolerances that several robots show.
 
-    Attributes
-    ----------
-    robots, means, confidence
-        Number of robots, ``"sheet"`` or ``"estimated"`` means, and the confidence of each interval.
-    tolerances, unseen, groups
-        What the readings show; draws that no reading of any robot shows, which keep their tolerances; and draws of which the
-        readings show only a joint tolerance.
-    log_likelihood_ratio
-        Twice the logarithm of the likelihood of these tolerances over that of the sheet's.
-    model
-        The model that was given.
+    Attributes:
+        robots, means, confidence: Number of robots, ``"sheet"`` or ``"estimated"`` means, and the confidence of each
+            interval.
+        tolerances, unseen, groups: What the readings show; draws that no reading of any robot shows, which keep their
+            tolerances; and draws of which the readings show only a joint tolerance.
+        log_likelihood_ratio: Twice the logarithm of the likelihood of these tolerances over that of the sheet's.
+        model: The model that was given.
     """
 
     schema: ClassVar[str] = "precision-pin/population/1"
@@ -132,29 +125,21 @@ def population(
     robots are no sample of their law, and are not used as one: what enters is the likelihood of the readings alone, of a
     calibration its posterior less its prior.
 
-    Parameters
-    ----------
-    model
-        The model, whose sheet has the laws whose widths are sought.
-    robots
-        Of each robot its readings (path of a CSV file, or a pair of poses and readings, as for :func:`calibrate`) or its
-        calibration with the prior of this model (the result, or the path of its JSON).
-    measurement
-        Instrument and set-up of the readings, or several as for :func:`calibrate`; those of the sheet if left out.
-    means
-        ``"sheet"``: the means are those of the sheet. ``"estimated"``: they are estimated too, and tolerances by the restricted
-        likelihood.
-    confidence
-        Of each interval, between 0 and 1.
-    findings
-        Findings to pass on, such as those of the sheet.
-    progress
-        Function called with the number of steps done since its last call, of robots and draws; ``True`` shows a bar.
+    Args:
+        model: The model, whose sheet has the laws whose widths are sought.
+        robots: Of each robot its readings (path of a CSV file, or a pair of poses and readings, as for
+            :func:`calibrate`) or its calibration with the prior of this model (the result, or the path of its JSON).
+        measurement: Instrument and set-up of the readings, or several as for :func:`calibrate`; those of the sheet if
+            left out.
+        means: ``"sheet"``: the means are those of the sheet. ``"estimated"``: they are estimated too, and tolerances by
+            the restricted likelihood.
+        confidence: Of each interval, between 0 and 1.
+        findings: Findings to pass on, such as those of the sheet.
+        progress: Function called with the number of steps done since its last call, of robots and draws; ``True`` shows
+            a bar.
 
-    Raises
-    ------
-    InputError
-        Fewer than two robots, wrong data, or a calibration of another model or without prior.
+    Raises:
+        InputError: Fewer than two robots, wrong data, or a calibration of another model or without prior.
     """
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     findings = check_items("findings", findings, Finding)

@@ -39,16 +39,11 @@ _RIDGE: Final = 1e-9
 class Design:
     """Losses of designs, to be minimised: -ln det S, or tr(G S⁻¹).
 
-    Attributes
-    ----------
-    rows
-        Derivatives of each candidate by z and by scaled nuisances, ``(P, m, r + k)``.
-    prior
-        Information before any reading, ``(r + k,) * 2``.
-    size, rank
-        r, and how many combinations of z all candidates together determine.
-    goal
-        G, ``(r, r)``; None for the determinant.
+    Attributes:
+        rows: Derivatives of each candidate by z and by scaled nuisances, ``(P, m, r + k)``.
+        prior: Information before any reading, ``(r + k,) * 2``.
+        size, rank: r, and how many combinations of z all candidates together determine.
+        goal: G, ``(r, r)``; None for the determinant.
     """
 
     rows: Array

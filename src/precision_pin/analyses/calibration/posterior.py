@@ -78,20 +78,14 @@ class Posterior(Record):
 class ErrorLeft(Record):
     """The tip's error at a pose before and after a calibration, first order; base axes, m and rad.
 
-    Attributes
-    ----------
-    name, q, sliding_joints
-        The pose, and the sliding joints, whose values are in m.
-    before
-        Mean ``(6,)`` of the error before the calibration.
-    covariance_before, covariance_after, covariance_seen
-        ``(6, 6)``; after it the error is that from the calibrated arm's own pose, of mean zero; seen in the instrument's axes,
-        which a free base shares.
-    floor
-        ``(6, 6)``, the part that pose- and visit-scope numbers cause, which no calibration removes.
-    sampled
-        Where a law is not normal: the sizes |d| and |δ| ``(2, N)`` of the errors ``before``, ``after``, ``seen`` and ``floor`` of
-        sampled robots in rising order, to first order.
+    Attributes:
+        name, q, sliding_joints: The pose, and the sliding joints, whose values are in m.
+        before: Mean ``(6,)`` of the error before the calibration.
+        covariance_before, covariance_after, covariance_seen: ``(6, 6)``; after it the error is that from the calibrated
+            arm's own pose, of mean zero; seen in the instrument's axes, which a free base shares.
+        floor: ``(6, 6)``, the part that pose- and visit-scope numbers cause, which no calibration removes.
+        sampled: Where a law is not normal: the sizes |d| and |δ| ``(2, N)`` of the errors ``before``, ``after``,
+            ``seen`` and ``floor`` of sampled robots in rising order, to first order.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -157,14 +151,10 @@ class ErrorLeft(Record):
 class PosesOutcome(Outcome):
     """Result with the error that is left at the user's poses.
 
-    Attributes
-    ----------
-    measurement
-        Instrument and set-up as given.
-    identifiability
-        What the readings determine.
-    poses
-        The error before and after at each of the user's poses.
+    Attributes:
+        measurement: Instrument and set-up as given.
+        identifiability: What the readings determine.
+        poses: The error before and after at each of the user's poses.
     """
 
     measurement: Measurement

@@ -26,10 +26,8 @@ from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, 
 class Instruments:
     """Measurements whose unknown numbers (nuisances) are shared where they have one name; one measurement or many.
 
-    Raises
-    ------
-    InputError
-        One name stands for different targets or places.
+    Raises:
+        InputError: One name stands for different targets or places.
     """
 
     parts: tuple[Measurement, ...]
@@ -95,14 +93,11 @@ def stations_of_data(model: ErrorModel, data: CalibrationData) -> tuple[Station,
 class SetUp(Record):
     """Set-up of an instrument as estimated; what does not belong to the readings is ``None``.
 
-    Attributes
-    ----------
-    base
-        The robot's base in the instrument's axes, ``(4, 4)``; ``None`` where it is known.
-    target, anchor, plane, sockets
-        In tool axes, ``(3,)``; in base axes ``(3,)``, point and unit normal ``(2, 3)``, and ``(S, 3)``; m.
-    std
-        Standard deviation of each unknown number, m and rad.
+    Attributes:
+        base: The robot's base in the instrument's axes, ``(4, 4)``; ``None`` where it is known.
+        target, anchor, plane, sockets: In tool axes, ``(3,)``; in base axes ``(3,)``, point and unit normal ``(2, 3)``,
+            and ``(S, 3)``; m.
+        std: Standard deviation of each unknown number, m and rad.
     """
 
     base: Array | None

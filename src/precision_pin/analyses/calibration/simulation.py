@@ -40,14 +40,11 @@ _TASK_POSE: Final = 1 << 19
 class SimulatedCalibrations:
     """Calibrations of N simulated robots.
 
-    Attributes
-    ----------
-    errors
-        Error of the tip from the calibrated arm's own pose, at each of the user's T poses at a later visit, ``(T, 6, N)``.
-    estimates, truth
-        Estimated and true z, ``(r, N)``.
-    chi_square, degrees_of_freedom
-        Sum of squares of residuals and estimates, ``(N,)``, and its expectation.
+    Attributes:
+        errors: Error of the tip from the calibrated arm's own pose, at each of the user's T poses at a later visit,
+            ``(T, 6, N)``.
+        estimates, truth: Estimated and true z, ``(r, N)``.
+        chi_square, degrees_of_freedom: Sum of squares of residuals and estimates, ``(N,)``, and its expectation.
     """
 
     errors: Array
@@ -71,12 +68,9 @@ def simulate_calibrations(
     Every robot's estimate is iterated until its residuals, by the exact model, satisfy the normal equations of the first
     order at the means. Bounds of laws are not heeded.
 
-    Parameters
-    ----------
-    model, poses, measurement, at
-        As for :func:`precision_pin.forecast_calibration`.
-    robots, seed
-        Number of robots, and 64-bit seed.
+    Args:
+        model, poses, measurement, at: As for :func:`precision_pin.forecast_calibration`.
+        robots, seed: Number of robots, and 64-bit seed.
     """
     measurement = measurement_of(model, measurement)
     check_whole("the number of robots", robots, 1, 10**6)

@@ -58,36 +58,23 @@ def compare(
     A draw has the same random numbers in all models that have it by its name, such as ``axis_install[joint2].A`` or a parameter.
     So a difference is that of the models, and its interval is much narrower than those of the laws.
 
-    Parameters
-    ----------
-    models
-        Two models or more, by name or as a list (named A, B, …), of arms with the same joints.
-    poses
-        One pose or a list of poses, as the first model names them, or joint values. All models are looked at there.
-    samples
-        Number of robots.
-    seed
-        64-bit seed.
-    model
-        ``"exact"`` or ``"linear"``, as for :func:`precision_pin.monte_carlo`.
-    specifications
-        Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
-    confidence
-        Confidence of every interval.
-    findings
-        Warnings to include in the result, such as those of the sheets.
-    threads
-        Number of threads, by default one for each core. It does not change the result.
-    progress
-        Function called with the number of samples added since its last call; ``True`` shows a bar.
+    Args:
+        models: Two models or more, by name or as a list (named A, B, …), of arms with the same joints.
+        poses: One pose or a list of poses, as the first model names them, or joint values. All models are looked at
+            there.
+        samples: Number of robots.
+        seed: 64-bit seed.
+        model: ``"exact"`` or ``"linear"``, as for :func:`precision_pin.monte_carlo`.
+        specifications: Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
+        confidence: Confidence of every interval.
+        findings: Warnings to include in the result, such as those of the sheets.
+        threads: Number of threads, by default one for each core. It does not change the result.
+        progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        Fewer than two models or more than eight, models of other joints, a wrong argument, or samples that do not fit into
-        memory.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: Fewer than two models or more than eight, models of other joints, a wrong argument, or samples that
+            do not fit into memory.
+        UnknownNameError: No such pose or joint.
     """
     named = _named(models)
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)

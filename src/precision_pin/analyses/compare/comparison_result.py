@@ -28,14 +28,10 @@ LEVELS: Final = (0.5, 0.95, 0.9973)
 class Paired(Record):
     """Differences of a model to the first, the same robots in both, m and rad.
 
-    Attributes
-    ----------
-    means
-        Difference of the mean of each of the eight quantities.
-    quantiles
-        That of their quantiles, by quantity and probability.
-    shares
-        That of the share of robots inside each specification.
+    Attributes:
+        means: Difference of the mean of each of the eight quantities.
+        quantiles: That of their quantiles, by quantity and probability.
+        shares: That of the share of robots inside each specification.
     """
 
     KEYS: ClassVar[Keys] = ("mean=means", "quantile=quantiles", "probability=shares")
@@ -50,16 +46,11 @@ class Paired(Record):
 class PoseComparison:
     """The models at one pose.
 
-    Attributes
-    ----------
-    label
-        The pose.
-    laws
-        Sampled law of each model.
-    differences
-        Of each model but the first to the first.
-    variances
-        Part of each line of sources in the variance of the position, to first order, m², of each model.
+    Attributes:
+        label: The pose.
+        laws: Sampled law of each model.
+        differences: Of each model but the first to the first.
+        variances: Part of each line of sources in the variance of the position, to first order, m², of each model.
     """
 
     label: PoseLabel
@@ -84,18 +75,12 @@ class PoseComparison:
 class ComparisonResult(Outcome):
     """Laws of several models, sampled with the same robots, and their differences to the first.
 
-    Attributes
-    ----------
-    names
-        Names of the models.
-    samples, model, confidence
-        Robots; ``"exact"`` or ``"linear"``; confidence of every interval.
-    poses
-        The models at each pose.
-    sheet_differences
-        What each sheet but the first has otherwise than the first.
-    specifications
-        Limits that are judged.
+    Attributes:
+        names: Names of the models.
+        samples, model, confidence: Robots; ``"exact"`` or ``"linear"``; confidence of every interval.
+        poses: The models at each pose.
+        sheet_differences: What each sheet but the first has otherwise than the first.
+        specifications: Limits that are judged.
     """
 
     schema: ClassVar[str] = "precision-pin/comparison/1"
@@ -115,10 +100,8 @@ class ComparisonResult(Outcome):
     def met(self, name: str) -> bool:
         """Return whether a model meets every specification at every pose; true without any.
 
-        Raises
-        ------
-        ValueError
-            No model has this name.
+        Raises:
+            ValueError: No model has this name.
         """
         rank = self.names.index(name)
         return all(result.met for pose in self.poses for result in pose.laws[rank].summary.specifications)

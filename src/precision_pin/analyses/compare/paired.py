@@ -26,12 +26,9 @@ _CELLS: Final = 48
 class Difference(Record):
     """A difference, the other minus the first.
 
-    Attributes
-    ----------
-    value
-        In the unit of what is compared.
-    interval
-        Its ends; ``None`` where the robots are too few.
+    Attributes:
+        value: In the unit of what is compared.
+        interval: Its ends; ``None`` where the robots are too few.
     """
 
     value: float
@@ -46,15 +43,12 @@ class Difference(Record):
 def mean_difference(first: Array, other: Array, confidence: float, skewness: float = math.nan) -> Difference:
     """Return the difference of the means of paired samples ``(N,)``, with Hall's interval of the mean of the differences.
 
-    Parameters
-    ----------
-    first, other
-        The samples.
-    confidence
-        Confidence of the interval.
-    skewness
-        Skewness of the differences, derived from the laws; NaN where unknown. Where the samples are too few for it, or for
-        that of the differences seen, there is no interval (:mod:`precision_pin.statistics.intervals`).
+    Args:
+        first, other: The samples.
+        confidence: Confidence of the interval.
+        skewness: Skewness of the differences, derived from the laws; NaN where unknown. Where the samples are too few
+            for it, or for that of the differences seen, there is no interval
+            (:mod:`precision_pin.statistics.intervals`).
     """
     gap = other - first
     value = float(gap.mean())

@@ -45,29 +45,19 @@ def compensate(
     The constant part of the error is that of the exact model with every component at its mean: deflection, offsets, what a
     calibration has found. Newton's method on the arm with its errors makes it vanish (:func:`.correction.correct`).
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    poses
-        A :class:`precision_pin.robot.pose_set.PoseSet`, or poses as for :func:`precision_pin.sample_poses`.
-    mode
-        ``"position"``, or ``"pose"`` for position and attitude, which needs six joints.
-    weights
-        With ``"pose"``: six weights, 1/m and 1/rad. The weighted sum of squares is then made smallest, which is what an arm of
-        fewer than six joints can do; directions near a singularity are left as they are.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    progress
-        Function called with the number of poses done since its last call; ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        poses: A :class:`precision_pin.robot.pose_set.PoseSet`, or poses as for :func:`precision_pin.sample_poses`.
+        mode: ``"position"``, or ``"pose"`` for position and attitude, which needs six joints.
+        weights: With ``"pose"``: six weights, 1/m and 1/rad. The weighted sum of squares is then made smallest, which
+            is what an arm of fewer than six joints can do; directions near a singularity are left as they are.
+        findings: Warnings to include in the result, such as those of the sheet.
+        progress: Function called with the number of poses done since its last call; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong argument; too few joints for the mode; no poses, or none whose joint values are known; errors too large to
-        compute with.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: A wrong argument; too few joints for the mode; no poses, or none whose joint values are known;
+            errors too large to compute with.
+        UnknownNameError: No such pose or joint.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_choice("mode", mode, ("position", "pose"))

@@ -28,19 +28,15 @@ Mode = Literal["position", "pose"]
 class CompensationResult(AnalysisResult):
     """Corrected joint values of P poses and what remains, base axes, m and rad.
 
-    Attributes
-    ----------
-    joints, prismatic, poses
-        Joints in chain order, which of them slide, and the poses as they were asked for.
-    mode, weights
-        What was corrected, and the weights of the components, ``(6,)``; ``None`` where they must vanish.
-    correction
-        Corrected joint values, errors at the means before and after, statuses.
-    within_before, within_after
-        95 % quantiles of |d| and |δ| from the pose wanted, without and with the correction, ``(2, P)``: closed form, first
-        order about the error at the means, normal; NaN where nothing was corrected.
-    sources, shares
-        Names of the sources, and their shares in the variance of the position that remains, ``(lines, P)``.
+    Attributes:
+        joints, prismatic, poses: Joints in chain order, which of them slide, and the poses as they were asked for.
+        mode, weights: What was corrected, and the weights of the components, ``(6,)``; ``None`` where they must vanish.
+        correction: Corrected joint values, errors at the means before and after, statuses.
+        within_before, within_after: 95 % quantiles of |d| and |δ| from the pose wanted, without and with the
+            correction, ``(2, P)``: closed form, first order about the error at the means, normal; NaN where nothing was
+            corrected.
+        sources, shares: Names of the sources, and their shares in the variance of the position that remains, ``(lines,
+            P)``.
     """
 
     schema: ClassVar[str] = "precision-pin/compensation/1"
@@ -130,10 +126,8 @@ class CompensationResult(AnalysisResult):
     def to_pandas(self) -> pandas.DataFrame:
         """Return a data frame, m and rad: a row for each pose.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         made = self.correction
         rows, dominant = [], self.dominant_source

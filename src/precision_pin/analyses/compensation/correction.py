@@ -47,20 +47,15 @@ _DIFFERENCE: Final = 1e-5
 class Correction:
     """Corrected joint values of P poses.
 
-    Attributes
-    ----------
-    q
-        Corrected joint values, ``(n, P)``; NaN where there are none.
-    before, first_order, after
-        Error of the arm with every component at its mean: at the joint values asked for, after one step with the nominal
-        Jacobian, and at the corrected ones; ``[d; δ]`` from the pose wanted, base axes, m and rad, ``(6, P)``.
-    iterations
-        Newton steps, ``(P,)``.
-    status
-        A status for each pose.
-    is_least
-        Whether the change of the joints was shown to be the smallest near it, ``(P,)``; not so of some that a search from
-        scattered joint values found.
+    Attributes:
+        q: Corrected joint values, ``(n, P)``; NaN where there are none.
+        before, first_order, after: Error of the arm with every component at its mean: at the joint values asked for,
+            after one step with the nominal Jacobian, and at the corrected ones; ``[d; δ]`` from the pose wanted, base
+            axes, m and rad, ``(6, P)``.
+        iterations: Newton steps, ``(P,)``.
+        status: A status for each pose.
+        is_least: Whether the change of the joints was shown to be the smallest near it, ``(P,)``; not so of some that a
+            search from scattered joint values found.
     """
 
     q: Array
@@ -92,24 +87,16 @@ def correct(
     it leaves the limit again where that makes the change smaller. Where that finds nothing within the limits, joint values
     scattered between them are tried, and of the corrections found the nearest is taken; none may be found though there is one.
 
-    Parameters
-    ----------
-    error_model
-        The arm.
-    values, approaches
-        Joint values in chain order, ``(n, P)``, rad and m, and the direction in which each joint moved last; it is the same
-        at the corrected ones.
-    weights
-        Weight of each component of the error, ``(6,)``, 1/m and 1/rad; zero for one that is left as it is.
-    is_exact
-        Whether the weighted components are to vanish; else the sum of their squares is made smallest.
-    advance
-        Called with the number of poses done since the last call.
+    Args:
+        error_model: The arm.
+        values, approaches: Joint values in chain order, ``(n, P)``, rad and m, and the direction in which each joint
+            moved last; it is the same at the corrected ones.
+        weights: Weight of each component of the error, ``(6,)``, 1/m and 1/rad; zero for one that is left as it is.
+        is_exact: Whether the weighted components are to vanish; else the sum of their squares is made smallest.
+        advance: Called with the number of poses done since the last call.
 
-    Raises
-    ------
-    InputError
-        An error is too large to compute with.
+    Raises:
+        InputError: An error is too large to compute with.
     """
     arm = _Arm(error_model, error_model.chain.at_columns(values).pose, approaches, weights, is_exact)
     poses = values.shape[1]
@@ -152,12 +139,9 @@ _AT_ONCE: Final = 256
 class _Arm:
     """The arm with every component at its mean, and what it is to reach.
 
-    Attributes
-    ----------
-    error_model, wanted, approaches
-        The arm, the poses wanted, ``(4, 4, P)``, and their approaches, ``(n, P)``.
-    weights, is_exact
-        As :func:`correct` takes them.
+    Attributes:
+        error_model, wanted, approaches: The arm, the poses wanted, ``(4, 4, P)``, and their approaches, ``(n, P)``.
+        weights, is_exact: As :func:`correct` takes them.
     """
 
     error_model: ErrorModel

@@ -34,19 +34,13 @@ _LINES: Final = (("deflected", VERMILION, 1.0), ("commanded", _GREEN, 0.8), ("co
 class CompensationLayer:
     """A compensation.
 
-    Attributes
-    ----------
-    result
-        The compensation.
-    worst
-        The corrected pose with the largest error before; ``None`` if no pose is corrected.
-    nominal
-        Base, joints and tip of the arm without error there, m, ``(3, K)``.
-    arms
-        Their displacements from there: of the deflected arm, of the arm commanded, without errors, and of the corrected one,
-        m, ``(3, 3, K)``.
-    commanded
-        Displacement of the tip without errors at each pose, at the corrected joint values, m, ``(3, P)``.
+    Attributes:
+        result: The compensation.
+        worst: The corrected pose with the largest error before; ``None`` if no pose is corrected.
+        nominal: Base, joints and tip of the arm without error there, m, ``(3, K)``.
+        arms: Their displacements from there: of the deflected arm, of the arm commanded, without errors, and of the
+            corrected one, m, ``(3, 3, K)``.
+        commanded: Displacement of the tip without errors at each pose, at the corrected joint values, m, ``(3, P)``.
     """
 
     result: CompensationResult

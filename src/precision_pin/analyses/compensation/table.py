@@ -165,12 +165,10 @@ def _text(value: float) -> str:
 def corrected_csv(result: CompensationResult, columns: Sequence[Column] = ()) -> str:
     """Return the corrected joint values as ``--trajectory`` reads them: a row of names, then a row for each pose.
 
-    Parameters
-    ----------
-    result
-        Every pose of it has corrected joint values.
-    columns
-        The columns wanted, with their units; times first, then the chain's order, in s, degrees and mm, if left out.
+    Args:
+        result: Every pose of it has corrected joint values.
+        columns: The columns wanted, with their units; times first, then the chain's order, in s, degrees and mm, if
+            left out.
     """
     times = result.poses.times
     of = {name: result.corrected[row] for row, name in enumerate(result.joints)}

@@ -87,24 +87,18 @@ def exact_law(
 ) -> ExactLawResult:
     """Return the law of every component of the first-order model, and of the norms where all draws are normal.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
-    seed, samples, confidence
-        Seed and number of the samples of the tangent model for comparison; confidence of the comparison.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    progress
-        Function called with the number of samples drawn, and then compared at each pose, since its last call; ``True`` shows
-        a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
+            arguments are synonyms.
+        seed, samples, confidence: Seed and number of the samples of the tangent model for comparison; confidence of the
+            comparison.
+        findings: Warnings to include in the result, such as those of the sheet.
+        progress: Function called with the number of samples drawn, and then compared at each pose, since its last call;
+            ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong pose, seed, number of samples or confidence; draws that are correlated and not normal.
+    Raises:
+        InputError: A wrong pose, seed, number of samples or confidence; draws that are correlated and not normal.
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress

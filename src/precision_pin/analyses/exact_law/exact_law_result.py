@@ -35,20 +35,15 @@ _CURVE: Final = 241
 class Agreement(Record):
     """Distance between samples of the tangent model and the exact law.
 
-    Attributes
-    ----------
-    samples
-        Number of samples.
-    distance
-        Kolmogorov distance: the largest difference of the two cumulative laws, rounded up by at most ``slack``.
-    band
-        Bound of the distance at the stated confidence: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956; Massart 1990).
-    confidence
-        Confidence 1 - α.
-    slack
-        Largest excess of the stated distance.
-    edges, counts
-        Histogram of the samples.
+    Attributes:
+        samples: Number of samples.
+        distance: Kolmogorov distance: the largest difference of the two cumulative laws, rounded up by at most
+            ``slack``.
+        band: Bound of the distance at the stated confidence: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956;
+            Massart 1990).
+        confidence: Confidence 1 - α.
+        slack: Largest excess of the stated distance.
+        edges, counts: Histogram of the samples.
     """
 
     KEYS: ClassVar[Keys] = ("samples", "distance", "band", "confidence", "agrees")
@@ -72,24 +67,15 @@ class Agreement(Record):
 class ExactLaw:
     """Law of one quantity.
 
-    Attributes
-    ----------
-    quantity
-        ``position.x`` … ``attitude.z`` or a norm; m or rad, base axes.
-    law
-        Object with ``cumulative``, ``density`` and ``quantile``; ``None`` if the law is not available.
-    reason
-        Reason why the law is not available.
-    mean, std
-        Mean and standard deviation; ``None`` for a norm that is not available.
-    contributors
-        Number of contributing draws; all normal draws count as one.
-    error
-        Bound of the error of every cumulative probability, at a number within rounding of the argument.
-    quantiles, quantile_errors
-        Quantiles at :data:`LEVELS`, and the error bound of each.
-    agreement
-        Agreement with samples of the tangent model.
+    Attributes:
+        quantity: ``position.x`` … ``attitude.z`` or a norm; m or rad, base axes.
+        law: Object with ``cumulative``, ``density`` and ``quantile``; ``None`` if the law is not available.
+        reason: Reason why the law is not available.
+        mean, std: Mean and standard deviation; ``None`` for a norm that is not available.
+        contributors: Number of contributing draws; all normal draws count as one.
+        error: Bound of the error of every cumulative probability, at a number within rounding of the argument.
+        quantiles, quantile_errors: Quantiles at :data:`LEVELS`, and the error bound of each.
+        agreement: Agreement with samples of the tangent model.
     """
 
     quantity: str
@@ -147,14 +133,10 @@ class ExactLaw:
 class PoseLaws(Record):
     """Laws at one pose.
 
-    Attributes
-    ----------
-    pose
-        Name and joint values of the pose.
-    laws
-        Laws of the eight quantities, by name.
-    warnings
-        Quantities whose exact model does not follow the first-order law, one line each.
+    Attributes:
+        pose: Name and joint values of the pose.
+        laws: Laws of the eight quantities, by name.
+        warnings: Quantities whose exact model does not follow the first-order law, one line each.
     """
 
     pose: PoseLabel
@@ -190,10 +172,8 @@ class ExactLawResult(Result):
         The columns are ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with ``…_error``, its
         error bound; and ``distance`` and ``band`` of the agreement with samples. ``attrs`` gives the settings.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         rows = [
             ((label, name), _columns(law))

@@ -61,16 +61,11 @@ FARTHEST: Final = 9.0
 class NumberLaw(ABC):
     """Law of one number.
 
-    Attributes
-    ----------
-    mean
-        Mean of the number.
-    low, high
-        Ends of the law; the probability outside is below the error.
-    method
-        Method of computation, as text.
-    error
-        Bound of the error of :meth:`cumulative`, except the rounding of x.
+    Attributes:
+        mean: Mean of the number.
+        low, high: Ends of the law; the probability outside is below the error.
+        method: Method of computation, as text.
+        error: Bound of the error of :meth:`cumulative`, except the rounding of x.
     """
 
     mean: float
@@ -338,22 +333,14 @@ _AIMS: Final = (
 class SeriesLaw(NumberLaw):
     """Fourier series of a law on its support.
 
-    Attributes
-    ----------
-    mean
-        Mean of the number.
-    middle, half_length
-        Support: mean + middle ± half_length.
-    coefficients
-        φ(ω_k) about the middle, ``(K + 1,)``; the first is 1.
-    truncation
-        Bound of the truncation error of the cumulative law.
-    density_truncation
-        Bound of the truncation error of the density; infinite where unknown.
-    beyond
-        Probability beyond the support.
-    rounding
-        Bound of the rounding of the cumulative law.
+    Attributes:
+        mean: Mean of the number.
+        middle, half_length: Support: mean + middle ± half_length.
+        coefficients: φ(ω_k) about the middle, ``(K + 1,)``; the first is 1.
+        truncation: Bound of the truncation error of the cumulative law.
+        density_truncation: Bound of the truncation error of the density; infinite where unknown.
+        beyond: Probability beyond the support.
+        rounding: Bound of the rounding of the cumulative law.
     """
 
     mean: float
@@ -487,19 +474,13 @@ def _sum_converging(terms: Array) -> float:
 class Summand:
     """Independent part of a sum, in the form that the series needs.
 
-    Attributes
-    ----------
-    ends
-        Function of a number of standard deviations that returns ends with at most the probability beyond that a normal law
-        has there.
-    is_bounded
-        True if the probability beyond the ends is zero.
-    envelope
-        Function of ω ``(n,)`` that returns a monotone bound of |φ|.
-    characteristic
-        Function of ω ``(n,)`` that returns φ of the deviation from the mean.
-    characteristic_error
-        Bound of the error of φ, except the rounding of ω.
+    Attributes:
+        ends: Function of a number of standard deviations that returns ends with at most the probability beyond that a
+            normal law has there.
+        is_bounded: True if the probability beyond the ends is zero.
+        envelope: Function of ω ``(n,)`` that returns a monotone bound of |φ|.
+        characteristic: Function of ω ``(n,)`` that returns φ of the deviation from the mean.
+        characteristic_error: Bound of the error of φ, except the rounding of ω.
     """
 
     ends: Callable[[float], tuple[float, float]]
@@ -569,12 +550,9 @@ _FLAT: Final = 1e-9
 class NormalNorm:
     """Law of |v| for a normal vector v.
 
-    Attributes
-    ----------
-    centre
-        Mean of v, ``(3,)``.
-    matrix
-        Covariance of v, ``(3, 3)``.
+    Attributes:
+        centre: Mean of v, ``(3,)``.
+        matrix: Covariance of v, ``(3, 3)``.
     """
 
     centre: Array
@@ -626,10 +604,8 @@ class NormalNorm:
     def quantile(self, p: float) -> float:
         """Return the radius of the ball with this probability, by Brent's method.
 
-        Raises
-        ------
-        InputError
-            Beside the constant part the spread is lost in rounding.
+        Raises:
+            InputError: Beside the constant part the spread is lost in rounding.
         """
 
         def excess(r: float) -> float:

@@ -71,12 +71,9 @@ _SMALLEST: Final = 0.02
 def largest_cube(solve: Solver, low: Array, high: Array) -> tuple[float, Array]:
     """Return edge and centre ``(3,)`` of the largest cube found; an edge of zero where there is none.
 
-    Parameters
-    ----------
-    solve
-        Solutions of points.
-    low, high
-        A box that holds all points within reach, ``(3,)``.
+    Args:
+        solve: Solutions of points.
+        low, high: A box that holds all points within reach, ``(3,)``.
     """
     size = float((high - low).max())
     low, high = low - _MARGIN * size, high + _MARGIN * size
@@ -206,14 +203,10 @@ _STILL: Final = 1e-6
 class Cube(Record):
     """The cube that a test is made in.
 
-    Attributes
-    ----------
-    side
-        Length of its edges, m.
-    centre
-        Base axes, m, ``(3,)``.
-    plane
-        Number in `PLANES` of the diagonal plane in which P2 to P5 lie.
+    Attributes:
+        side: Length of its edges, m.
+        centre: Base axes, m, ``(3,)``.
+        plane: Number in `PLANES` of the diagonal plane in which P2 to P5 lie.
     """
 
     KEYS: ClassVar[Keys] = ("side", "centre", "axes", "plane=plane_name")
@@ -245,14 +238,10 @@ def standard_poses(chain: Chain, reference: Array, target: Array) -> tuple[PoseS
 
     The tool keeps the orientation that it has at the reference; an arm of fewer than six joints turns it as it must.
 
-    Parameters
-    ----------
-    chain
-        The arm.
-    reference
-        Joint values of the pose that has the orientation, ``(n,)``.
-    target
-        The measured point in tool axes, m.
+    Args:
+        chain: The arm.
+        reference: Joint values of the pose that has the orientation, ``(n,)``.
+        target: The measured point in tool axes, m.
     """
     tool = ToolPoses(chain, chain.at(reference).pose[:3, :3], target)
     cube, q = _poses_in_cube(tool)
@@ -303,10 +292,8 @@ def _follow(tool: ToolPoses, cube: Cube) -> Array:
 def paths_of_approach(jacobian: Array) -> list[tuple[int, ...]]:
     """Return the directions in which the joints move on straight paths along the three base axes, the tool not turning.
 
-    Parameters
-    ----------
-    jacobian
-        Velocity of the target and of the tool's angles by those of the joints, base axes, ``(6, n)``.
+    Args:
+        jacobian: Velocity of the target and of the tool's angles by those of the joints, base axes, ``(6, n)``.
     """
     moved = np.linalg.pinv(jacobian if jacobian.shape[1] >= 6 else jacobian[:3])[:, :3]
     size = np.abs(moved).max(axis=0, initial=1e-300)
@@ -336,16 +323,11 @@ _PATIENCE: Final = 6
 class ToolPoses:
     """Joint values for points that the tool takes with one orientation.
 
-    Attributes
-    ----------
-    chain
-        The arm.
-    orientation
-        Of the tool in the base, ``(3, 3)``.
-    target
-        The point in tool axes that is to be at the points, m.
-    avoids
-        Whether joint values at which the arm hits something count as none.
+    Attributes:
+        chain: The arm.
+        orientation: Of the tool in the base, ``(3, 3)``.
+        target: The point in tool axes that is to be at the points, m.
+        avoids: Whether joint values at which the arm hits something count as none.
     """
 
     chain: Chain
@@ -361,13 +343,10 @@ class ToolPoses:
     def solve(self, points: Array, starts: Array | None = None) -> Array:
         """Return joint values ``(n, P)`` for points ``(3, P)``, NaN where none are found.
 
-        Parameters
-        ----------
-        points
-            Positions of the target in the base.
-        starts
-            Configurations ``(n, P)`` to start from. Where left out: the solution of the nearest point that an earlier call
-            found, then the nearest known configurations, then the solutions of more points nearby.
+        Args:
+            points: Positions of the target in the base.
+            starts: Configurations ``(n, P)`` to start from. Where left out: the solution of the nearest point that an
+                earlier call found, then the nearest known configurations, then the solutions of more points nearby.
         """
         if starts is not None:
             return self._allowed(self._descend(points, starts))

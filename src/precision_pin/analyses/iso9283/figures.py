@@ -48,18 +48,13 @@ from precision_pin.base.record import Record
 class PoseFigures(NamedTuple):
     """Accuracy and repeatability at a pose, m and rad; the axes after those of a vector are those of the cycles' arrays.
 
-    Attributes
-    ----------
-    AP
-        Distance of the barycentre from the commanded position, AP_p.
-    AP_xyz
-        Barycentre minus commanded position, ``(3, …)``.
-    AP_abc
-        Mean angles about the base axes x, y, z, of the turn from the commanded to the attained orientation, ``(3, …)``.
-    RP
-        l̄ + 3 S_l, with l the distances from the barycentre.
-    RP_abc
-        Three standard deviations of these angles, ``(3, …)``.
+    Attributes:
+        AP: Distance of the barycentre from the commanded position, AP_p.
+        AP_xyz: Barycentre minus commanded position, ``(3, …)``.
+        AP_abc: Mean angles about the base axes x, y, z, of the turn from the commanded to the attained orientation,
+            ``(3, …)``.
+        RP: l̄ + 3 S_l, with l the distances from the barycentre.
+        RP_abc: Three standard deviations of these angles, ``(3, …)``.
     """
 
     AP: Array
@@ -72,12 +67,9 @@ class PoseFigures(NamedTuple):
 class DistanceFigures(NamedTuple):
     """Accuracy and repeatability of the distance between two poses, m.
 
-    Attributes
-    ----------
-    AD, RD
-        Mean distance minus commanded distance, and three standard deviations of the distance.
-    AD_xyz, RD_xyz
-        The same for the distances along x, y and z, ``(3, …)``.
+    Attributes:
+        AD, RD: Mean distance minus commanded distance, and three standard deviations of the distance.
+        AD_xyz, RD_xyz: The same for the distances along x, y and z, ``(3, …)``.
     """
 
     AD: Array
@@ -117,12 +109,9 @@ def pose_figures(deviations: Array, angles: Array) -> PoseFigures:
 def distance_figures(commanded: Array, first: Array, second: Array) -> DistanceFigures:
     """Return the figures of the distance between two attained positions ``(n, 3, …)``.
 
-    Parameters
-    ----------
-    commanded
-        First minus second commanded position, ``(3,)``.
-    first, second
-        Attained positions.
+    Args:
+        commanded: First minus second commanded position, ``(3,)``.
+        first, second: Attained positions.
     """
     apart = first - second
     along = np.abs(apart)
@@ -207,10 +196,8 @@ class _Figures(Record):
     def __getitem__(self, name: str) -> float:
         """Return the figure of a name.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such figure.
+        Raises:
+            UnknownNameError: There is no such figure.
         """
         value: float = getattr(self, check_name("figure", name, self.keys()))
         return value
@@ -221,18 +208,12 @@ class _Figures(Record):
 class MeasuredPose(_Figures):
     """Accuracy and repeatability of one robot at one pose, m and rad, base axes.
 
-    Attributes
-    ----------
-    AP
-        Distance of the barycentre of the attained positions from the commanded position.
-    AP_x, AP_y, AP_z
-        Barycentre minus commanded position.
-    AP_a, AP_b, AP_c
-        Mean angles about x, y and z of the turn from the commanded to the attained orientation.
-    RP
-        l̄ + 3 S_l, with l the distances of the attained positions from their barycentre.
-    RP_a, RP_b, RP_c
-        Three standard deviations of the angles; the standard writes ±RP_a.
+    Attributes:
+        AP: Distance of the barycentre of the attained positions from the commanded position.
+        AP_x, AP_y, AP_z: Barycentre minus commanded position.
+        AP_a, AP_b, AP_c: Mean angles about x, y and z of the turn from the commanded to the attained orientation.
+        RP: l̄ + 3 S_l, with l the distances of the attained positions from their barycentre.
+        RP_a, RP_b, RP_c: Three standard deviations of the angles; the standard writes ±RP_a.
     """
 
     AP: float
@@ -253,15 +234,11 @@ class MeasuredPose(_Figures):
 class MeasuredDistance(_Figures):
     """Accuracy and repeatability of the distance between two poses of one robot, m and rad, base axes.
 
-    Attributes
-    ----------
-    AD, RD
-        Mean distance of the attained positions minus the commanded distance, and three standard deviations of the distance;
-        the standard writes ±RD.
-    AD_x, AD_y, AD_z, RD_x, RD_y, RD_z
-        The same for the distances along the axes, |x₁ - x₂|.
-    AD_a, AD_b, AD_c, RD_a, RD_b, RD_c
-        The same for the angular distances, |a₁ - a₂|.
+    Attributes:
+        AD, RD: Mean distance of the attained positions minus the commanded distance, and three standard deviations of
+            the distance; the standard writes ±RD.
+        AD_x, AD_y, AD_z, RD_x, RD_y, RD_z: The same for the distances along the axes, |x₁ - x₂|.
+        AD_a, AD_b, AD_c, RD_a, RD_b, RD_c: The same for the angular distances, |a₁ - a₂|.
     """
 
     AD: float
@@ -289,17 +266,12 @@ def iso9283_of(commanded: ArrayLike, attained: ArrayLike) -> MeasuredPose:
     whatever angles the control uses. A warning, ``W_ANGLES``, says where the control's own angles are near their singularity:
     their scatter is then another.
 
-    Parameters
-    ----------
-    commanded
-        Pose ``(4, 4)``, or ``[p; rpy]`` ``(6,)`` in m and rad.
-    attained
-        Poses of n ≥ 2 cycles, ``(n, 4, 4)`` or ``(n, 6)``.
+    Args:
+        commanded: Pose ``(4, 4)``, or ``[p; rpy]`` ``(6,)`` in m and rad.
+        attained: Poses of n ≥ 2 cycles, ``(n, 4, 4)`` or ``(n, 6)``.
 
-    Raises
-    ------
-    InputError
-        Another shape, a number that is not finite, a matrix that is no pose, or fewer than two cycles.
+    Raises:
+        InputError: Another shape, a number that is not finite, a matrix that is no pose, or fewer than two cycles.
     """
     wanted = _read_pose("the commanded pose", commanded)
     cycles = _read_cycles("the attained poses", attained)
@@ -316,17 +288,12 @@ def iso9283_distance(commanded_pair: ArrayLike, attained_pair: ArrayLike) -> Mea
 
     The angles of each pose are its commanded ones plus those of :func:`iso9283_of`.
 
-    Parameters
-    ----------
-    commanded_pair
-        The two commanded poses, each ``(4, 4)`` or ``(6,)`` as in :func:`iso9283_of`.
-    attained_pair
-        The attained poses at each, ``(n, 4, 4)`` or ``(n, 6)``; row j of both is cycle j.
+    Args:
+        commanded_pair: The two commanded poses, each ``(4, 4)`` or ``(6,)`` as in :func:`iso9283_of`.
+        attained_pair: The attained poses at each, ``(n, 4, 4)`` or ``(n, 6)``; row j of both is cycle j.
 
-    Raises
-    ------
-    InputError
-        As in :func:`iso9283_of`, other than two poses, or different numbers of cycles.
+    Raises:
+        InputError: As in :func:`iso9283_of`, other than two poses, or different numbers of cycles.
     """
     names = ("first", "second")
     wanted = [

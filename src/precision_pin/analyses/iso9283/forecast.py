@@ -88,45 +88,29 @@ def iso9283(
     Every robot is built once and tested once: draws of unit scope are made once for a robot, those of pose scope once for a
     robot and pose, those of visit scope in each cycle. So the law of a figure holds the scatter over robots and over tests.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    poses
-        The poses P1, P2, …: as in :func:`precision_pin.sample_poses`, or a set of poses. Where left out they are the
-        standard's five in the largest cube within reach, the tool turned as at the model's first pose.
-    cycles
-        Cycles of a test, n ≥ 2; the standard has 30.
-    robots
-        Number of built robots.
-    seed
-        64-bit seed.
-    target
-        The measured point in tool axes, m, ``(3,)``; the tip where left out.
-    load
-        Mass at the target, kg or with a unit, beside the loads of the sheet; the standard tests with the rated load.
-    fit_base
-        Align the barycentres to the commanded positions by the best fit over the poses, as where the base of the robot in the
-        measuring system is taken from the same measurement. It changes AP only; E is never fitted.
-    specifications
-        Limits to judge, one or a list, such as ``"RP 0.1 mm @ 95 %"``: a figure, its limit, and the share of robots (95 % by
-        default) that must keep it in a test, at every pose.
-    confidence
-        Confidence of every interval.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    threads
-        Number of threads, by default one for each core. It does not change the result.
-    progress
-        Function called with the number of visits simulated since its last call; ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        poses: The poses P1, P2, …: as in :func:`precision_pin.sample_poses`, or a set of poses. Where left out they are
+            the standard's five in the largest cube within reach, the tool turned as at the model's first pose.
+        cycles: Cycles of a test, n ≥ 2; the standard has 30.
+        robots: Number of built robots.
+        seed: 64-bit seed.
+        target: The measured point in tool axes, m, ``(3,)``; the tip where left out.
+        load: Mass at the target, kg or with a unit, beside the loads of the sheet; the standard tests with the rated
+            load.
+        fit_base: Align the barycentres to the commanded positions by the best fit over the poses, as where the base of
+            the robot in the measuring system is taken from the same measurement. It changes AP only; E is never fitted.
+        specifications: Limits to judge, one or a list, such as ``"RP 0.1 mm @ 95 %"``: a figure, its limit, and the
+            share of robots (95 % by default) that must keep it in a test, at every pose.
+        confidence: Confidence of every interval.
+        findings: Warnings to include in the result, such as those of the sheet.
+        threads: Number of threads, by default one for each core. It does not change the result.
+        progress: Function called with the number of visits simulated since its last call; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        No poses, wrong joint values, numbers out of range, more robots than fit into memory, errors too large to compute
-        with, or a best fit of poses on a line.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: No poses, wrong joint values, numbers out of range, more robots than fit into memory, errors too
+            large to compute with, or a best fit of poses on a line.
+        UnknownNameError: No such pose or joint.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_whole("the number of cycles", cycles, 2, MOST_VISITS)
@@ -342,14 +326,10 @@ FIGURES: Final = (*OF_POSE, *SINGLE)
 class FigureLimit:
     """A limit of a figure's absolute value; for a figure of poses, at every pose.
 
-    Attributes
-    ----------
-    figure
-        Its name, such as ``RP``.
-    limit
-        m or rad.
-    required
-        Share of robots that must keep it.
+    Attributes:
+        figure: Its name, such as ``RP``.
+        limit: m or rad.
+        required: Share of robots that must keep it.
     """
 
     figure: str

@@ -49,12 +49,9 @@ LEVELS: Final = (0.0027, 0.05, 0.5, 0.95, 0.9973)
 class FigureLaw(Record):
     """The law of a figure, m or rad, over built robots and tests.
 
-    Attributes
-    ----------
-    values
-        The figure of each robot (of each group of five for E), ``(N,)``.
-    confidence
-        Confidence of the intervals.
+    Attributes:
+        values: The figure of each robot (of each group of five for E), ``(N,)``.
+        confidence: Confidence of the intervals.
     """
 
     KEYS: ClassVar[Keys] = ("mean", "std", "quantiles", "quantile_interval=intervals")
@@ -78,10 +75,8 @@ class FigureLaw(Record):
     def quantile(self, probability: float) -> float | None:
         """Return a quantile; ``None`` where the robots are too few for its interval.
 
-        Raises
-        ------
-        InputError
-            The probability is not between 0 and 1.
+        Raises:
+            InputError: The probability is not between 0 and 1.
         """
         level = _check_probability(probability)
         if self.quantile_interval(level) is None:
@@ -94,10 +89,8 @@ class FigureLaw(Record):
     def quantile_interval(self, probability: float) -> tuple[float, float] | None:
         """Return the distribution-free interval of a quantile; ``None`` where the robots are too few for one.
 
-        Raises
-        ------
-        InputError
-            The probability is not between 0 and 1.
+        Raises:
+            InputError: The probability is not between 0 and 1.
         """
         ranks = quantile_ranks(self.values.size, _check_probability(probability), self.confidence)
         if ranks is None:
@@ -140,20 +133,14 @@ SINGLE: Final = ("AD", "RD", "E", "vAP", "RP_bidirectional", "drift")
 class PoseForecast(Record):
     """The laws of the figures at a pose, m and rad.
 
-    Attributes
-    ----------
-    label
-        Name of the pose in the sheet, empty where it has none, and its joint values.
-    commanded
-        Commanded pose of the tip in the base, ``(4, 4)``.
-    point
-        Commanded position of the target, ``(3,)``: that of the tip where no target is given.
-    AP, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c
-        Accuracy: |x̄ - x_c|, its parts along the base axes, and the mean angles about them.
-    RP, RP_a, RP_b, RP_c
-        Repeatability: l̄ + 3 S_l, and three standard deviations of the angles.
-    RP_limit
-        RP of endless cycles, which varies over the robots only.
+    Attributes:
+        label: Name of the pose in the sheet, empty where it has none, and its joint values.
+        commanded: Commanded pose of the tip in the base, ``(4, 4)``.
+        point: Commanded position of the target, ``(3,)``: that of the tip where no target is given.
+        AP, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c: Accuracy: |x̄ - x_c|, its parts along the base axes, and the mean angles
+            about them.
+        RP, RP_a, RP_b, RP_c: Repeatability: l̄ + 3 S_l, and three standard deviations of the angles.
+        RP_limit: RP of endless cycles, which varies over the robots only.
     """
 
     KEYS: ClassVar[Keys] = ("*label", "position=point", *OF_POSE)
@@ -189,16 +176,11 @@ _DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in DISTANCE)
 class ComparedFigure(Record):
     """A measured figure in its forecast law.
 
-    Attributes
-    ----------
-    pose, name
-        Pose, empty for AD and RD, and name of the figure.
-    value
-        The measured figure, m or rad.
-    below
-        Share of simulated robots with a figure not above it.
-    probability
-        Probability that a robot of the sheet has, among all figures compared, one as far out as this.
+    Attributes:
+        pose, name: Pose, empty for AD and RD, and name of the figure.
+        value: The measured figure, m or rad.
+        below: Share of simulated robots with a figure not above it.
+        probability: Probability that a robot of the sheet has, among all figures compared, one as far out as this.
     """
 
     KEYS: ClassVar[Keys] = ("pose=named_pose", "figure=name", "value", "share_below=below", "probability", "differs")
@@ -225,18 +207,13 @@ class ComparedFigure(Record):
 class Comparison(Record):
     """A measured robot beside the forecast.
 
-    Attributes
-    ----------
-    poses
-        Figures of each measured pose.
-    distance
-        Figures of the distance of P2 and P4; ``None`` where they were not both measured.
-    figures
-        Every figure that has a forecast.
-    cycles, robots
-        Cycles measured, and simulated robots.
-    probability
-        Probability that a robot of the sheet has a figure as far out as the one of this robot that lies farthest out.
+    Attributes:
+        poses: Figures of each measured pose.
+        distance: Figures of the distance of P2 and P4; ``None`` where they were not both measured.
+        figures: Every figure that has a forecast.
+        cycles, robots: Cycles measured, and simulated robots.
+        probability: Probability that a robot of the sheet has a figure as far out as the one of this robot that lies
+            farthest out.
     """
 
     KEYS: ClassVar[Keys] = ("cycles", "poses", "distance", "agrees", "probability", "least_probability", "figures")
@@ -393,40 +370,26 @@ def _fitted(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]
 class Iso9283Result(AnalysisResult):
     """The law of every figure of ISO 9283:1998 over built robots and over tests; base axes, m and rad.
 
-    Attributes
-    ----------
-    cycles, robots
-        Cycles of a test, and built robots, each tested once.
-    confidence
-        Confidence of every interval by itself.
-    target
-        The measured point in tool axes, m, ``(3,)``.
-    mass
-        Load: mass at the target beside the loads of the sheet, kg.
-    fit_base
-        Whether the barycentres were aligned to the commanded positions by the best fit over the poses.
-    poses
-        By the name in the standard, P1 …
-    worst
-        AP and RP of the pose where a robot's is the largest.
-    AD, RD
-        Distance accuracy and repeatability between P2 and P4; ``None`` with fewer than four poses.
-    E
-        Exchangeability: the largest distance of the barycentres of five robots at P1; ``None`` where the sheet cannot say.
-    vAP
-        Multi-directional accuracy at P1 over paths along the three base axes; ``None`` where no error follows the direction.
-    RP_bidirectional
-        RP at P1 of the cycles over these three paths together, by the formula of RP; ``None`` where vAP is.
-    drift
-        max |AP_0 - AP_t| at P1 over eight hours from cold; ``None`` where no thermal source has a time constant.
-    cube
-        The cube found within reach; ``None`` where the poses were given.
-    measured
-        A measured robot beside the forecast, of :meth:`compare`.
-    specifications
-        The share of robots that keep each limit in a test.
-    absent
-        Why a figure is ``None``, by its name.
+    Attributes:
+        cycles, robots: Cycles of a test, and built robots, each tested once.
+        confidence: Confidence of every interval by itself.
+        target: The measured point in tool axes, m, ``(3,)``.
+        mass: Load: mass at the target beside the loads of the sheet, kg.
+        fit_base: Whether the barycentres were aligned to the commanded positions by the best fit over the poses.
+        poses: By the name in the standard, P1 …
+        worst: AP and RP of the pose where a robot's is the largest.
+        AD, RD: Distance accuracy and repeatability between P2 and P4; ``None`` with fewer than four poses.
+        E: Exchangeability: the largest distance of the barycentres of five robots at P1; ``None`` where the sheet
+            cannot say.
+        vAP: Multi-directional accuracy at P1 over paths along the three base axes; ``None`` where no error follows the
+            direction.
+        RP_bidirectional: RP at P1 of the cycles over these three paths together, by the formula of RP; ``None`` where
+            vAP is.
+        drift: max |AP_0 - AP_t| at P1 over eight hours from cold; ``None`` where no thermal source has a time constant.
+        cube: The cube found within reach; ``None`` where the poses were given.
+        measured: A measured robot beside the forecast, of :meth:`compare`.
+        specifications: The share of robots that keep each limit in a test.
+        absent: Why a figure is ``None``, by its name.
     """
 
     schema: ClassVar[str] = "precision-pin/iso9283/1"
@@ -486,18 +449,14 @@ class Iso9283Result(AnalysisResult):
     def compare(self, attained: Mapping[str, ArrayLike]) -> Iso9283Result:
         """Return the result with the measured cycles of a robot beside the forecast, as ``measured``.
 
-        Parameters
-        ----------
-        attained
-            Attained positions of the target ``(n, 3)``, or poses ``(n, 4, 4)``, in base axes, m, row j of cycle j; by the name
-            of the pose in the sheet, P1, P2, …, or its number as text. Some of the poses are enough, but for a best fit.
+        Args:
+            attained: Attained positions of the target ``(n, 3)``, or poses ``(n, 4, 4)``, in base axes, m, row j of
+                cycle j; by the name of the pose in the sheet, P1, P2, …, or its number as text. Some of the poses are
+                enough, but for a best fit.
 
-        Raises
-        ------
-        InputError
-            Another shape, another number of cycles than that of the forecast, or no poses.
-        UnknownNameError
-            A pose that the forecast does not have.
+        Raises:
+            InputError: Another shape, another number of cycles than that of the forecast, or no poses.
+            UnknownNameError: A pose that the forecast does not have.
         """
         laws = {name: law for name, law in (("AD", self.AD), ("RD", self.RD)) if law is not None}
         return replace(
@@ -509,10 +468,8 @@ class Iso9283Result(AnalysisResult):
 
         The columns are ``mean``, ``std``, and ``quantile_0.95``, … with ``…_lower`` and ``…_upper``.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         rows = [((pose, name), _columns(law)) for pose, name, law in self.laws()]
         return data_frame(["pose", "figure"], rows, self.settings())

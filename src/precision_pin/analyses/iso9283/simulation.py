@@ -45,22 +45,14 @@ _VISITS: Final = 2**14
 class Setup:
     """What is the same for all robots.
 
-    Attributes
-    ----------
-    layouts
-        The model at each pose.
-    commanded
-        Commanded poses of the tip, ``(P, 4, 4)``.
-    target
-        The measured point in tool axes, m, ``(3,)``.
-    seed, cycles
-        64-bit seed, and cycles of a test.
-    fit_base
-        Whether positions and orientations are aligned by the best fit over the poses.
-    root
-        ``(d, r)``, of `visit_root`.
-    shape
-        ``(P,)``, of `shape_factor`.
+    Attributes:
+        layouts: The model at each pose.
+        commanded: Commanded poses of the tip, ``(P, 4, 4)``.
+        target: The measured point in tool axes, m, ``(3,)``.
+        seed, cycles: 64-bit seed, and cycles of a test.
+        fit_base: Whether positions and orientations are aligned by the best fit over the poses.
+        root: ``(d, r)``, of `visit_root`.
+        shape: ``(P,)``, of `shape_factor`.
     """
 
     layouts: tuple[SamplerArrays, ...]
@@ -84,16 +76,11 @@ class Setup:
 class RobotFigures:
     """Figures of N robots, each tested once, m and rad; the last axis of every array is the robot.
 
-    Attributes
-    ----------
-    AP, RP, RP_limit
-        ``(P, N)``; the last is RP of endless cycles.
-    AP_xyz, AP_abc, RP_abc
-        ``(P, 3, N)``.
-    AD, RD
-        ``(1, N)``, or ``(0, N)`` with fewer than four poses.
-    first
-        Barycentre minus commanded position at P1, without any fit, ``(3, N)``.
+    Attributes:
+        AP, RP, RP_limit: ``(P, N)``; the last is RP of endless cycles.
+        AP_xyz, AP_abc, RP_abc: ``(P, 3, N)``.
+        AD, RD: ``(1, N)``, or ``(0, N)`` with fewer than four poses.
+        first: Barycentre minus commanded position at P1, without any fit, ``(3, N)``.
     """
 
     AP: Array
@@ -264,14 +251,10 @@ def approach_figures(
 ) -> ApproachErrors | None:
     """Return the errors of visits over paths along the base axes; ``None`` where no error follows them.
 
-    Parameters
-    ----------
-    error_model, q
-        The model and joint values of the pose, ``(n,)``.
-    target
-        The measured point in tool axes, m, ``(3,)``.
-    robots, cycles, seed
-        As for :func:`precision_pin.iso9283`; the cycles are those of each path.
+    Args:
+        error_model, q: The model and joint values of the pose, ``(n,)``.
+        target: The measured point in tool axes, m, ``(3,)``.
+        robots, cycles, seed: As for :func:`precision_pin.iso9283`; the cycles are those of each path.
     """
     posture = error_model.at(q).posture
     lever = posture.pose[:3, :3] @ target

@@ -54,14 +54,11 @@ _MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
 class _Layout:
     """How the poses of a map are drawn.
 
-    Attributes
-    ----------
-    kind
-        ``"path"``, ``"list"``, ``"plane"`` or ``"space"``.
-    places
-        Coordinates of each node: time or number, ``(1, N)``; in the plane, m, ``(2, N)``; in space, m, ``(3, N)``.
-    names
-        Names of the axes.
+    Attributes:
+        kind: ``"path"``, ``"list"``, ``"plane"`` or ``"space"``.
+        places: Coordinates of each node: time or number, ``(1, N)``; in the plane, m, ``(2, N)``; in space, m, ``(3,
+            N)``.
+        names: Names of the axes.
     """
 
     kind: str
@@ -107,12 +104,9 @@ def _axis_name(along: Array) -> str:
 def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -> Figure:
     """Return the figure of a quantile of ``"position"`` or ``"attitude"``, 174 mm wide; see :meth:`MapResult.plot`.
 
-    Raises
-    ------
-    UnknownNameError
-        Another quantity.
-    InputError
-        A level that the map has not.
+    Raises:
+        UnknownNameError: Another quantity.
+        InputError: A level that the map has not.
     """
     names = ("position", "attitude")
     if quantity not in names:

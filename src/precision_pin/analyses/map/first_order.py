@@ -30,20 +30,15 @@ from precision_pin.robot.chain import pose_findings
 class FirstOrder:
     """First-order moments at P poses, base axes, m and rad.
 
-    Attributes
-    ----------
-    mean
-        Error with every component at its mean, ``(6, P)``.
-    covariance
-        ``J Σ Jᵀ``, ``(6, 6, P)``.
-    shares
-        Share of each line of sources in the variance of the position, ``(lines, P)``: ``Cov(e_k, e)`` of its part of the
-        error, the Shapley value of the variance of a sum, and the Shapley effect of its numbers in a draw that is divided among
-        lines; zero where the position does not vary.
-    relative_mean, relative_covariance
-        Those of the error minus the error of the same robot at the reference, ``(6, P)`` and ``(6, 6, P)``; empty without one.
-    vectors
-        Each vector of rows of the error that was asked for, with what bounds its law.
+    Attributes:
+        mean: Error with every component at its mean, ``(6, P)``.
+        covariance: ``J Σ Jᵀ``, ``(6, 6, P)``.
+        shares: Share of each line of sources in the variance of the position, ``(lines, P)``: ``Cov(e_k, e)`` of its
+            part of the error, the Shapley value of the variance of a sum, and the Shapley effect of its numbers in a
+            draw that is divided among lines; zero where the position does not vary.
+        relative_mean, relative_covariance: Those of the error minus the error of the same robot at the reference, ``(6,
+            P)`` and ``(6, 6, P)``; empty without one.
+        vectors: Each vector of rows of the error that was asked for, with what bounds its law.
     """
 
     mean: Array
@@ -74,24 +69,16 @@ def first_order(
 ) -> FirstOrder:
     """Return the moments at poses ``(n, P)``.
 
-    Parameters
-    ----------
-    error_model, values, approaches
-        The model, joint values as :meth:`ErrorModel.configurations` returns them, and approaches as
-        :meth:`ErrorModel.approaches_of` does.
-    lines
-        Lines of the shares.
-    reference
-        The model at the pose at which the robot is taught; ``None`` for absolute errors alone.
-    step
-        Called with the number of poses done since the last call.
-    vectors
-        Rows of each vector whose law is to be bounded: those of position or attitude, or a single one.
+    Args:
+        error_model, values, approaches: The model, joint values as :meth:`ErrorModel.configurations` returns them, and
+            approaches as :meth:`ErrorModel.approaches_of` does.
+        lines: Lines of the shares.
+        reference: The model at the pose at which the robot is taught; ``None`` for absolute errors alone.
+        step: Called with the number of poses done since the last call.
+        vectors: Rows of each vector whose law is to be bounded: those of position or attitude, or a single one.
 
-    Raises
-    ------
-    InputError
-        An error is too large to compute with.
+    Raises:
+        InputError: An error is too large to compute with.
     """
     space = error_model.space
     whole, own = space.block_covariance, shared_covariance(space)
@@ -171,19 +158,13 @@ def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, Arr
     ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope: a robot's draws of pose and visit scope
     at different poses are independent. For a pose with itself it is ``J Σ Jᵀ`` of all draws. Base axes, m and rad.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    poses
-        As for :func:`precision_pin.sample_poses`.
+    Args:
+        error_model: Chain, draws and sources.
+        poses: As for :func:`precision_pin.sample_poses`.
 
-    Raises
-    ------
-    InputError
-        Wrong poses, or more than fit into memory.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: Wrong poses, or more than fit into memory.
+        UnknownNameError: No such pose or joint.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     values, _ = error_model.configurations(poses)

@@ -69,29 +69,19 @@ _Slopes = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 class LawShapes:
     """Moments of the d numbers of a space about their means, powers of SI units, ``(d,)`` each.
 
-    Attributes
-    ----------
-    space
-        The draws.
-    normal
-        Covariance of those of the numbers whose sums are normal.
-    proxy
-        Covariance with which a normal vector has exponential moments at least as large.
-    third, fourth_cumulant
-        Of numbers that are independent of all others. Of numbers drawn together the first is 0 and the second a bound of what
-        each adds to that of their sum.
-    together
-        E|x|³ of numbers drawn together, times the square of how many they are; 0 of others.
-    replaced_third, replaced_fourth
-        E|x|³ and ``E x⁴ + 3 σ⁴``, likewise bounds for numbers drawn together; 0 of normal numbers.
-    eighth
-        Bound of ``(E x⁸)^(1/8)``.
-    farthest
-        Largest deviation in any sample.
-    groups
-        Number of the group of numbers that depend on one another.
-    chaos
-        The constant Λ of these laws.
+    Attributes:
+        space: The draws.
+        normal: Covariance of those of the numbers whose sums are normal.
+        proxy: Covariance with which a normal vector has exponential moments at least as large.
+        third, fourth_cumulant: Of numbers that are independent of all others. Of numbers drawn together the first is 0
+            and the second a bound of what each adds to that of their sum.
+        together: E|x|³ of numbers drawn together, times the square of how many they are; 0 of others.
+        replaced_third, replaced_fourth: E|x|³ and ``E x⁴ + 3 σ⁴``, likewise bounds for numbers drawn together; 0 of
+            normal numbers.
+        eighth: Bound of ``(E x⁸)^(1/8)``.
+        farthest: Largest deviation in any sample.
+        groups: Number of the group of numbers that depend on one another.
+        chaos: The constant Λ of these laws.
     """
 
     space: Space
@@ -276,20 +266,13 @@ def _moments(law: Law, std: Array, far: Array) -> tuple[Array, Array, Array]:
 class Vectors:
     """Errors at P poses, each a vector with up to three components.
 
-    Attributes
-    ----------
-    mean, covariance
-        ``(3, P)`` and ``(3, 3, P)``, zero beyond the components.
-    proxy
-        A covariance so large that a normal vector has the larger exponential moments, ``(3, 3, P)``.
-    square_spread
-        Standard deviation of the square, ``(P,)``; an upper bound where numbers are drawn together.
-    replaced
-        Largest difference between the probability of any set and that of the normal law, ``(P,)``.
-    farthest
-        Largest length in any sample, ``(P,)``.
-    remainder
-        Bound of the fourth moment's root of what is beyond first order, ``(P,)``.
+    Attributes:
+        mean, covariance: ``(3, P)`` and ``(3, 3, P)``, zero beyond the components.
+        proxy: A covariance so large that a normal vector has the larger exponential moments, ``(3, 3, P)``.
+        square_spread: Standard deviation of the square, ``(P,)``; an upper bound where numbers are drawn together.
+        replaced: Largest difference between the probability of any set and that of the normal law, ``(P,)``.
+        farthest: Largest length in any sample, ``(P,)``.
+        remainder: Bound of the fourth moment's root of what is beyond first order, ``(P,)``.
     """
 
     mean: Array

@@ -38,16 +38,12 @@ _SMALLER: Final = 0.4
 class PlacesData:
     """Places of a map.
 
-    Attributes
-    ----------
-    positions
-        m, ``(3, M)``.
-    sizes
-        95 % quantile of |d| in closed form, of the worst pose there, m, ``(M,)``; NaN where no joint values are known.
-    scale
-        Colours of the sizes.
-    worst
-        What was found at the worst pose, in words.
+    Attributes:
+        positions: m, ``(3, M)``.
+        sizes: 95 % quantile of |d| in closed form, of the worst pose there, m, ``(M,)``; NaN where no joint values are
+            known.
+        scale: Colours of the sizes.
+        worst: What was found at the worst pose, in words.
     """
 
     positions: Array

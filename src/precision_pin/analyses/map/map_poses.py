@@ -79,44 +79,30 @@ def map_poses(
     exact model, in rounds of more and more of them where it takes more; the worst poses are then sampled again, with draws of
     their own, since the worst of many poses is a biased choice. With ``samples`` the same robots are sampled at every pose.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    poses
-        A :class:`precision_pin.robot.pose_set.PoseSet`, such as a grid; or poses as for :func:`precision_pin.sample_poses`.
-        Where no joint values are known, every number is NaN.
-    samples
-        Number of built robots to sample at every pose; ``None`` for the closed form alone.
-    seed
-        64-bit seed.
-    relative_to
-        A pose, by name or joint values, at which each robot is taught: the error relative to that at this pose is added.
-    specifications
-        Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
-    verify
-        Number of poses, the worst ones, that are sampled to verify them; with 0 nothing is sampled, and no specification is
-        judged. Not used with ``samples``.
-    confidence
-        Confidence of every interval, and of the verdict at every pose by itself.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    threads, processes, executor, tasks_under_way
-        What samples, as in :func:`precision_pin.monte_carlo`; by default a thread for each core. It does not change the
-        result.
-    journal, resume, files, tell
-        With ``samples``: file in which finished poses are saved, and what is resumed from it, as in
-        :func:`precision_pin.sample_poses`.
-    progress
-        Function called with the number of poses done, then of samples added, since its last call; ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        poses: A :class:`precision_pin.robot.pose_set.PoseSet`, such as a grid; or poses as for
+            :func:`precision_pin.sample_poses`. Where no joint values are known, every number is NaN.
+        samples: Number of built robots to sample at every pose; ``None`` for the closed form alone.
+        seed: 64-bit seed.
+        relative_to: A pose, by name or joint values, at which each robot is taught: the error relative to that at this
+            pose is added.
+        specifications: Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
+        verify: Number of poses, the worst ones, that are sampled to verify them; with 0 nothing is sampled, and no
+            specification is judged. Not used with ``samples``.
+        confidence: Confidence of every interval, and of the verdict at every pose by itself.
+        findings: Warnings to include in the result, such as those of the sheet.
+        threads, processes, executor, tasks_under_way: What samples, as in :func:`precision_pin.monte_carlo`; by default
+            a thread for each core. It does not change the result.
+        journal, resume, files, tell: With ``samples``: file in which finished poses are saved, and what is resumed from
+            it, as in :func:`precision_pin.sample_poses`.
+        progress: Function called with the number of poses done, then of samples added, since its last call; ``True``
+            shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong argument; no poses, none whose joint values are known, or more than fit into memory; errors too large to
-        compute with.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: A wrong argument; no poses, none whose joint values are known, or more than fit into memory; errors
+            too large to compute with.
+        UnknownNameError: No such pose or joint.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
@@ -206,12 +192,9 @@ def map_poses(
 def count_steps(poses: int, samples: int | None, verify: int, *, judged: bool = False) -> int:
     """Return the number of progress steps: a step a pose, then a step a sample or, of what takes more of them, a share of it.
 
-    Parameters
-    ----------
-    poses, samples, verify
-        As for `map_poses`.
-    judged
-        Whether there are specifications.
+    Args:
+        poses, samples, verify: As for `map_poses`.
+        judged: Whether there are specifications.
     """
     if samples is not None:
         return poses + poses * samples
@@ -222,12 +205,9 @@ def count_steps(poses: int, samples: int | None, verify: int, *, judged: bool = 
 def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
     """Return poses given in any way as a pose set.
 
-    Raises
-    ------
-    InputError
-        Wrong joint values, or a pose set of another number of joints.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: Wrong joint values, or a pose set of another number of joints.
+        UnknownNameError: No such pose or joint.
     """
     if isinstance(poses, PoseSet):
         if len(poses.q) != len(error_model.chain.joints):

@@ -44,14 +44,10 @@ _WRITTEN, _ENCODING = 40, 250
 class Relative:
     """Error of each robot minus its error at a reference pose, first order, base axes, m and rad.
 
-    Attributes
-    ----------
-    q
-        Joint values of the reference, ``(n,)``.
-    mean, covariance
-        ``(6, P)`` and ``(6, 6, P)``.
-    quantile
-        Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
+    Attributes:
+        q: Joint values of the reference, ``(n,)``.
+        mean, covariance: ``(6, P)`` and ``(6, 6, P)``.
+        quantile: Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
     """
 
     q: Array
@@ -71,32 +67,22 @@ class MapResult(AnalysisResult):
     Moments, quantiles and shares are those of the first-order model, its error taken as normal; their bounds hold for the exact
     model, whatever the laws. What was sampled with it is in ``judged`` and ``sampled``.
 
-    Attributes
-    ----------
-    joints, poses
-        Joints in chain order, and the poses.
-    mean, covariance
-        ``(6, P)`` and ``(6, 6, P)``.
-    quantile
-        Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
-    quantile_bounds
-        Limits between which these quantiles of the exact error lie, the lower ones first, ``(3, 2, 2, P)``.
-    specifications, probability
-        Specifications, and the share of robots inside each, ``(S, P)``.
-    probability_bounds
-        Limits of these shares, the lower ones first, ``(S, 2, P)``.
-    judged
-        What sampled robots say of each specification at each pose.
-    sources, shares
-        Names of the sources, or of what several share, and their shares in the variance of the position, ``(lines, P)``.
-    relative
-        Errors relative to a reference pose; ``None`` without one.
-    sampled
-        The poses that were sampled: all whose joint values are known, or the worst ones to verify the closed form.
-    confidence
-        Confidence of the intervals of what was sampled.
-    grounds
-        What keeps specifications from being judged, and what is taken as exact.
+    Attributes:
+        joints, poses: Joints in chain order, and the poses.
+        mean, covariance: ``(6, P)`` and ``(6, 6, P)``.
+        quantile: Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
+        quantile_bounds: Limits between which these quantiles of the exact error lie, the lower ones first, ``(3, 2, 2,
+            P)``.
+        specifications, probability: Specifications, and the share of robots inside each, ``(S, P)``.
+        probability_bounds: Limits of these shares, the lower ones first, ``(S, 2, P)``.
+        judged: What sampled robots say of each specification at each pose.
+        sources, shares: Names of the sources, or of what several share, and their shares in the variance of the
+            position, ``(lines, P)``.
+        relative: Errors relative to a reference pose; ``None`` without one.
+        sampled: The poses that were sampled: all whose joint values are known, or the worst ones to verify the closed
+            form.
+        confidence: Confidence of the intervals of what was sampled.
+        grounds: What keeps specifications from being judged, and what is taken as exact.
     """
 
     schema: ClassVar[str] = "precision-pin/map/1"
@@ -204,19 +190,13 @@ class MapResult(AnalysisResult):
     def plot(self, quantity: str = "position", level: float = 0.95) -> Figure:
         """Draw a quantile over the poses: a plane of nodes as a heat map, a box in 3-D, a path or a list as a curve.
 
-        Parameters
-        ----------
-        quantity
-            ``"position"`` or ``"attitude"``, for |d| or |δ|.
-        level
-            One of `LEVELS`.
+        Args:
+            quantity: ``"position"`` or ``"attitude"``, for |d| or |δ|.
+            level: One of `LEVELS`.
 
-        Raises
-        ------
-        UnknownNameError
-            Another quantity.
-        InputError
-            Another level.
+        Raises:
+            UnknownNameError: Another quantity.
+            InputError: Another level.
         """
         drawn: Figure = self._output("figure:figure")(self, quantity, level)
         return drawn
@@ -294,10 +274,8 @@ class MapResult(AnalysisResult):
     def to_json(self) -> str:
         """Return the JSON as text.
 
-        Raises
-        ------
-        InputError
-            It would take more memory than there is, or be too large to be read again.
+        Raises:
+            InputError: It would take more memory than there is, or be too large to be read again.
         """
         check_json(
             len(self.poses), len(self.joints), len(self.sources), len(self.specifications), self.relative is not None
@@ -307,10 +285,8 @@ class MapResult(AnalysisResult):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the map as a data frame, m and rad: a row for each pose.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         of, rms, dominant = self.poses, self.rms, self.dominant_source
         specified = [f"inside {one.quantity} {one.limit:g}" for one in self.specifications]
@@ -341,10 +317,8 @@ class MapResult(AnalysisResult):
         reference the same of the relative error as ``relative_…``; of what was sampled ``sampled_quantile_position`` and
         ``…_attitude`` with ``_lower`` and ``_upper``, and of what was judged ``sampled_inside`` alike.
 
-        Raises
-        ------
-        InputError
-            xarray is not installed.
+        Raises:
+            InputError: xarray is not installed.
         """
         of, rms = self.poses, self.rms
         variables: dict[str, Any] = {
@@ -416,12 +390,9 @@ class MapResult(AnalysisResult):
     def to_netcdf(self, path: str | os.PathLike[str]) -> None:
         """Write :meth:`to_xarray` as a netCDF file, whole or not at all.
 
-        Raises
-        ------
-        InputError
-            xarray is not installed.
-        OutputError
-            The file cannot be written.
+        Raises:
+            InputError: xarray is not installed.
+            OutputError: The file cannot be written.
         """
         write_files({check_path("the path of the map", path): bytes(self.to_xarray().to_netcdf())})
 
@@ -467,10 +438,8 @@ class MapResult(AnalysisResult):
 def check_json(poses: int, joints: int, sources: int, specifications: int, is_relative: bool) -> None:
     """Refuse a map whose JSON is too large to be made or to be read again.
 
-    Raises
-    ------
-    InputError
-        It is.
+    Raises:
+        InputError: It is.
     """
     numbers = poses * (71 + joints + sources + 8 * specifications + 54 * is_relative)
     what, instead = (

@@ -36,12 +36,9 @@ NOT_JUDGED: Final = len(_WORST_FIRST)
 class Sampled:
     """Poses that were sampled with the exact model.
 
-    Attributes
-    ----------
-    poses
-        Their numbers in the map, from 0.
-    result
-        Their sampled errors.
+    Attributes:
+        poses: Their numbers in the map, from 0.
+        result: Their sampled errors.
     """
 
     poses: NDArray[np.intp]
@@ -60,14 +57,11 @@ class Sampled:
 class Judged:
     """What sampled robots say of each specification at each of P poses.
 
-    Attributes
-    ----------
-    samples
-        Robots sampled at each pose, ``(P,)``; 0 where it was not sampled.
-    probability, interval
-        Share of them inside and its interval, ``(S, P)`` and ``(S, 2, P)``; NaN where not sampled.
-    order
-        Place of each verdict among those from the worst to the best, ``(S, P)``.
+    Attributes:
+        samples: Robots sampled at each pose, ``(P,)``; 0 where it was not sampled.
+        probability, interval: Share of them inside and its interval, ``(S, P)`` and ``(S, 2, P)``; NaN where not
+            sampled.
+        order: Place of each verdict among those from the worst to the best, ``(S, P)``.
     """
 
     samples: NDArray[np.intp]
@@ -102,16 +96,12 @@ class Judged:
         A verdict errs with at most the probability that the confidence leaves, at each pose by itself: each of the rounds has
         an equal part of it.
 
-        Parameters
-        ----------
-        sample
-            Samples poses of these numbers, with so many robots, and intervals of a confidence; reports its samples.
-        known
-            Poses whose joint values are known, ``(P,)``.
-        specifications, confidence
-            Number of specifications, and the confidence of a verdict.
-        step
-            Takes the progress: `FIRST_ROUND` steps for each pose in each round, however many robots it samples.
+        Args:
+            sample: Samples poses of these numbers, with so many robots, and intervals of a confidence; reports its
+                samples.
+            known: Poses whose joint values are known, ``(P,)``.
+            specifications, confidence: Number of specifications, and the confidence of a verdict.
+            step: Takes the progress: `FIRST_ROUND` steps for each pose in each round, however many robots it samples.
         """
         judged = cls.nothing(specifications, known.size)
         of_round = 1 - (1 - confidence) / len(ROUNDS)
@@ -169,23 +159,17 @@ def _named(order: int) -> Verdict:
 class MapVerdict:
     """Verdict on a specification over the poses of a map whose joint values are known.
 
-    Attributes
-    ----------
-    specification
-        The limit and the share of robots required.
-    worst
-        Number of the worst pose: by the sampled robots or, where none were sampled, in closed form.
-    share, bounds
-        Share inside at that pose in closed form, and the limits that hold whatever the laws.
-    sampled
-        Result of the sampled robots at that pose; ``None`` if it was not sampled.
-    verdict
-        ``"met"`` if it is met at every pose, ``"not met"`` if it is not at some, else ``"undecided"`` or ``"nothing to judge"``,
-        as of single poses; ``"not judged"`` where nothing was sampled.
-    met_at, undecided_at, judged
-        Number of poses at which it is met, at which the samples do not decide, and of those judged.
-    most_samples, needed
-        Most robots sampled at a pose, and about how many would decide every pose; ``None`` if none would.
+    Attributes:
+        specification: The limit and the share of robots required.
+        worst: Number of the worst pose: by the sampled robots or, where none were sampled, in closed form.
+        share, bounds: Share inside at that pose in closed form, and the limits that hold whatever the laws.
+        sampled: Result of the sampled robots at that pose; ``None`` if it was not sampled.
+        verdict: ``"met"`` if it is met at every pose, ``"not met"`` if it is not at some, else ``"undecided"`` or
+            ``"nothing to judge"``, as of single poses; ``"not judged"`` where nothing was sampled.
+        met_at, undecided_at, judged: Number of poses at which it is met, at which the samples do not decide, and of
+            those judged.
+        most_samples, needed: Most robots sampled at a pose, and about how many would decide every pose; ``None`` if
+            none would.
     """
 
     specification: Specification
@@ -238,17 +222,12 @@ def map_verdicts(
 ) -> tuple[MapVerdict, ...]:
     """Return the verdicts.
 
-    Parameters
-    ----------
-    specifications, probability, bounds
-        The specifications, the shares inside in closed form, ``(S, P)``, and their limits, ``(S, 2, P)``; NaN where no joint
-        values are known.
-    judged
-        Verdicts at each pose.
-    worst_first
-        For each specification the numbers of the poses that are known, the worst first.
-    sampled
-        What was sampled to verify.
+    Args:
+        specifications, probability, bounds: The specifications, the shares inside in closed form, ``(S, P)``, and their
+            limits, ``(S, 2, P)``; NaN where no joint values are known.
+        judged: Verdicts at each pose.
+        worst_first: For each specification the numbers of the poses that are known, the worst first.
+        sampled: What was sampled to verify.
     """
     made = []
     for rank, (one, order) in enumerate(zip(specifications, worst_first, strict=True)):

@@ -49,12 +49,9 @@ _AT_ONCE: Final = 128
 def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array]:
     """Return variances and means along the principal axes, ``(3, P)`` each.
 
-    Parameters
-    ----------
-    mean
-        ``(3, P)``.
-    covariance
-        ``(3, 3, P)``.
+    Args:
+        mean: ``(3, P)``.
+        covariance: ``(3, 3, P)``.
     """
     values, vectors = np.linalg.eigh(np.moveaxis(covariance, -1, 0))
     return np.ascontiguousarray(np.maximum(values, 0.0).T), np.einsum("pij,ip->jp", vectors, mean)
@@ -131,10 +128,9 @@ def norm_quantile_slopes(mean: Array, covariance: Array, radii: Array) -> Array:
     when x = r² changes by ``∫ exp(K - t x) dK/t dt / ∫ exp(K - t x) dt``, with ``dK = t tr(W dΣ) + 2 t² mᵀ W dΣ W m`` and
     ``W = (1 - 2 t Σ)⁻¹``.
 
-    Parameters
-    ----------
-    mean, covariance, radii
-        ``(3, P)``, ``(3, 3, P)`` and ``(P,)``; a vector that does not vary has no slopes, and gets zeros.
+    Args:
+        mean, covariance, radii: ``(3, P)``, ``(3, 3, P)`` and ``(P,)``; a vector that does not vary has no slopes, and
+            gets zeros.
     """
     values, vectors = np.linalg.eigh(np.moveaxis(covariance, -1, 0))
     means = np.einsum("pij,ip->jp", vectors, mean)

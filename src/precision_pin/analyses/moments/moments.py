@@ -98,35 +98,25 @@ def moments(
 ) -> MomentsResult:
     """Return mean and covariance of the exact error, and mean and variance of its norms, with their errors.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
-    samples
-        Number of samples at each pose: 32 replicates of a power of two from 32 to 2¹⁹. Memory does not depend on it.
-    seed
-        64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
-    method
-        ``"control"``: random samples, with the tangent and the most important products as control variate. ``"sobol"``:
-        scrambled Sobol points, with the inverse of every law. ``"sobol-control"``: both. ``"plain"``: random samples only.
-        ``"closed"``: no samples, but Taylor terms up to the fourth order in the spread, see
-        :mod:`precision_pin.analyses.moments.moments`.
-    confidence
-        Confidence of each interval by itself.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    progress
-        Function called with the number of samples added since its last call; ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
+            arguments are synonyms.
+        samples: Number of samples at each pose: 32 replicates of a power of two from 32 to 2¹⁹. Memory does not depend
+            on it.
+        seed: 64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
+        method: ``"control"``: random samples, with the tangent and the most important products as control variate.
+            ``"sobol"``: scrambled Sobol points, with the inverse of every law. ``"sobol-control"``: both. ``"plain"``:
+            random samples only. ``"closed"``: no samples, but Taylor terms up to the fourth order in the spread, see
+            :mod:`precision_pin.analyses.moments.moments`.
+        confidence: Confidence of each interval by itself.
+        findings: Warnings to include in the result, such as those of the sheet.
+        progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong pose, seed, number of samples or confidence; errors too large to compute with; more random numbers than a
-        Sobol net has dimensions.
-    UnknownNameError
-        There is no such method.
+    Raises:
+        InputError: A wrong pose, seed, number of samples or confidence; errors too large to compute with; more random
+            numbers than a Sobol net has dimensions.
+        UnknownNameError: There is no such method.
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
@@ -396,16 +386,11 @@ def _controls(means: Array, off: Array) -> Array:
 class ClosedMoments:
     """Mean and covariance of the exact error from the truncated series.
 
-    Attributes
-    ----------
-    mean, covariance
-        ``(6,)`` mean and ``(6, 6)`` covariance.
-    order
-        Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown.
-    last_mean
-        Terms of the mean beyond the second order (order 4), or of the second order (order 2).
-    last_covariance
-        Terms of the covariance beyond the second order; ``None`` at order 2, where there are none.
+    Attributes:
+        mean, covariance: ``(6,)`` mean and ``(6, 6)`` covariance.
+        order: Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown.
+        last_mean: Terms of the mean beyond the second order (order 4), or of the second order (order 2).
+        last_covariance: Terms of the covariance beyond the second order; ``None`` at order 2, where there are none.
     """
 
     mean: Array

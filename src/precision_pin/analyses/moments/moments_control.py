@@ -40,22 +40,14 @@ _ROUNDING: Final = 1e-14
 class Control:
     """Polynomial in the components x, ``e0 + J ξ + Σ c_p ξ_a(p) ξ_b(p)`` with ξ = x minus its mean.
 
-    Attributes
-    ----------
-    mean, covariance
-        ``(6,)`` mean and ``(6, 6)`` covariance of the polynomial.
-    centre
-        ``(d,)`` means of the components.
-    jacobian
-        ``(6, d)`` matrix J.
-    shift
-        ``(6,)`` mean of J x and the products.
-    used
-        ``(U,)`` components that occur in products.
-    first, second
-        ``(P,)`` a and b of every product, as rows of ``used``.
-    coefficients
-        ``(6, P)`` coefficients c.
+    Attributes:
+        mean, covariance: ``(6,)`` mean and ``(6, 6)`` covariance of the polynomial.
+        centre: ``(d,)`` means of the components.
+        jacobian: ``(6, d)`` matrix J.
+        shift: ``(6,)`` mean of J x and the products.
+        used: ``(U,)`` components that occur in products.
+        first, second: ``(P,)`` a and b of every product, as rows of ``used``.
+        coefficients: ``(6, P)`` coefficients c.
     """
 
     mean: Array

@@ -46,14 +46,10 @@ _WORDS: Final[dict[str, str]] = {
 class Measured(Record):
     """Numbers with their standard errors.
 
-    Attributes
-    ----------
-    value
-        Values of any shape; m, rad and products of these; NaN where the samples do not resolve them.
-    standard_error
-        Standard error of each value; ``None`` for a closed form.
-    half_width
-        Half-width of each interval; ``None`` for a closed form.
+    Attributes:
+        value: Values of any shape; m, rad and products of these; NaN where the samples do not resolve them.
+        standard_error: Standard error of each value; ``None`` for a closed form.
+        half_width: Half-width of each interval; ``None`` for a closed form.
     """
 
     value: Array
@@ -73,16 +69,12 @@ class Measured(Record):
 class Remainder(Record):
     """Range of validity of a closed form.
 
-    Attributes
-    ----------
-    order
-        Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown. The first omitted
-        terms are of the next order; with symmetric laws, of the next even order.
-    last_mean
-        ``(6,)`` terms of the mean beyond the second order (at order 2: those of the second), a measure of the omitted
-        terms, not a bound.
-    last_covariance
-        ``(6, 6)`` terms of the covariance beyond J Σ Jᵀ; ``None`` at order 2.
+    Attributes:
+        order: Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown. The
+            first omitted terms are of the next order; with symmetric laws, of the next even order.
+        last_mean: ``(6,)`` terms of the mean beyond the second order (at order 2: those of the second), a measure of
+            the omitted terms, not a bound.
+        last_covariance: ``(6, 6)`` terms of the covariance beyond J Σ Jᵀ; ``None`` at order 2.
     """
 
     order: int
@@ -95,24 +87,15 @@ class Remainder(Record):
 class PoseMoments(Record):
     """Moments at one pose, base axes.
 
-    Attributes
-    ----------
-    pose
-        Name and joint values of the pose.
-    nominal
-        ``(6,)`` error with every component at its mean.
-    mean
-        ``(6,)`` mean of ``[d; δ]``, m and rad.
-    covariance
-        ``(6, 6)`` covariance of ``[d; δ]``.
-    norm_mean, norm_variance
-        ``(2,)`` mean and variance of |d| and |δ|, m and rad; ``None`` for a closed form.
-    remainder
-        Measure of the terms that a closed form omits; ``None`` for samples.
-    first_order_mean, first_order_covariance
-        ``(6,)`` mean and ``(6, 6)`` covariance of the first-order model.
-    warnings
-        One line each.
+    Attributes:
+        pose: Name and joint values of the pose.
+        nominal: ``(6,)`` error with every component at its mean.
+        mean: ``(6,)`` mean of ``[d; δ]``, m and rad.
+        covariance: ``(6, 6)`` covariance of ``[d; δ]``.
+        norm_mean, norm_variance: ``(2,)`` mean and variance of |d| and |δ|, m and rad; ``None`` for a closed form.
+        remainder: Measure of the terms that a closed form omits; ``None`` for samples.
+        first_order_mean, first_order_covariance: ``(6,)`` mean and ``(6, 6)`` covariance of the first-order model.
+        warnings: One line each.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -173,10 +156,8 @@ class PoseMoments(Record):
 class MomentsResult(Result):
     """Mean and covariance of the exact error at one or several poses.
 
-    Attributes
-    ----------
-    method
-        Method of computation; a closed form needs no samples.
+    Attributes:
+        method: Method of computation; a closed form needs no samples.
     """
 
     schema: ClassVar[str] = "precision-pin/moments/1"
@@ -206,10 +187,8 @@ class MomentsResult(Result):
 
         The columns are ``mean`` and ``std``, each with ``_lower`` and ``_upper``. ``attrs`` gives the settings.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         rows = [
             (

@@ -32,10 +32,8 @@ class ErrorAround:
     def at(self, deviations: Array) -> Array:
         """Return the errors ``(6, N)`` at deviations from the means ``(d, N)``.
 
-        Raises
-        ------
-        InputError
-            The error does not exist there.
+        Raises:
+            InputError: The error does not exist there.
         """
         try:
             return sampler.errors_at(self._layout, "exact", self._mean + deviations)
@@ -52,16 +50,11 @@ class ErrorAround:
 class Uncorrelated:
     """Numbers ζ with mean 0 and covariance I, of which the components are an affine map.
 
-    Attributes
-    ----------
-    columns
-        ``(d, K)`` displacement of the components by each number.
-    third, fourth
-        ``(K,)`` third and fourth moments.
-    pairs
-        ``(K, K)`` E ζ_k² ζ_l²; the diagonal is not used.
-    known
-        ``(K,)`` true if the moments up to the fourth are known, and all moments other than these vanish.
+    Attributes:
+        columns: ``(d, K)`` displacement of the components by each number.
+        third, fourth: ``(K,)`` third and fourth moments.
+        pairs: ``(K, K)`` E ζ_k² ζ_l²; the diagonal is not used.
+        known: ``(K,)`` true if the moments up to the fourth are known, and all moments other than these vanish.
     """
 
     columns: Array

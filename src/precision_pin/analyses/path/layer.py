@@ -25,12 +25,9 @@ _WIDEST: Final = 0.025
 class PathLayer:
     """A path and its band.
 
-    Attributes
-    ----------
-    result
-        Law of the errors along the path.
-    scale
-        Colours of the quantile of |d| at each pose.
+    Attributes:
+        result: Law of the errors along the path.
+        scale: Colours of the quantile of |d| at each pose.
     """
 
     result: PathResult

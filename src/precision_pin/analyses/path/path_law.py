@@ -72,40 +72,27 @@ def path_law(
     Every built robot passes all poses. Its draws of unit scope are the same at each, those of pose and visit scope are made at
     each pose, as in :func:`precision_pin.sample_poses`.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    poses
-        The points of the path, two or more: a :class:`precision_pin.robot.pose_set.PoseSet`, such as that of a trajectory, or
-        poses as for :func:`precision_pin.sample_poses`. Only these points are looked at, nothing between them.
-    samples
-        Number of built robots N. As many again set the factor of the simultaneous band.
-    seed
-        64-bit seed.
-    probability
-        Share of the robots that the bands are made for.
-    model
-        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
-    specifications
-        Limits to judge, each kept by a robot only if it keeps it at all points: one or a list, each from
-        :func:`precision_pin.specification` or its text.
-    confidence
-        Confidence of every interval.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    threads
-        Number of threads, by default one for each core. It does not change the result.
-    progress
-        Function called with the number of samples, of all poses together, added since its last call; ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        poses: The points of the path, two or more: a :class:`precision_pin.robot.pose_set.PoseSet`, such as that of a
+            trajectory, or poses as for :func:`precision_pin.sample_poses`. Only these points are looked at, nothing
+            between them.
+        samples: Number of built robots N. As many again set the factor of the simultaneous band.
+        seed: 64-bit seed.
+        probability: Share of the robots that the bands are made for.
+        model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
+        specifications: Limits to judge, each kept by a robot only if it keeps it at all points: one or a list, each
+            from :func:`precision_pin.specification` or its text.
+        confidence: Confidence of every interval.
+        findings: Warnings to include in the result, such as those of the sheet.
+        threads: Number of threads, by default one for each core. It does not change the result.
+        progress: Function called with the number of samples, of all poses together, added since its last call; ``True``
+            shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong argument; fewer than two poses, one without joint values, or more than fit into memory; too few samples for the
-        probability; errors too large to compute with.
-    UnknownNameError
-        No such pose or joint.
+    Raises:
+        InputError: A wrong argument; fewer than two poses, one without joint values, or more than fit into memory; too
+            few samples for the probability; errors too large to compute with.
+        UnknownNameError: No such pose or joint.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)
@@ -229,18 +216,12 @@ def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[SamplerArrays]
 class _AtPose:
     """What a pose yields.
 
-    Attributes
-    ----------
-    pose
-        Its number.
-    sizes
-        |value| of the eight quantities of the first N robots, ``(8, N)``.
-    curve, interval
-        Quantile of |d| and |δ| among them, ``(2,)``, and its interval, ``(2, 2)``, lower ends first.
-    fresh, ratios
-        Norms of the other N robots, and these over the quantile, ``(2, N)``.
-    varies
-        Whether each quantity differs from robot to robot, ``(8,)``.
+    Attributes:
+        pose: Its number.
+        sizes: |value| of the eight quantities of the first N robots, ``(8, N)``.
+        curve, interval: Quantile of |d| and |δ| among them, ``(2,)``, and its interval, ``(2, 2)``, lower ends first.
+        fresh, ratios: Norms of the other N robots, and these over the quantile, ``(2, N)``.
+        varies: Whether each quantity differs from robot to robot, ``(8,)``.
     """
 
     pose: int

@@ -39,12 +39,9 @@ _NORMS: Final = ("position", "attitude")
 class MaximumQuantile:
     """Quantile of the largest error along the path, m or rad.
 
-    Attributes
-    ----------
-    probability
-        Share of the robots whose largest error is not larger.
-    value, interval
-        The quantile and its distribution-free interval; ``None`` where the robots are too few for one.
+    Attributes:
+        probability: Share of the robots whose largest error is not larger.
+        value, interval: The quantile and its distribution-free interval; ``None`` where the robots are too few for one.
     """
 
     probability: float
@@ -57,14 +54,13 @@ class MaximumQuantile:
 class Band(Record):
     """Band below a curve that is to hold the whole error curve of a share of the robots.
 
-    Attributes
-    ----------
-    factor, factor_interval
-        The band is the quantile at each pose times this factor, of the simultaneous band the upper end of the interval.
-        ``None`` where the quantile is zero at every pose; the band is then as high at all of them.
-    coverage, coverage_interval
-        Share of the N robots other than those of the curve that stay below it at every pose, and its Clopper-Pearson
-        interval: the lower end is at least the probability that the simultaneous band is made for.
+    Attributes:
+        factor, factor_interval: The band is the quantile at each pose times this factor, of the simultaneous band the
+            upper end of the interval. ``None`` where the quantile is zero at every pose; the band is then as high at
+            all of them.
+        coverage, coverage_interval: Share of the N robots other than those of the curve that stay below it at every
+            pose, and its Clopper-Pearson interval: the lower end is at least the probability that the simultaneous band
+            is made for.
     """
 
     factor: float | None
@@ -78,34 +74,23 @@ class Band(Record):
 class PathResult(AnalysisResult):
     """Law of a robot's largest error along a path of P poses, and bands for its error over them; m and rad.
 
-    Attributes
-    ----------
-    joints, poses
-        Joints in chain order, and the points of the path.
-    samples, model
-        Number of built robots, N; ``"exact"`` or ``"linear"``.
-    probability, confidence
-        Share of the robots that the bands are made for; confidence of every interval.
-    curve, curve_interval
-        Quantile of |d| and |δ| at each pose, ``(2, P)``, and its interval, ``(2, 2, P)``, lower ends first.
-    largest
-        Largest |value| along the path of each of the eight quantities, from position.norm to attitude.z, of each robot,
-        ``(8, N)``.
-    share_of_maximum
-        Share of the robots with their largest |d| and |δ| at a pose, ``(2, P)``.
-    factor, factor_interval
-        Factor from the curve to the simultaneous band, ``(2,)``, and the interval of the quantile that it is the upper end
-        of, ``(2, 2)``, lower ends first; NaN where the curve is zero.
-    band
-        Height of the simultaneous band of |d| and |δ| at each pose, ``(2, P)``.
-    kept_band, kept_pointwise
-        How many of N fresh robots stay below the simultaneous band, and below the curve itself, at every pose, ``(2,)``.
-    varies
-        Whether each of the eight quantities differs from robot to robot at some pose, ``(8,)``.
-    specifications
-        Limits that are judged.
-    grounds
-        What keeps them from being judged, and what is taken as exact.
+    Attributes:
+        joints, poses: Joints in chain order, and the points of the path.
+        samples, model: Number of built robots, N; ``"exact"`` or ``"linear"``.
+        probability, confidence: Share of the robots that the bands are made for; confidence of every interval.
+        curve, curve_interval: Quantile of |d| and |δ| at each pose, ``(2, P)``, and its interval, ``(2, 2, P)``, lower
+            ends first.
+        largest: Largest |value| along the path of each of the eight quantities, from position.norm to attitude.z, of
+            each robot, ``(8, N)``.
+        share_of_maximum: Share of the robots with their largest |d| and |δ| at a pose, ``(2, P)``.
+        factor, factor_interval: Factor from the curve to the simultaneous band, ``(2,)``, and the interval of the
+            quantile that it is the upper end of, ``(2, 2)``, lower ends first; NaN where the curve is zero.
+        band: Height of the simultaneous band of |d| and |δ| at each pose, ``(2, P)``.
+        kept_band, kept_pointwise: How many of N fresh robots stay below the simultaneous band, and below the curve
+            itself, at every pose, ``(2,)``.
+        varies: Whether each of the eight quantities differs from robot to robot at some pose, ``(8,)``.
+        specifications: Limits that are judged.
+        grounds: What keeps them from being judged, and what is taken as exact.
     """
 
     schema: ClassVar[str] = "precision-pin/path/1"
@@ -258,10 +243,8 @@ class PathResult(AnalysisResult):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the curves as a data frame, m and rad: a row for each pose, with its time where it has one.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         rows = []
         for pose, label in enumerate(self.poses.labels):

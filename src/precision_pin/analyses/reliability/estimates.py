@@ -40,22 +40,14 @@ _AGREEING: Final = 0.99
 class Estimate:
     """Probability of failure with its uncertainty.
 
-    Attributes
-    ----------
-    method
-        ``"sampling"``, ``"importance sampling"`` or ``"subset simulation"``.
-    probability
-        Probability of failure.
-    interval
-        Its interval at the stated confidence.
-    variation
-        Coefficient of variation; infinite if no failure occurred.
-    evaluations
-        Number of evaluations of the error model.
-    resolved
-        True if the estimate is reliable; otherwise ``note`` gives the reason.
-    note
-        Remark, as text.
+    Attributes:
+        method: ``"sampling"``, ``"importance sampling"`` or ``"subset simulation"``.
+        probability: Probability of failure.
+        interval: Its interval at the stated confidence.
+        variation: Coefficient of variation; infinite if no failure occurred.
+        evaluations: Number of evaluations of the error model.
+        resolved: True if the estimate is reliable; otherwise ``note`` gives the reason.
+        note: Remark, as text.
     """
 
     method: str
@@ -84,16 +76,11 @@ class Estimate:
 class Verdict:
     """Choice of the estimate to use.
 
-    Attributes
-    ----------
-    best
-        The estimate.
-    resolved
-        True if it is resolved; otherwise it is plain sampling's, of which only the interval is meaningful.
-    reason
-        Reason why it is not resolved; empty if it is.
-    contradictions
-        Contradictions between estimates, one line each.
+    Attributes:
+        best: The estimate.
+        resolved: True if it is resolved; otherwise it is plain sampling's, of which only the interval is meaningful.
+        reason: Reason why it is not resolved; empty if it is.
+        contradictions: Contradictions between estimates, one line each.
     """
 
     best: Estimate

@@ -52,16 +52,11 @@ _BULGE_STARTS: Final = 8
 class DesignPoint:
     """Point of the failure surface nearest to the origin among its neighbours.
 
-    Attributes
-    ----------
-    u
-        ``(d,)`` standard normal numbers.
-    beta
-        Distance from the origin, negative if the origin itself fails.
-    importance
-        ``(d,)`` squared components of the unit vector towards the point, with the sum 1.
-    stratum
-        Number of the stratum of the normal numbers.
+    Attributes:
+        u: ``(d,)`` standard normal numbers.
+        beta: Distance from the origin, negative if the origin itself fails.
+        importance: ``(d,)`` squared components of the unit vector towards the point, with the sum 1.
+        stratum: Number of the stratum of the normal numbers.
     """
 
     u: Array
@@ -83,14 +78,10 @@ class DesignPoint:
 class Form:
     """Result of the search.
 
-    Attributes
-    ----------
-    points
-        Distinct design points, nearest first; empty if the searches found none within 8.2.
-    starts
-        Number of starting points.
-    bounds
-        Range of the probability for several strata together; otherwise it follows from the points.
+    Attributes:
+        points: Distinct design points, nearest first; empty if the searches found none within 8.2.
+        starts: Number of starting points.
+        bounds: Range of the probability for several strata together; otherwise it follows from the points.
     """
 
     points: tuple[DesignPoint, ...]

@@ -59,16 +59,11 @@ _FITTED: Final = 0.7
 class _Proposal:
     """Mixture of the law itself and normal laws about centres; half of the samples keep to the pieces of their centre.
 
-    Attributes
-    ----------
-    centres, widths
-        ``(d, C)`` means and standard deviations; 0 and 1 for numbers with jumps.
-    shares
-        ``(C,)`` shares of the centres; the remainder to 1 is the share of the law itself.
-    jumps
-        Numbers with jumps.
-    pieces
-        ``(len(jumps), C)`` piece of each such number for each centre.
+    Attributes:
+        centres, widths: ``(d, C)`` means and standard deviations; 0 and 1 for numbers with jumps.
+        shares: ``(C,)`` shares of the centres; the remainder to 1 is the share of the law itself.
+        jumps: Numbers with jumps.
+        pieces: ``(len(jumps), C)`` piece of each such number for each centre.
     """
 
     centres: Array
@@ -150,20 +145,13 @@ def importance_sampling(
     gives a lower bound of the standard error. The share of these in regions with hardly any sample raises the upper end of
     the interval.
 
-    Parameters
-    ----------
-    margin, size
-        Limit state, and number of its normal numbers.
-    points
-        Design points, nearest first.
-    seed, samples, confidence
-        Seed and number of the samples; confidence of the interval.
-    failures
-        Failures ``(d, F)``, with the conditional distribution of failures.
-    expected
-        Probability of failure, as far as known.
-    jumps
-        Numbers with jumps in their values.
+    Args:
+        margin, size: Limit state, and number of its normal numbers.
+        points: Design points, nearest first.
+        seed, samples, confidence: Seed and number of the samples; confidence of the interval.
+        failures: Failures ``(d, F)``, with the conditional distribution of failures.
+        expected: Probability of failure, as far as known.
+        jumps: Numbers with jumps in their values.
     """
     generator = np.random.Generator(np.random.Philox(seed))
     if expected >= _OFTEN:
@@ -295,16 +283,11 @@ _TOLD: Final = 160
 class Subset:
     """Result of subset simulation.
 
-    Attributes
-    ----------
-    estimate
-        Estimate of the probability.
-    failures
-        ``(d, F)`` failures of all replicates in turn, with the conditional distribution of failures.
-    counted
-        Number of failures among the samples of the first level, and number of these samples.
-    highest
-        Largest probability of a replicate, or of the last level of a replicate without failure.
+    Attributes:
+        estimate: Estimate of the probability.
+        failures: ``(d, F)`` failures of all replicates in turn, with the conditional distribution of failures.
+        counted: Number of failures among the samples of the first level, and number of these samples.
+        highest: Largest probability of a replicate, or of the last level of a replicate without failure.
     """
 
     estimate: Estimate

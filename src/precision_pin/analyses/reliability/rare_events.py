@@ -39,18 +39,12 @@ _MARGIN_OF_BOUND: Final = 10.0
 class RareEvents:
     """Results of all methods.
 
-    Attributes
-    ----------
-    estimates
-        Estimates, plain sampling first.
-    verdict
-        Choice of the estimate to use.
-    form
-        Design points of all strata, nearest first.
-    strata
-        Evaluated strata; the remainder was not evaluated.
-    remarks
-        Differences between FORM and the estimate, one line each.
+    Attributes:
+        estimates: Estimates, plain sampling first.
+        verdict: Choice of the estimate to use.
+        form: Design points of all strata, nearest first.
+        strata: Evaluated strata; the remainder was not evaluated.
+        remarks: Differences between FORM and the estimate, one line each.
     """
 
     estimates: tuple[Estimate, ...]
@@ -79,18 +73,12 @@ def rare_events(
 ) -> RareEvents:
     """Return the probability that a margin is below zero, by all methods.
 
-    Parameters
-    ----------
-    space
-        The draws.
-    margin
-        Margin to failure, ``(N,)``, for component values ``(d, N)``.
-    starts
-        Starting points of FORM, standard normal numbers ``(d,)``.
-    plain
-        Estimate by plain sampling.
-    seed, confidence
-        Seed of the sampling, confidence of the intervals.
+    Args:
+        space: The draws.
+        margin: Margin to failure, ``(N,)``, for component values ``(d, N)``.
+        starts: Starting points of FORM, standard normal numbers ``(d,)``.
+        plain: Estimate by plain sampling.
+        seed, confidence: Seed of the sampling, confidence of the intervals.
     """
     if not space.size:
         verdict, nothing = judged([plain]), Form((), 0)

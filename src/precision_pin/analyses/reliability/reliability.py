@@ -62,26 +62,19 @@ def reliability(
 ) -> ReliabilityResult:
     """Return the probability that the exact model's error keeps each specification, by several methods.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    specifications
-        Limits of position, attitude or a component, one or a list, each from :func:`precision_pin.specification` or its
-        text.
-    pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
-    seed, samples, confidence
-        Seed and confidence of all methods; number of plain samples.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    progress
-        Function called with the number of plain samples added since its last call; ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        specifications: Limits of position, attitude or a component, one or a list, each from
+            :func:`precision_pin.specification` or its text.
+        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
+            arguments are synonyms.
+        seed, samples, confidence: Seed and confidence of all methods; number of plain samples.
+        findings: Warnings to include in the result, such as those of the sheet.
+        progress: Function called with the number of plain samples added since its last call; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        No specification, a wrong pose, seed, number of samples or confidence, or errors too large to compute with.
+    Raises:
+        InputError: No specification, a wrong pose, seed, number of samples or confidence, or errors too large to
+            compute with.
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress

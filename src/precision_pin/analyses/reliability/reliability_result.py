@@ -41,16 +41,11 @@ ASSUMPTIONS: Final = (
 class LikelyFailure(Record):
     """Design point in terms of the model's parameters.
 
-    Attributes
-    ----------
-    beta, probability
-        Reliability index and Φ(-β).
-    parameters
-        Value of each component at the point, SI.
-    error
-        ``(6,)`` exact error at the point, m and rad.
-    importance
-        Share of each draw (correlated draws together) in β², in descending order; the sum is 1.
+    Attributes:
+        beta, probability: Reliability index and Φ(-β).
+        parameters: Value of each component at the point, SI.
+        error: ``(6,)`` exact error at the point, m and rad.
+        importance: Share of each draw (correlated draws together) in β², in descending order; the sum is 1.
     """
 
     KEYS: ClassVar[Keys] = ("beta", "probability", "parameters", "error=parts", "importance")
@@ -72,32 +67,20 @@ class LikelyFailure(Record):
 class SpecificationReliability(Record):
     """Reliability for one specification at one pose.
 
-    Attributes
-    ----------
-    specification
-        The specification.
-    estimates
-        Estimates of the probability of failure, plain sampling first.
-    best
-        The estimate to use.
-    resolved
-        True if ``best`` is resolved; otherwise it is plain sampling's, of which only the interval is meaningful.
-    reason
-        Reason why it is not resolved.
-    form
-        Design points of FORM.
-    failures
-        The nearest design points in terms of the model's parameters.
-    contradictions
-        Contradictions between methods, one line each.
-    remarks
-        Differences between FORM and the best estimate, one line each. They are common and no contradiction.
-    strata
-        Strata by the rare values of laws with jumps, and the probability outside the strata.
-    varies
-        True if the quantity differs from robot to robot.
-    grounds
-        What keeps it from being judged, and what it takes as exact.
+    Attributes:
+        specification: The specification.
+        estimates: Estimates of the probability of failure, plain sampling first.
+        best: The estimate to use.
+        resolved: True if ``best`` is resolved; otherwise it is plain sampling's, of which only the interval is
+            meaningful.
+        reason: Reason why it is not resolved.
+        form: Design points of FORM.
+        failures: The nearest design points in terms of the model's parameters.
+        contradictions: Contradictions between methods, one line each.
+        remarks: Differences between FORM and the best estimate, one line each. They are common and no contradiction.
+        strata: Strata by the rare values of laws with jumps, and the probability outside the strata.
+        varies: True if the quantity differs from robot to robot.
+        grounds: What keeps it from being judged, and what it takes as exact.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -237,17 +220,12 @@ class ReliabilityResult(Result):
         ``form`` and ``beta`` of the nearest design point. Methods have ``failure``, ``variation``, ``evaluations`` and
         ``resolved``. ``attrs`` gives the settings.
 
-        Parameters
-        ----------
-        lines
-            Kind of rows: ``"specifications"`` or ``"methods"``.
+        Args:
+            lines: Kind of rows: ``"specifications"`` or ``"methods"``.
 
-        Raises
-        ------
-        UnknownNameError
-            There is no such kind.
-        InputError
-            pandas is not installed.
+        Raises:
+            UnknownNameError: There is no such kind.
+            InputError: pandas is not installed.
         """
         if lines not in ("specifications", "methods"):
             raise UnknownNameError("table of a reliability analysis", lines, ("specifications", "methods"))

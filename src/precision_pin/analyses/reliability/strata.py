@@ -47,12 +47,9 @@ _LEAST_PROBABILITY: Final = 1e-16
 class Jump:
     """Normal number whose value has jumps.
 
-    Attributes
-    ----------
-    row
-        Row of the normal number.
-    edges
-        ``(k + 1,)`` values of Φ(u), ascending from 0 to 1; the number jumps at all except the outer ones.
+    Attributes:
+        row: Row of the normal number.
+        edges: ``(k + 1,)`` values of Φ(u), ascending from 0 to 1; the number jumps at all except the outer ones.
     """
 
     row: int
@@ -86,18 +83,13 @@ class Jump:
 class Stratum:
     """Stratum: some draws restricted to some of their values, in one or several combinations.
 
-    Attributes
-    ----------
-    space
-        The draws.
-    probability
-        Probability of the stratum.
-    cuts
-        For each restricted draw, the groups of intervals ``(k, 2)`` of its uniform number; the first is the usual one.
-    combinations
-        Combinations of the stratum: one group of each such draw.
-    shares
-        ``(combinations,)`` shares in the stratum, with the sum 1.
+    Attributes:
+        space: The draws.
+        probability: Probability of the stratum.
+        cuts: For each restricted draw, the groups of intervals ``(k, 2)`` of its uniform number; the first is the usual
+            one.
+        combinations: Combinations of the stratum: one group of each such draw.
+        shares: ``(combinations,)`` shares in the stratum, with the sum 1.
     """
 
     space: Space
@@ -254,12 +246,9 @@ def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
     of groups: first the usual groups of all draws, then combinations of similar probability together, at most 64 in a stratum
     and 32 strata.
 
-    Parameters
-    ----------
-    space
-        The draws.
-    margin
-        Margin to failure, ``(N,)``, for component values ``(d, N)``.
+    Args:
+        space: The draws.
+        margin: Margin to failure, ``(N,)``, for component values ``(d, N)``.
     """
     remainder = 0.0
     groups: dict[str, list[Array]] = {}

@@ -164,18 +164,12 @@ class _Described(Body):
 class Supports:
     """Supports of all draws of a space, as deviations from the means.
 
-    Attributes
-    ----------
-    space
-        The draws.
-    names
-        Name of each body: its draw, or its correlated normal draws joined by commas.
-    columns
-        Components of each body.
-    bodies
-        Bodies of the possible deviations.
-    cut
-        Names of the draws with an unbounded law, which was cut.
+    Attributes:
+        space: The draws.
+        names: Name of each body: its draw, or its correlated normal draws joined by commas.
+        columns: Components of each body.
+        bodies: Bodies of the possible deviations.
+        cut: Names of the draws with an unbounded law, which was cut.
     """
 
     space: Space
@@ -196,10 +190,8 @@ class Supports:
         deviations. Correlated normal laws are treated as one joint normal law. Other correlated draws keep their own
         supports: a copula with correlations between -1 and 1 excludes no combination.
 
-        Raises
-        ------
-        InputError
-            k is not positive and finite, or a law of several numbers is unbounded and of unknown form.
+        Raises:
+            InputError: k is not positive and finite, or a law of several numbers is unbounded and of unknown form.
         """
         k = check_number("k, where unbounded laws are cut,", k, "positive and finite", lambda value: value > 0)
         cut = tuple(draw.name for draw in space.draws if not _is_bounded(draw.law))

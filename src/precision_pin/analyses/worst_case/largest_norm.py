@@ -39,16 +39,11 @@ _CHUNK: Final = 2**15
 class Farthest:
     """Bounds of the largest |z| over a body.
 
-    Attributes
-    ----------
-    direction
-        ``(3,)`` unit vector u to the farthest point found.
-    lower
-        Distance |z| of that point.
-    upper
-        Upper bound of all distances.
-    cells
-        Number of spherical triangles evaluated; 0 where a bound in closed form was sufficient.
+    Attributes:
+        direction: ``(3,)`` unit vector u to the farthest point found.
+        lower: Distance |z| of that point.
+        upper: Upper bound of all distances.
+        cells: Number of spherical triangles evaluated; 0 where a bound in closed form was sufficient.
     """
 
     direction: Array
@@ -74,18 +69,14 @@ def farthest(
 ) -> Farthest:
     """Return the largest distance of a convex body from the origin.
 
-    Parameters
-    ----------
-    heights
-        Support function: h(u) ``(N,)`` for directions u ``(N, 3)``.
-    touch
-        Function that returns points of the body ``(N, 3)``, each the farthest along one of the directions. It is used for
-        the local ascent only.
-    bound
-        Function that returns an upper bound of the largest |z|, given the direction of the best point found; infinite where
-        unknown. It is evaluated before the search, which is skipped if this bound is tight.
-    most_cells
-        Number of triangles at which the search ends; the upper bound is then the largest bound of the remaining ones.
+    Args:
+        heights: Support function: h(u) ``(N,)`` for directions u ``(N, 3)``.
+        touch: Function that returns points of the body ``(N, 3)``, each the farthest along one of the directions. It is
+            used for the local ascent only.
+        bound: Function that returns an upper bound of the largest |z|, given the direction of the best point found;
+            infinite where unknown. It is evaluated before the search, which is skipped if this bound is tight.
+        most_cells: Number of triangles at which the search ends; the upper bound is then the largest bound of the
+            remaining ones.
     """
 
     def search(directions: Array) -> Array:
@@ -128,12 +119,9 @@ def quadratic_bound(centre: Array, roots: list[Array], direction: Array) -> floa
     is then the maximum of a quadratic function on the sphere. Its dual, min over λ of λ + ¼ cᵀ(λ - Q)⁻¹c, bounds this maximum
     tightly (Sorensen, SIAM Journal on Numerical Analysis 19, 1982).
 
-    Parameters
-    ----------
-    centre, roots
-        Centre ``(3,)`` and roots ``(3, p)`` of the body.
-    direction
-        Unit vector, ``(3,)``.
+    Args:
+        centre, roots: Centre ``(3,)`` and roots ``(3, p)`` of the body.
+        direction: Unit vector, ``(3,)``.
     """
     quadratic, constant = np.zeros((3, 3)), 0.0
     scale = max((float(np.abs(root).max(initial=0.0)) for root in roots), default=0.0)

@@ -75,25 +75,18 @@ def worst_case(
     :mod:`precision_pin.analyses.worst_case.largest_norm`. Where the load of each robot decides on which side a play is taken
     up, the bound is the largest over all sides, possible for one robot or not.
 
-    Parameters
-    ----------
-    error_model
-        Chain, draws and sources.
-    pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
-    seed, samples, confidence
-        Seed, number and confidence of the samples of the exact model for comparison.
-    k
-        Number of standard deviations at which unbounded laws are cut.
-    findings
-        Warnings to include in the result, such as those of the sheet.
-    progress
-        Function called with the number of samples added since its last call; ``True`` shows a bar.
+    Args:
+        error_model: Chain, draws and sources.
+        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
+            arguments are synonyms.
+        seed, samples, confidence: Seed, number and confidence of the samples of the exact model for comparison.
+        k: Number of standard deviations at which unbounded laws are cut.
+        findings: Warnings to include in the result, such as those of the sheet.
+        progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
-    Raises
-    ------
-    InputError
-        A wrong pose, seed, k or number of samples, an unbounded law that cannot be cut, or errors too large to compute.
+    Raises:
+        InputError: A wrong pose, seed, k or number of samples, an unbounded law that cannot be cut, or errors too large
+            to compute.
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
@@ -219,12 +212,9 @@ def _bound(
 def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthest:
     """Return the largest norm of e0 + J (x - x̄) over the supports.
 
-    Parameters
-    ----------
-    error, jacobian
-        e0 ``(3,)`` and J ``(3, d)``.
-    supports
-        Supports of the d components.
+    Args:
+        error, jacobian: e0 ``(3,)`` and J ``(3, d)``.
+        supports: Supports of the d components.
     """
 
     def heights(directions: Array) -> Array:

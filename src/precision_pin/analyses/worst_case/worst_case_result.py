@@ -35,16 +35,11 @@ _ROUNDING: Final = 1e-14
 class Contribution:
     """Contribution of a draw to the worst first-order error of a norm.
 
-    Attributes
-    ----------
-    draw
-        Name of the draw; names of correlated normal draws are joined by commas.
-    components
-        Names of its numbers.
-    value
-        Contribution, m or rad; not negative if the mean lies within the range of the draw.
-    at
-        Values of its numbers at the worst case, with suitable units.
+    Attributes:
+        draw: Name of the draw; names of correlated normal draws are joined by commas.
+        components: Names of its numbers.
+        value: Contribution, m or rad; not negative if the mean lies within the range of the draw.
+        at: Values of its numbers at the worst case, with suitable units.
     """
 
     draw: str
@@ -69,14 +64,10 @@ class ComponentBound:
 class ExactMaximum(Record):
     """Largest error of the exact model found by local search, a lower bound of the maximum.
 
-    Attributes
-    ----------
-    norm, error
-        |d| or |δ| (m, rad) and the whole error ``(6,)``.
-    parameters
-        Values of all components at this error, SI.
-    starts
-        Number of starting points of the search.
+    Attributes:
+        norm, error: |d| or |δ| (m, rad) and the whole error ``(6,)``.
+        parameters: Values of all components at this error, SI.
+        starts: Number of starting points of the search.
     """
 
     norm: float
@@ -90,26 +81,17 @@ class ExactMaximum(Record):
 class NormBound(Record):
     """Worst case of |d| or |δ|.
 
-    Attributes
-    ----------
-    quantity
-        ``"position.norm"`` or ``"attitude.norm"``.
-    first_order
-        Largest norm of the first-order model, and the direction of that error.
-    nominal
-        Contribution of the error at the means, u·e0 along that direction u (m, rad).
-    contributions
-        Contribution of each draw, h(Jᵀu), in descending order; with ``nominal`` their sum is the worst case.
-    parameters
-        Values of the components at the worst case, SI.
-    exact_error
-        ``(6,)`` error of the exact model at these values.
-    exact_norm
-        Norm of this error.
-    found
-        Largest error of the exact model found by the search.
-    seen
-        Distribution of the samples; its ``max`` is the largest sampled value.
+    Attributes:
+        quantity: ``"position.norm"`` or ``"attitude.norm"``.
+        first_order: Largest norm of the first-order model, and the direction of that error.
+        nominal: Contribution of the error at the means, u·e0 along that direction u (m, rad).
+        contributions: Contribution of each draw, h(Jᵀu), in descending order; with ``nominal`` their sum is the worst
+            case.
+        parameters: Values of the components at the worst case, SI.
+        exact_error: ``(6,)`` error of the exact model at these values.
+        exact_norm: Norm of this error.
+        found: Largest error of the exact model found by the search.
+        seen: Distribution of the samples; its ``max`` is the largest sampled value.
     """
 
     KEYS: ClassVar[Keys] = ("first_order=bound", "exact_there", "exact_found", "seen=sampled")
@@ -165,16 +147,11 @@ class NormBound(Record):
 class PoseWorstCase(Record):
     """Worst case at one pose.
 
-    Attributes
-    ----------
-    pose
-        Name and joint values of the pose.
-    error_at_means
-        ``(6,)`` error at the means, e0.
-    components
-        Bounds of the six components of the error.
-    position, attitude
-        Worst cases of |d| and |δ|.
+    Attributes:
+        pose: Name and joint values of the pose.
+        error_at_means: ``(6,)`` error at the means, e0.
+        components: Bounds of the six components of the error.
+        position, attitude: Worst cases of |d| and |δ|.
     """
 
     KEYS: ClassVar[Keys] = ("pose", "nominal", "components=bounds", "position", "attitude")
@@ -201,14 +178,10 @@ class PoseWorstCase(Record):
 class WorstCaseResult(Result):
     """Worst case at one or several poses, with samples of the exact model for comparison.
 
-    Attributes
-    ----------
-    k
-        Number of standard deviations at which unbounded laws are cut.
-    cut
-        Draws whose laws were cut.
-    draws
-        Number of draws.
+    Attributes:
+        k: Number of standard deviations at which unbounded laws are cut.
+        cut: Draws whose laws were cut.
+        draws: Number of draws.
     """
 
     schema: ClassVar[str] = "precision-pin/worst-case/1"
@@ -254,10 +227,8 @@ class WorstCaseResult(Result):
         ``exact_found`` the largest norm found by the search (norms only). ``seen_min`` and ``seen_max`` are the smallest and
         largest sampled values. ``attrs`` gives the settings.
 
-        Raises
-        ------
-        InputError
-            pandas is not installed.
+        Raises:
+            InputError: pandas is not installed.
         """
         rows = [
             ((label, quantity), columns)

@@ -25,20 +25,15 @@ from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm
 class JointNormal(Law):
     """Several jointly normal numbers.
 
-    Parameters
-    ----------
-    matrix
-        Covariance, row by row; symmetric and positive semi-definite.
-    centre
-        Mean, zero if left out.
-    bounds
-        Lowest and highest value of each number, infinite for none, as a calibration leaves them: a sample beyond is put on
-        its bound. Mean, covariance and characteristic function are those without bounds. No bounds if left out.
+    Args:
+        matrix: Covariance, row by row; symmetric and positive semi-definite.
+        centre: Mean, zero if left out.
+        bounds: Lowest and highest value of each number, infinite for none, as a calibration leaves them: a sample
+            beyond is put on its bound. Mean, covariance and characteristic function are those without bounds. No bounds
+            if left out.
 
-    Raises
-    ------
-    InputError
-        The matrix is not square, not symmetric or not positive semi-definite, or a bound is none.
+    Raises:
+        InputError: The matrix is not square, not symmetric or not positive semi-definite, or a bound is none.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"

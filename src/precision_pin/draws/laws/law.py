@@ -44,14 +44,10 @@ class Law(ABC):
     :meth:`sample` is all that a law of one number needs; what else there is then follows from its quantiles, and the compiled
     loops draw from straight lines between them. A closed form overrides what follows so.
 
-    Attributes
-    ----------
-    variates
-        The input of :meth:`sample`: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
-    form
-        Its form in a sheet; without a key if no sheet can name it.
-    is_normal
-        True if sums of its numbers are normal; also true of numbers that do not vary.
+    Attributes:
+        variates: The input of :meth:`sample`: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
+        form: Its form in a sheet; without a key if no sheet can name it.
+        is_normal: True if sums of its numbers are normal; also true of numbers that do not vary.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "uniform"
@@ -62,10 +58,8 @@ class Law(ABC):
     def from_sheet(cls, reader: SheetReader) -> Law:
         """Return the law written in a sheet: the size under its key, and the options that are given, by their names.
 
-        Raises
-        ------
-        InputError
-            A setting is wrong.
+        Raises:
+            InputError: A setting is wrong.
         """
         size = reader.half_width(cls.form.key)
         given = [option for option in cls.form.options if option.key in reader.settings]
@@ -149,10 +143,8 @@ class Law(ABC):
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return the law in words.
 
-        Parameters
-        ----------
-        quantities
-            The quantity of each number; None where it is unknown, and the number is then written in SI.
+        Args:
+            quantities: The quantity of each number; None where it is unknown, and the number is then written in SI.
         """
         name = type(self).__name__
         if self.size > 1:
@@ -162,10 +154,8 @@ class Law(ABC):
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
         """Return its range in short: ``±0.3 mm``, ``0 mm to 2 mm``, ``σ 0.1 mm``; empty where no quantity is known.
 
-        Parameters
-        ----------
-        quantities
-            The quantity of each number.
+        Args:
+            quantities: The quantity of each number.
         """
         quantity = quantities[0] if quantities else None
         if quantity is None or not quantity.si or any(other != quantity for other in quantities):
@@ -187,10 +177,8 @@ class Law(ABC):
 
         They are the ends of its support. For a law made from normal numbers they are its values at ±8.6 standard deviations.
 
-        Raises
-        ------
-        InputError
-            The law has no such number.
+        Raises:
+            InputError: The law has no such number.
         """
         check_whole("the index of a number of the law", number, 0, self.size - 1)
         direction = np.zeros(self.size)
@@ -251,13 +239,10 @@ class Law(ABC):
 
         None if the mean at a given score of the other number is unknown.
 
-        Parameters
-        ----------
-        correlation
-            Of the two normal scores.
-        nodes
-            Takes a distance beyond the usual range. Returns the scores z of the other number up to there, and
-            (value - mean) × density × weight at each.
+        Args:
+            correlation: Of the two normal scores.
+            nodes: Takes a distance beyond the usual range. Returns the scores z of the other number up to there, and
+                (value - mean) × density × weight at each.
         """
         del correlation, nodes
         return None
@@ -292,10 +277,8 @@ def cumulative(scores: Array) -> Array:
 def take_size(law: Law, field: str, what: str, *, zero: bool = True) -> None:
     """Store a field as a float; refuse all but finite numbers of zero or more (above zero without ``zero``).
 
-    Raises
-    ------
-    InputError
-        The field is something else.
+    Raises:
+        InputError: The field is something else.
     """
     allowed = f"{'zero or more' if zero else 'positive'} and finite"
     size = check_number(what, getattr(law, field), allowed, lambda value: value > 0 or (value == 0 and zero))
@@ -305,10 +288,8 @@ def take_size(law: Law, field: str, what: str, *, zero: bool = True) -> None:
 def take_number(law: Law, field: str, what: str) -> None:
     """Store a field as a float; refuse all but finite numbers.
 
-    Raises
-    ------
-    InputError
-        The field is something else.
+    Raises:
+        InputError: The field is something else.
     """
     object.__setattr__(law, field, check_number(what, getattr(law, field)))
 
@@ -316,10 +297,8 @@ def take_number(law: Law, field: str, what: str) -> None:
 def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Array:
     """Store a field as tuples of floats and return the array; refuse all but finite numbers in rows of one length.
 
-    Raises
-    ------
-    InputError
-        The field is something else.
+    Raises:
+        InputError: The field is something else.
     """
     given = getattr(law, field)
     if isinstance(given, list | tuple) and all(isinstance(row, list | tuple) for row in given):
@@ -359,14 +338,12 @@ Branch = Literal[
 class KernelRow:
     """The row of a law in the tables of the compiled loops.
 
-    Attributes
-    ----------
-    branch
-        The loop that turns its variates into its numbers.
-    numbers
-        The loop's parameters, ``(n,)``, or a table of them, ``(r, c)``: see :class:`precision_pin.kernel.loops.Draws`.
-    intervals
-        Bounds of each number in the loop, if they differ from :meth:`~precision_pin.draws.laws.Law.interval`.
+    Attributes:
+        branch: The loop that turns its variates into its numbers.
+        numbers: The loop's parameters, ``(n,)``, or a table of them, ``(r, c)``: see
+            :class:`precision_pin.kernel.loops.Draws`.
+        intervals: Bounds of each number in the loop, if they differ from
+            :meth:`~precision_pin.draws.laws.Law.interval`.
     """
 
     branch: Branch
@@ -422,18 +399,14 @@ def _values(law: Law, scores: Array) -> Array:
 class Series:
     """Legendre series of the density of a law of one number, about its mean.
 
-    Attributes
-    ----------
-    points, weights
-        Values and their probabilities, ``(panels, nodes)``.
-    low, high
-        Ends of the panels, ``(panels,)``.
-    moments
-        E of the Legendre polynomials in each panel, ``(panels, terms)``; zero of all but the first in a narrow panel.
-    cells
-        Density in cells of rising values, ``(cells,)``, zero in gaps, infinite for values with a probability of their own.
-    shares
-        Probability of each cell, ``(cells,)``.
+    Attributes:
+        points, weights: Values and their probabilities, ``(panels, nodes)``.
+        low, high: Ends of the panels, ``(panels,)``.
+        moments: E of the Legendre polynomials in each panel, ``(panels, terms)``; zero of all but the first in a narrow
+            panel.
+        cells: Density in cells of rising values, ``(cells,)``, zero in gaps, infinite for values with a probability of
+            their own.
+        shares: Probability of each cell, ``(cells,)``.
     """
 
     points: Array

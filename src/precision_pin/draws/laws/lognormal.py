@@ -74,12 +74,9 @@ class Lognormal(Law):
     With mean m and standard deviation s of the number itself, its logarithm has the variance σ² = ln(1 + s²/m²) and the
     mean ln m - σ²/2 (JCGM 101:2008, table 1, and C.3 of Johnson, Kotz and Balakrishnan, chapter 14).
 
-    Attributes
-    ----------
-    std
-        Standard deviation of the number itself.
-    mean
-        Its mean, above zero.
+    Attributes:
+        std: Standard deviation of the number itself.
+        mean: Its mean, above zero.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
@@ -290,12 +287,9 @@ class _Projection(Projection):
 def lognormal_characteristic(frequency: Array, log_std: float) -> NDArray[np.complex128]:
     """Return E exp(i t (x - 1)) of x lognormal with mean 1, t ``(N,)``.
 
-    Parameters
-    ----------
-    frequency
-        t.
-    log_std
-        σ, the standard deviation of ln x.
+    Args:
+        frequency: t.
+        log_std: σ, the standard deviation of ln x.
     """
     t = np.abs(frequency)
     value = _integrate(t, log_std) if t.size <= _MOST_INTEGRALS else _interpolate(t, log_std)

@@ -64,16 +64,12 @@ class BoundedLaw(Law):
 class Empirical(BoundedLaw):
     """A measured distribution: a table of quantiles with straight lines between them.
 
-    Attributes
-    ----------
-    quantiles
-        ``(p, x)``: with probability p the number is at most x. From p = 0 to p = 1; neither p nor x ever falls. A p given
-        twice is a gap without values; an x given twice is a value with a probability of its own.
+    Attributes:
+        quantiles: ``(p, x)``: with probability p the number is at most x. From p = 0 to p = 1; neither p nor x ever
+            falls. A p given twice is a gap without values; an x given twice is a value with a probability of its own.
 
-    Raises
-    ------
-    InputError
-        A table that does not begin at p = 0, end at p = 1 or rise.
+    Raises:
+        InputError: A table that does not begin at p = 0, end at p = 1 or rise.
     """
 
     form: ClassVar = SheetForm(
@@ -130,10 +126,8 @@ class Empirical(BoundedLaw):
 
         Half of the probability of the smallest and of the largest sample stays at that sample, which keeps the samples' mean.
 
-        Raises
-        ------
-        InputError
-            No sample, or one that is not finite.
+        Raises:
+            InputError: No sample, or one that is not finite.
         """
         if isinstance(samples, Iterable) and not isinstance(samples, str | bytes | np.ndarray):
             samples = list(samples)
@@ -278,14 +272,10 @@ def _pairs(reader: SheetReader, where: Place) -> tuple[tuple[float, float], ...]
 class TwoPoint(BoundedLaw):
     """One of two values, centre - half_width or centre + half_width, such as a clearance taken up on one side.
 
-    Attributes
-    ----------
-    half_width
-        Half the distance between the two.
-    centre
-        Halfway between them; the mean only where both are equally likely.
-    probability
-        Probability of the upper one.
+    Attributes:
+        half_width: Half the distance between the two.
+        centre: Halfway between them; the mean only where both are equally likely.
+        probability: Probability of the upper one.
     """
 
     form: ClassVar = SheetForm(
@@ -394,17 +384,12 @@ _ROWS_SCHEMA: Final[Mapping[str, Any]] = {"anyOf": [{"type": "array", "minItems"
 class Rows(Law):
     """Several numbers that were measured together: the rows of a table, all equally likely.
 
-    Parameters
-    ----------
-    table
-        The rows, all of one length.
-    names
-        Names of the columns; numbered from 0 if left out.
+    Args:
+        table: The rows, all of one length.
+        names: Names of the columns; numbered from 0 if left out.
 
-    Raises
-    ------
-    InputError
-        No rows, rows of different lengths, a number that is not finite, or names that do not fit.
+    Raises:
+        InputError: No rows, rows of different lengths, a number that is not finite, or names that do not fit.
     """
 
     form: ClassVar = SheetForm(

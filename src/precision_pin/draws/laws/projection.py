@@ -114,12 +114,9 @@ class SymmetricProjection(Projection):
 class Lines(Projection):
     """A projection of uniform pieces and single values: of empirical and two-point laws and of rows of a table.
 
-    Attributes
-    ----------
-    shares
-        Probability of each piece, ``(s,)``.
-    begins, stops
-        Lower and upper end of each, rising, ``(s,)``; equal for a single value.
+    Attributes:
+        shares: Probability of each piece, ``(s,)``.
+        begins, stops: Lower and upper end of each, rising, ``(s,)``; equal for a single value.
     """
 
     shares: Array
@@ -241,14 +238,10 @@ def in_chunks(
 ) -> NDArray[np.complex128]:
     """Return the values of a function ``(m, T) → (T,)`` at frequencies ``(m, …)``, computed in chunks to bound the memory.
 
-    Parameters
-    ----------
-    function
-        Takes the memory of about ``width`` numbers for each of its T columns.
-    frequency
-        ``(m, …)``.
-    width
-        Numbers in memory for each frequency.
+    Args:
+        function: Takes the memory of about ``width`` numbers for each of its T columns.
+        frequency: ``(m, …)``.
+        width: Numbers in memory for each frequency.
     """
     flat = frequency.reshape(frequency.shape[0], -1)
     step = max(1, _CHUNK // max(width, 1))
@@ -280,12 +273,9 @@ def moments_of(values: Array, weights: Array) -> Moments:
 def moments_by_quadrature(at_scores: Callable[[Array], Array], breaks: Sequence[float]) -> Moments:
     """Return the moments of a number from its values at normal scores, by Gauss-Legendre panels.
 
-    Parameters
-    ----------
-    at_scores
-        The values ``(1, N)`` at scores ``(1, N)``.
-    breaks
-        Uniform numbers at which the values jump or bend; the panels are split there.
+    Args:
+        at_scores: The values ``(1, N)`` at scores ``(1, N)``.
+        breaks: Uniform numbers at which the values jump or bend; the panels are split there.
     """
     z, weights, _ = score_panels(breaks, 16)
     return moments_of(at_scores(z.reshape(1, -1))[0], weights.ravel())

@@ -34,16 +34,11 @@ DEVIATIONS: Final[Mapping[str, Any]] = {
 class LawOption:
     """A key that is allowed beside a law's own.
 
-    Attributes
-    ----------
-    key
-        The key.
-    meaning
-        Text for the schema and the documentation; the texts of several laws for one key are joined.
-    example
-        A value that fits the law's example.
-    is_ratio
-        True for a number without a unit.
+    Attributes:
+        key: The key.
+        meaning: Text for the schema and the documentation; the texts of several laws for one key are joined.
+        example: A value that fits the law's example.
+        is_ratio: True for a number without a unit.
     """
 
     key: str
@@ -60,18 +55,12 @@ MEAN: Final = LawOption("mean", "default 0", "1 mm")
 class SheetForm:
     """The form of a law in a sheet.
 
-    Attributes
-    ----------
-    key
-        The key that names it; empty if no sheet can.
-    example
-        A law as a mapping, with lengths as its numbers.
-    meaning
-        A line for the documentation.
-    options
-        The keys allowed beside the law's own; ``scope`` is allowed beside any.
-    schema
-        JSON schema of the value under the key.
+    Attributes:
+        key: The key that names it; empty if no sheet can.
+        example: A law as a mapping, with lengths as its numbers.
+        meaning: A line for the documentation.
+        options: The keys allowed beside the law's own; ``scope`` is allowed beside any.
+        schema: JSON schema of the value under the key.
     """
 
     key: str

@@ -446,10 +446,8 @@ _NOT_NEGATIVE: Final = "zero or more and finite"
 class Normal(SymmetricLaw):
     """Normal of standard deviation ``std``.
 
-    Attributes
-    ----------
-    k
-        Standard deviations in the half-width that it was made from; ``None`` where it was made from ``std``.
+    Attributes:
+        k: Standard deviations in the half-width that it was made from; ``None`` where it was made from ``std``.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"

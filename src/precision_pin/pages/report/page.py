@@ -46,16 +46,11 @@ def page(
     It loads nothing from outside, runs no script but those of the 3-D view, which run in a sandboxed frame, and is the same
     text for the same results.
 
-    Parameters
-    ----------
-    results
-        What it shows, of several poses the worst first.
-    chapters
-        What it has beside its poses, such as a map or a path of the same chain.
-    missed
-        Where else a specification is not met, such as ``on the map``.
-    full
-        Whether all sections are open at first, but for the 3-D view.
+    Args:
+        results: What it shows, of several poses the worst first.
+        chapters: What it has beside its poses, such as a map or a path of the same chain.
+        missed: Where else a specification is not met, such as ``on the map``.
+        full: Whether all sections are open at first, but for the 3-D view.
     """
     poses = [results] if isinstance(results, Results) else list(results)
     worst = poses[0]

@@ -36,14 +36,11 @@ def draw_arm(
     A link whose mesh is missing or cannot be read, and a rigid piece of the chain that has no shape at all, is drawn
     as plain cylinders along it.
 
-    Parameters
-    ----------
-    scene
-        Receives the shapes.
-    posture
-        The arm, undisplaced.
-    package_dirs
-        Folders of the packages that ``package://`` mesh names start with, beside those found around the URDF.
+    Args:
+        scene: Receives the shapes.
+        posture: The arm, undisplaced.
+        package_dirs: Folders of the packages that ``package://`` mesh names start with, beside those found around the
+            URDF.
     """
     return _Drawing(scene, posture, package_dirs).draw()
 

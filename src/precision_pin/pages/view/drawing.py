@@ -49,18 +49,13 @@ _HIGHEST_ASPECT: Final = 1.05
 class Cloud:
     """The cloud and circles drawn about the tip.
 
-    Attributes
-    ----------
-    errors
-        Sampled position errors ``(3, N)``, m, base axes.
-    within
-        What 95 % of them are within, of the error that is drawn at the tip, m, if that is resolved.
-    limit
-        A limit of their size, m, if one was given.
-    is_met
-        Whether it is kept.
-    middle
-        The error that is drawn at the tip, ``(3,)``, m, such as the mean. A limit has its circle about zero error only.
+    Attributes:
+        errors: Sampled position errors ``(3, N)``, m, base axes.
+        within: What 95 % of them are within, of the error that is drawn at the tip, m, if that is resolved.
+        limit: A limit of their size, m, if one was given.
+        is_met: Whether it is kept.
+        middle: The error that is drawn at the tip, ``(3,)``, m, such as the mean. A limit has its circle about zero
+            error only.
     """
 
     errors: Array
@@ -75,18 +70,12 @@ class Cloud:
 class Picture:
     """A picture and the facts for its caption.
 
-    Attributes
-    ----------
-    figure
-        The picture.
-    factor
-        By how much errors are drawn too large.
-    points
-        How many of them are drawn.
-    shows_limit
-        Whether the limit has its circle; one far larger than the cloud has not.
-    notes
-        On what of the arm is drawn otherwise.
+    Attributes:
+        figure: The picture.
+        factor: By how much errors are drawn too large.
+        points: How many of them are drawn.
+        shows_limit: Whether the limit has its circle; one far larger than the cloud has not.
+        notes: On what of the arm is drawn otherwise.
     """
 
     figure: Figure
@@ -112,14 +101,10 @@ class _Frame:
 def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = ()) -> Picture:
     """Return the arm at a posture with its cloud of errors about the tip, drawn too large, 100 mm wide.
 
-    Parameters
-    ----------
-    posture
-        The arm, undisplaced.
-    cloud
-        About the tip.
-    package_dirs
-        Folders of packages of meshes.
+    Args:
+        posture: The arm, undisplaced.
+        cloud: About the tip.
+        package_dirs: Folders of packages of meshes.
     """
     triangles = Triangles()
     _, notes = draw_arm(triangles, posture, package_dirs)

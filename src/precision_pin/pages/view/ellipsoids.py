@@ -28,14 +28,10 @@ _THINNEST: Final = 1e-4
 class Ellipsoid:
     """An ellipsoid of position errors.
 
-    Attributes
-    ----------
-    share
-        What it holds of a normal law with the samples' mean and covariance.
-    matrix
-        Takes the unit ball to it, ``(4, 4)``, m, base axes, from the nominal tip.
-    inside
-        Share of the samples that lie in it.
+    Attributes:
+        share: What it holds of a normal law with the samples' mean and covariance.
+        matrix: Takes the unit ball to it, ``(4, 4)``, m, base axes, from the nominal tip.
+        inside: Share of the samples that lie in it.
     """
 
     share: float
@@ -50,10 +46,8 @@ def ellipsoids(positions: ArrayLike) -> tuple[Ellipsoid, ...]:
     chi-square with 3 degrees of freedom; the ellipsoid ends at its quantile. Where the samples spread in two directions
     or one only, there are so many degrees of freedom, and the ellipsoid is flat.
 
-    Parameters
-    ----------
-    positions
-        Position errors ``(3, N)``, m.
+    Args:
+        positions: Position errors ``(3, N)``, m.
     """
     values = np.asarray(positions, dtype=float)
     count = values.shape[1]

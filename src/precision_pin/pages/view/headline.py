@@ -47,12 +47,9 @@ _WORDS: Final[dict[Verdict, str]] = {
 class Answer:
     """The line with the answer, and its basis.
 
-    Attributes
-    ----------
-    text, detail
-        Plain text, not yet escaped.
-    verdict
-        On a limit; empty for a size.
+    Attributes:
+        text, detail: Plain text, not yet escaped.
+        verdict: On a limit; empty for a size.
     """
 
     text: str
@@ -65,16 +62,11 @@ def answers(
 ) -> tuple[Answer, ...]:
     """Return the verdict on each limit, how large the position errors are, and a part that is far larger than their spread.
 
-    Parameters
-    ----------
-    errors
-        ``(6, N)``, ``[d; δ]``, m and rad.
-    specifications
-        The limits.
-    spread
-        ``(6,)`` standard deviations of the components to first order.
-    grounds
-        What keeps the limits from being judged, and what is taken as exact.
+    Args:
+        errors: ``(6, N)``, ``[d; δ]``, m and rad.
+        specifications: The limits.
+        spread: ``(6,)`` standard deviations of the components to first order.
+        grounds: What keeps the limits from being judged, and what is taken as exact.
     """
     varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
     judged = (_judged(one, errors, varies, grounds) for one in specifications)

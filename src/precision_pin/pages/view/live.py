@@ -57,27 +57,17 @@ def serve(
     Only this machine can reach the page, but every user of it can. While the files are wrong, the browser shows what
     is wrong with them, and the page again once they are right.
 
-    Parameters
-    ----------
-    make_page
-        Returns the page, HTML. It is called in this thread, the first time before anything is served.
-    watched
-        Files whose contents matter; one that is replaced, removed or not yet there is followed too.
-    port
-        0 for any free one, or 1024 to 65535.
-    open_browser
-        Open the reader's browser, if there is one that can show the page.
-    announce
-        Takes the lines for the reader: the address, what has changed, what is wrong.
-    tick
-        Called several times a second; it may raise KeyboardInterrupt, which ends the serving as Ctrl-C does.
+    Args:
+        make_page: Returns the page, HTML. It is called in this thread, the first time before anything is served.
+        watched: Files whose contents matter; one that is replaced, removed or not yet there is followed too.
+        port: 0 for any free one, or 1024 to 65535.
+        open_browser: Open the reader's browser, if there is one that can show the page.
+        announce: Takes the lines for the reader: the address, what has changed, what is wrong.
+        tick: Called several times a second; it may raise KeyboardInterrupt, which ends the serving as Ctrl-C does.
 
-    Raises
-    ------
-    InputError
-        ``make_page`` fails the first time, or there is no such port.
-    OutputError
-        The port is in use or not allowed.
+    Raises:
+        InputError: ``make_page`` fails the first time, or there is no such port.
+        OutputError: The port is in use or not allowed.
     """
     if isinstance(port, bool) or not isinstance(port, int) or not (port == 0 or port in _PORTS):
         raise InputError(f"there is no port {port!r} to serve on; {_ALLOWED_PORTS}")

@@ -97,35 +97,23 @@ def page(
     those of that seed.
     Several poses get a slider of their own. The same input gives the same text.
 
-    Parameters
-    ----------
-    shown
-        The poses, all of one chain, and their errors.
-    title
-        Heading.
-    seed, model_name
-        Where the errors come from.
-    factor
-        Exaggeration at first; chosen so that the cloud spans about a quarter of the picture's width if left out.
-    caption
-        Further rows of the caption, ``(name, text)``.
-    points
-        How many samples to draw at most at each pose: the first ones. All poses together draw 100,000 at most.
-    package_dirs
-        Folders of packages for ``package://`` mesh names, beside those found around the URDF.
-    specifications
-        Limits. The page says at its top whether they are kept; those of the position are drawn about the nominal tip, times
-        the factor, and robots outside any limit have a colour of their own.
-    remarks
-        What the answer rests on, for a line each below it.
-    layers
-        What is shown beside the arm and its errors, such as a map or a path of the same chain.
+    Args:
+        shown: The poses, all of one chain, and their errors.
+        title: Heading.
+        seed, model_name: Where the errors come from.
+        factor: Exaggeration at first; chosen so that the cloud spans about a quarter of the picture's width if left
+            out.
+        caption: Further rows of the caption, ``(name, text)``.
+        points: How many samples to draw at most at each pose: the first ones. All poses together draw 100,000 at most.
+        package_dirs: Folders of packages for ``package://`` mesh names, beside those found around the URDF.
+        specifications: Limits. The page says at its top whether they are kept; those of the position are drawn about
+            the nominal tip, times the factor, and robots outside any limit have a colour of their own.
+        remarks: What the answer rests on, for a line each below it.
+        layers: What is shown beside the arm and its errors, such as a map or a path of the same chain.
 
-    Raises
-    ------
-    InputError
-        No poses or more than 200, or of several chains; errors of another shape, none, or not finite; a factor that is
-        not from 10⁻⁹ to 10¹²; a wrong seed; more than 100,000 points.
+    Raises:
+        InputError: No poses or more than 200, or of several chains; errors of another shape, none, or not finite; a
+            factor that is not from 10⁻⁹ to 10¹²; a wrong seed; more than 100,000 points.
     """
     if factor is not None:
         check_factor(factor)

@@ -19,18 +19,12 @@ _DOTS: Final = 400
 def picture(posture: Posture, positions: Array, factor: float, direction: Array, label: str) -> str:
     """Return the arm as lines between its joints, and sampled positions about its tip, as an SVG element.
 
-    Parameters
-    ----------
-    posture
-        The arm.
-    positions
-        Position errors ``(3, N)``, m, from what is drawn at the tip.
-    factor
-        By how much they are drawn too large.
-    direction
-        From where it is seen.
-    label
-        What the picture shows, escaped.
+    Args:
+        posture: The arm.
+        positions: Position errors ``(3, N)``, m, from what is drawn at the tip.
+        factor: By how much they are drawn too large.
+        direction: From where it is seen.
+        label: What the picture shows, escaped.
     """
     axes = picture_axes(direction)
     arm = axes @ np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]]).T

@@ -36,20 +36,16 @@ MOST_GHOSTS: Final = 3
 class ViewPose:
     """A pose and the errors sampled there.
 
-    Attributes
-    ----------
-    pose_model
-        The model at the pose.
-    errors
-        Its errors ``(6, N)``, ``[d; δ]`` in base axes, m and rad; those of units 0 to N - 1 where they were sampled.
-    name
-        The pose's name, for the caption; ``None`` for a pose without one.
-    pose
-        Number of the pose that the draws of pose scope were made for, as in :meth:`precision_pin.draws.space.Space.sample`.
-    words
-        What each draw is, as :attr:`precision_pin.model.error_model.ErrorModel.draw_words`; their names if left out.
-    grounds
-        What keeps limits from being judged there, and what is taken as exact.
+    Attributes:
+        pose_model: The model at the pose.
+        errors: Its errors ``(6, N)``, ``[d; δ]`` in base axes, m and rad; those of units 0 to N - 1 where they were
+            sampled.
+        name: The pose's name, for the caption; ``None`` for a pose without one.
+        pose: Number of the pose that the draws of pose scope were made for, as in
+            :meth:`precision_pin.draws.space.Space.sample`.
+        words: What each draw is, as :attr:`precision_pin.model.error_model.ErrorModel.draw_words`; their names if left
+            out.
+        grounds: What keeps limits from being judged there, and what is taken as exact.
     """
 
     pose_model: PoseModel
@@ -65,20 +61,13 @@ class ViewPose:
 class PageData:
     """Data that all poses of a page share.
 
-    Attributes
-    ----------
-    seed
-        Of the samples.
-    parts
-        Of the drawn arm.
-    points
-        How many samples to draw at most at a pose.
-    count
-        How many poses there are.
-    groups
-        The tolerances that can be changed.
-    specifications
-        The limits.
+    Attributes:
+        seed: Of the samples.
+        parts: Of the drawn arm.
+        points: How many samples to draw at most at a pose.
+        count: How many poses there are.
+        groups: The tolerances that can be changed.
+        specifications: The limits.
     """
 
     seed: int
@@ -93,14 +82,10 @@ class PageData:
 class PoseData:
     """One pose of the page.
 
-    Parameters
-    ----------
-    shown
-        The pose and its errors ``(6, N)``, checked.
-    page
-        The page that it is part of.
-    number
-        Which pose this is, from 1.
+    Args:
+        shown: The pose and its errors ``(6, N)``, checked.
+        page: The page that it is part of.
+        number: Which pose this is, from 1.
     """
 
     def __init__(self, shown: ViewPose, page: PageData, number: int) -> None:

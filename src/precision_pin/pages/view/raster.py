@@ -28,10 +28,8 @@ _STEP: Final = 0.02
 class Camera:
     """A direction of view for parallel projection, the third of the base's axes upwards.
 
-    Attributes
-    ----------
-    azimuth, elevation
-        Direction of view, rad.
+    Attributes:
+        azimuth, elevation: Direction of view, rad.
     """
 
     azimuth: float
@@ -55,18 +53,12 @@ def draw_triangles(
 ) -> NDArray[np.uint8]:
     """Return an image with transparent background, ``(rows, columns, 4)``; the same bytes for the same triangles.
 
-    Parameters
-    ----------
-    corners
-        Of the triangles in the camera's axes, ``(F, 3, 3)``, m.
-    colours
-        Red, green, blue from 0 to 1, ``(F, 3)``.
-    low
-        Lower left corner of the image, ``(2,)``, m.
-    size
-        Of a pixel, m.
-    shape
-        Rows and columns.
+    Args:
+        corners: Of the triangles in the camera's axes, ``(F, 3, 3)``, m.
+        colours: Red, green, blue from 0 to 1, ``(F, 3)``.
+        low: Lower left corner of the image, ``(2,)``, m.
+        size: Of a pixel, m.
+        shape: Rows and columns.
     """
     rows, columns = (_OVERSAMPLING * count for count in shape)
     step = size / _OVERSAMPLING

@@ -101,10 +101,8 @@ def picture_axes(direction: ArrayLike) -> Array:
 def check_factor(factor: object) -> None:
     """Check an exaggeration factor.
 
-    Raises
-    ------
-    InputError
-        It is no number from 10⁻⁹ to 10¹², with which everything drawn still has finite places.
+    Raises:
+        InputError: It is no number from 10⁻⁹ to 10¹², with which everything drawn still has finite places.
     """
     check_number(
         "the exaggeration factor", factor, "a positive number from 1e-9 to 1e12", lambda value: 1e-9 <= value <= 1e12
@@ -116,23 +114,16 @@ def default_factor(
 ) -> float:
     """Return a round exaggeration (1, 1.5, 2, 3, 5 or 7 times a power of ten, at least 1).
 
-    Parameters
-    ----------
-    positions
-        Position errors ``(3, N)``, m.
-    posture
-        The arm.
-    others
-        Its other postures, which the picture shows too.
-    direction
-        From where it is seen; that of :func:`view_direction` if left out.
+    Args:
+        positions: Position errors ``(3, N)``, m.
+        posture: The arm.
+        others: Its other postures, which the picture shows too.
+        direction: From where it is seen; that of :func:`view_direction` if left out.
 
-    Returns
-    -------
-    float
-        Drawn so, five standard deviations of the cloud along its widest direction in the picture span about 27 % of
-        the picture's width, in which the whole arm and the cloud are seen. It is less where the mean error would else
-        are so far away from the nominal tip that the arm took less than 45 % of the picture.
+    Returns:
+        Drawn so, five standard deviations of the cloud along its widest direction in the picture span about 27 % of the
+        picture's width, in which the whole arm and the cloud are seen. It is less where the mean error would else are
+        so far away from the nominal tip that the arm took less than 45 % of the picture.
     """
     errors = np.asarray(positions, dtype=float)
     axes = picture_axes(view_direction(posture, errors) if direction is None else direction)

@@ -45,12 +45,9 @@ Reference = tuple[Array, Array]
 class Groups:
     """Draws that are scaled together, by number: the largest contributors one by one, the others as one group.
 
-    Attributes
-    ----------
-    names
-        For the reader.
-    draws
-        Numbers of the draws of each group.
+    Attributes:
+        names: For the reader.
+        draws: Numbers of the draws of each group.
     """
 
     names: tuple[str, ...]
@@ -71,14 +68,10 @@ def tangent_of(at: PoseModel, model: str) -> Reference:
 def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *, attitude: bool = False) -> Groups:
     """Return the tolerances of a page: those that contribute most to the spread at one of its poses come first.
 
-    Parameters
-    ----------
-    pose_models
-        The poses.
-    words
-        What each draw is; their names if left out.
-    attitude
-        Whether the spread of the attitude counts too; what moves it alone is left out otherwise.
+    Args:
+        pose_models: The poses.
+        words: What each draw is; their names if left out.
+        attitude: Whether the spread of the attitude counts too; what moves it alone is left out otherwise.
     """
     space = pose_models[0].space
     share = np.zeros(len(space.draws))
@@ -127,18 +120,12 @@ def share_rows(poses: Sequence[dict[str, Any]]) -> list[str]:
 class LivePose:
     """The first-order model of the samples at one pose.
 
-    Parameters
-    ----------
-    at
-        The pose's model.
-    groups
-        The page's tolerances.
-    x
-        Component values ``(d, M)`` of the samples that follow the sliders.
-    reference
-        The first-order model of their errors.
-    length
-        The arm's, m: what an attitude error is worth beside a position error.
+    Args:
+        at: The pose's model.
+        groups: The page's tolerances.
+        x: Component values ``(d, M)`` of the samples that follow the sliders.
+        reference: The first-order model of their errors.
+        length: The arm's, m: what an attitude error is worth beside a position error.
     """
 
     def __init__(self, at: PoseModel, groups: Groups, x: Array, reference: Reference, length: float) -> None:
