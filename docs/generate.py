@@ -192,13 +192,8 @@ def _default(value: Any) -> str:
 
 
 def commands() -> str:
-    """Return the list of commands."""
-    rows = [
-        (heading if k == 0 else "", f"[`{name}`](#{name})", text)
-        for heading, lines in list_groups().items()
-        for k, (name, text) in enumerate(lines.items())
-    ]
-    return table(("to", "command", "what it does"), rows)
+    """Return the commands, in groups."""
+    return items((heading, ", ".join(f"[`{name}`](#{name})" for name in lines)) for heading, lines in list_groups().items())
 
 
 def codes(group: str) -> str:
@@ -231,18 +226,47 @@ def _shared() -> list[tuple[str, str]]:
     return [option for option in every if option in most.values()]
 
 
+GROUPS: Final = {
+    "poses": ("--pose", "--all-poses", "--q", "--step", "--trajectory", "--grid", "--approach"),
+    "robot": ("--tip", "--base", "--package-dir", "--set", "--ignore-collisions", "--all-warnings", "--quiet"),
+    "workers": ("--processes", "--dask", "--journal", "--resume"),
+    "instrument": (
+        *("--kind", "--std", "--attitude-std", "--point", "--point-free", "--base-free"),
+        *("--visible-from", "--columns", "--anchor"),
+    ),
+    "files": ("--map", "--path", "--compensate", "--calibrate"),
+}
+"""Shared options that most commands take together."""
+
+
 def shared() -> str:
-    """Return the options of several commands."""
-    return table(("option", "meaning"), _shared())
+    """Return the options of several commands, in groups."""
+    texts = {_name(key): (key, text) for key, text in _shared()}
+    grouped = {one for names in GROUPS.values() for one in names}
+    groups = {**GROUPS, "each by its name": tuple(name for name in texts if name not in grouped)}
+    return "\n".join(f"**{group}**\n\n{items(texts[name] for name in names)}" for group, names in groups.items())
+
+
+def _name(option: str) -> str:
+    return option.strip("`").split()[0]
+
+
+def items(rows: Iterable[tuple[str, str]]) -> str:
+    """Return a list of names and what they mean."""
+    return "".join(f"- {name}: {text}\n" for name, text in rows)
 
 
 def parameters(name: str) -> str:
-    """Return a command's arguments, the names of the options that it shares, and its own options."""
+    """Return what a command does, its arguments, the options that it shares, by group or name, and its own options."""
+    does = next(lines[name] for lines in list_groups().values() if name in lines)
     argument = "".join(f" {one.metavar}" for one in load_command(name).params if not isinstance(one, click.Option))
-    common = [f"`{key.strip('`').split()[0]}`" for key, text in _options_of(name) if (key, text) in _shared()]
+    common = [_name(key) for key, text in _options_of(name) if (key, text) in _shared()]
+    taken = [group for group, names in GROUPS.items() if set(names) <= set(common)]
+    single = [f"`{one}`" for one in common if not any(one in GROUPS[group] for group in taken)]
     own = [option for option in _options_of(name) if option not in _shared()]
-    taken = f", [shared](#options-of-several-commands): {', '.join(common)}" if common else ""
-    return f"`precision-pin {name}{argument}`{taken}\n" + (f"\n{table(('option', 'meaning'), own)}" if own else "")
+    told = f" with [{', '.join(taken)}](#options-of-several-commands)" if taken else ""
+    more = f"{', ' if taken else ' with '}{', '.join(single)}" if single else ""
+    return f"{does}\n\n`precision-pin {name}{argument}`{told}{more}\n" + (f"\n{items(own)}" if own else "")
 
 
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
