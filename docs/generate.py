@@ -105,9 +105,18 @@ def quantities() -> str:
     """Return the accepted units of every quantity."""
     rows = []
     for quantity in dict.fromkeys((*units.QUANTITIES, *used_quantities(catalogue().values()))):
-        accepted = ", ".join(f"`{unit}`" if unit else "(plain number)" for unit in quantity.units)
-        rows.append((quantity.name, quantity.si or "-", accepted))
+        rows.append((quantity.name, quantity.si or "-", _accepted(list(quantity.units))))
     return table(("quantity", "inside", "accepted units"), rows)
+
+
+def _accepted(names: list[str]) -> str:
+    """Return units in a row; those that are every quotient of some over some others as these two."""
+    halves = [name.split("/") for name in names]
+    if all(len(half) == 2 for half in halves):
+        over, under = (list(dict.fromkeys(half)) for half in zip(*halves, strict=True))
+        if min(len(over), len(under)) > 1 and sorted(names) == sorted(f"{a}/{b}" for a in over for b in under):
+            return f"{_accepted(over)} over {_accepted(under)}"
+    return ", ".join(f"`{name}`" if name else "(plain number)" for name in names)
 
 
 def kinds() -> str:
@@ -122,7 +131,7 @@ def _in_order() -> list[tuple[str, type[Source]]]:
 
 
 def settings(kind: type[Source]) -> str:
-    """Return the settings of a kind of source, in the order of its docstring; those alike in one row."""
+    """Return the settings of a kind of source, in the order of its docstring; those alike in one line."""
     hints = typing.get_type_hints(kind, include_extras=True)
     defaults = {field.name: field.default for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     notes = setting_meanings(kind)
@@ -132,9 +141,16 @@ def settings(kind: type[Source]) -> str:
     alike: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
     for name in sorted(defaults, key=lambda name: list(notes).index(told[name])):
         names, takes = alike.setdefault(_told_once(kind, notes[told[name]]), ({}, {}))
-        names[f"`{name}`"] = takes[_takes_what(hints[name]) + _default(defaults[name])] = None
-    rows = [(", ".join(names), ", ".join(takes), note) for note, (names, takes) in alike.items()]
-    return table(("setting", "takes", "meaning"), rows)
+        shown: tuple[str, ...] = (_takes_what(hints[name]), _default(defaults[name]))
+        words = _choices_of(hints[name])
+        if words and all(f"`{word}`" in notes[told[name]] for word in words):
+            shown = shown[1:]  # the meaning has the words
+        names[f"`{name}`"] = takes[", ".join(filter(None, shown))] = None
+    rows = (
+        (f"{', '.join(names)} ({'; '.join(filter(None, takes))})".removesuffix(" ()"), note)
+        for note, (names, takes) in alike.items()
+    )
+    return items((key, "" if note == "The joint." else note) for key, note in rows)
 
 
 def _told_once(kind: type[Source], note: str) -> str:
@@ -158,12 +174,16 @@ def _takes_what(hint: Any) -> str:
             return f"rows of: {named[0]}"
         fixed = next((len(note.quantities) for note in notes if isinstance(note, PerEntry)), len(entries))
         return f"{random}{named[0]}, {fixed if fixed > 2 else 'one or several'}"
-    choices = [
-        choice for option in options if typing.get_origin(option) is Literal for choice in typing.get_args(option)
-    ]
-    if choices:
+    if choices := _choices_of(hint):
         return ", ".join(f"`{choice}`" for choice in choices)
     return random + (named[0] if named else WORDS[options[0]])
+
+
+def _choices_of(hint: Any) -> list[str]:
+    """Return the words of which a setting takes one."""
+    bare = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
+    literals = [option for option in _options(bare) if typing.get_origin(option) is Literal]
+    return [choice for literal in literals for choice in typing.get_args(literal)]
 
 
 def _options(hint: Any) -> Iterator[Any]:
@@ -182,24 +202,25 @@ def _quantity_names(note: Quantity | PerJoint | PerEntry) -> str:
 
 
 def _default(value: Any) -> str:
-    """Return a default in brackets, nothing for none."""
+    """Return a default, nothing for none."""
     if value is dataclasses.MISSING:
-        return " (needed)"
+        return "needed"
     if value is None or value == ():
         return ""
     entries = value if isinstance(value, tuple) else (value,)
-    return f" ({' '.join(f'`{entry}`' if isinstance(entry, str) else f'{entry:g}' for entry in entries)})"
+    return f"default {' '.join(f'`{entry}`' if isinstance(entry, str) else f'{entry:g}' for entry in entries)}"
 
 
 def commands() -> str:
     """Return the commands, in groups."""
-    return items((heading, ", ".join(f"[`{name}`](#{name})" for name in lines)) for heading, lines in list_groups().items())
+    return items(
+        (heading, ", ".join(f"[`{name}`](#{name})" for name in lines)) for heading, lines in list_groups().items()
+    )
 
 
 def codes(group: str) -> str:
     """Return what the codes of a group mean."""
-    rows = [(", ".join(f"`{name}`" for name in one.names), one.means, one.remedy) for one in list_codes()[group].codes]
-    return table(("code", "what it means", "what to do"), rows)
+    return items((", ".join(f"`{name}`" for name in one.names), one.means) for one in list_codes()[group].codes)
 
 
 def _options_of(name: str) -> list[tuple[str, str]]:
@@ -253,7 +274,7 @@ def _name(option: str) -> str:
 
 def items(rows: Iterable[tuple[str, str]]) -> str:
     """Return a list of names and what they mean."""
-    return "".join(f"- {name}: {text}\n" for name, text in rows)
+    return "".join(f"- {name}: {text}\n" if text else f"- {name}\n" for name, text in rows)
 
 
 def parameters(name: str) -> str:

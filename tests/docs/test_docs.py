@@ -478,7 +478,7 @@ def test_every_code_has_a_row_and_every_row_a_code():
             used.setdefault(code, path.relative_to(ROOT).as_posix())
     text = (DOCS / "codes.md").read_text(encoding="utf-8")
     listed: list[str] = []
-    for cells in re.findall(r"^\| (`[EW]_.*?) \|", text, re.MULTILINE):
+    for cells in re.findall(r"^- (`[EW]_.*?):", text, re.MULTILINE):
         listed += re.findall(r"`([EW]_[A-Z0-9_]+)`", cells)
     new = {code: path for code, path in used.items() if code not in listed}
     assert not new, f"docs/codes.md has no row for {new}; say there what each means and what to do"
