@@ -50,9 +50,15 @@ def keys(model: type[BaseModel] = Document) -> str:
     rows = []
     for name, field in model.model_fields.items():
         default = field.get_default(call_default_factory=True, validated_data={})
-        shown = " (needed)" if field.is_required() else f" (`{default}`)" if isinstance(default, str) else ""
-        rows.append((f"`{field.alias or name}`", _shape(field.annotation) + shown, field.description or ""))
-    return table(("key", "takes", "meaning"), rows)
+        shown = (
+            ", needed"
+            if field.is_required()
+            else f", default `{default}`"
+            if default and isinstance(default, str)
+            else ""
+        )
+        rows.append((f"`{field.alias or name}` ({_shape(field.annotation)}{shown})", field.description or ""))
+    return items(rows)
 
 
 def _shape(hint: Any) -> str:
@@ -83,9 +89,9 @@ def options() -> str:
     for option in law_options():
         takers = [f"`{key}`" for key in keys if option in law_options(key)]
         choices = "".join(f"`{choice}`, " for choice in schema[option].get("enum", ()))
-        shown = "all" if len(takers) == len(keys) else ", ".join(takers)
-        rows.append((f"`{option}`", shown, choices + schema[option]["description"]))
-    return table(("key", "of the laws", "meaning"), rows)
+        shown = "all laws" if len(takers) == len(keys) else ", ".join(takers)
+        rows.append((f"`{option}` of {shown}", choices + schema[option]["description"]))
+    return items(rows)
 
 
 def _flow(value: Any) -> str:
@@ -98,7 +104,7 @@ def scopes() -> str:
     """Return the scopes with the documentation that stands under each in the class."""
     text = inspect.getsource(Scope)
     notes = re.findall(r'(\w+) = "\w+"\n\s+"""(.+?)\.?"""', text)
-    return table(("scope", "drawn"), [(f"`{Scope[name].value}`", note.lower()) for name, note in notes])
+    return items((f"`{Scope[name].value}`", note.lower()) for name, note in notes)
 
 
 def quantities() -> str:
