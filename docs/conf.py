@@ -58,7 +58,7 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 
 PAGES: Final = Path(__file__).parent
 GROUP: Final = re.compile(r"^## (.+)\n((?:\n|(?!#).+\n)*)", re.MULTILINE)
-PAGE: Final = re.compile(r"^\| \[[^]]*\]\(([\w/-]+)\.\w+\)", re.MULTILINE)
+PAGE: Final = re.compile(r"^- \[[^]]*\]\(([\w/-]+)\.\w+\)", re.MULTILINE)
 WORDS: Final = re.compile(r"^\| word \|.+\n\| ---.+\n((?:\|.+\n)+)", re.MULTILINE)
 CODE: Final = re.compile(r"(``.*?``|:\w+:`[^`]*`)")
 MARK: Final = re.compile(r"\||(?<=\w)_(?!\w)")
@@ -68,13 +68,21 @@ TAG: Final = re.compile(r"\\tag\{(\w+)\}")
 
 
 def add_toctrees(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Make the tables of the index the site's table of contents, so that the index reads well on a forge too."""
+    """Make the lists of the index the site's table of contents, so that the index reads well on a forge too."""
     del app
     if docname == "index":
         for title, text in GROUP.findall(source[0]):
             pages = "\n".join(PAGE.findall(text))
             if pages:
                 source[0] += f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n{pages}\n```\n"
+
+
+def fill(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Put in what a page has on the site alone."""
+    del app
+    if "<!-- built: " in source[0]:
+        sys.path.insert(0, str(PAGES))
+        source[0] = importlib.import_module("generate").built(f"{docname}.md", source[0])
 
 
 def add_index_entries(app: Sphinx, docname: str, source: list[str]) -> None:
@@ -233,6 +241,7 @@ def visit_math_block(translator: HTML5Translator, node: nodes.math_block) -> Non
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register what this site adds to Sphinx."""
     app.connect("source-read", add_toctrees)
+    app.connect("source-read", fill)
     app.connect("source-read", add_index_entries)
     app.connect("autodoc-process-docstring", escape_marks, priority=400)  # before napoleon's
     app.connect("autodoc-process-signature", signature_as_written)

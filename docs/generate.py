@@ -1,7 +1,8 @@
 """The tables of the pages that are made from the code.
 
 A page holds each between ``<!-- table: NAME -->`` and ``<!-- end -->``. ``python docs/generate.py`` rewrites them all;
-a test fails when one is out of step.
+a test fails when one is out of step. What a command prints as well, a page has on the site alone: Sphinx fills
+``<!-- built: NAME -->``.
 """
 
 from __future__ import annotations
@@ -224,9 +225,13 @@ def commands() -> str:
     )
 
 
-def codes(group: str) -> str:
-    """Return what the codes of a group mean."""
-    return items((", ".join(f"`{name}`" for name in one.names), one.means) for one in list_codes()[group].codes)
+def codes() -> str:
+    """Return what every code means and what to do about it, in groups."""
+    parts = []
+    for group in list_codes().values():
+        rows = [(", ".join(f"`{name}`" for name in one.names), one.means, one.remedy) for one in group.codes]
+        parts.append(f"## {group.title}\n\n{table(('code', 'what it means', 'what to do'), rows)}")
+    return "\n".join(parts)
 
 
 def _options_of(name: str) -> list[tuple[str, str]]:
@@ -284,16 +289,20 @@ def items(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def parameters(name: str) -> str:
-    """Return what a command does, its arguments, the options that it shares, by group or name, and its own options."""
+    """Return what a command does, its arguments, and the options that it shares, by group or name."""
     does = next(lines[name] for lines in list_groups().values() if name in lines)
     argument = "".join(f" {one.metavar}" for one in load_command(name).params if not isinstance(one, click.Option))
     common = [_name(key) for key, text in _options_of(name) if (key, text) in _shared()]
     taken = [group for group, names in GROUPS.items() if set(names) <= set(common)]
     single = [f"`{one}`" for one in common if not any(one in GROUPS[group] for group in taken)]
-    own = [option for option in _options_of(name) if option not in _shared()]
     told = f" with [{', '.join(taken)}](#options-of-several-commands)" if taken else ""
     more = f"{', ' if taken else ' with '}{', '.join(single)}" if single else ""
-    return f"{does}\n\n`precision-pin {name}{argument}`{told}{more}\n" + (f"\n{items(own)}" if own else "")
+    return f"{does}\n\n`precision-pin {name}{argument}`{told}{more}\n"
+
+
+def own(name: str) -> str:
+    """Return the options that a command alone has."""
+    return items(option for option in _options_of(name) if option not in _shared())
 
 
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
@@ -308,15 +317,26 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "sources.md": {"kinds": kinds} | {name: partial(settings, kind) for name, kind in catalogue().items()},
     "command-line.md": {"commands": commands, "shared": shared}
     | {name: partial(parameters, name) for name in list_commands()},
-    "codes.md": {name: partial(codes, name) for name in list_codes()},
 }
 """Every generated table by page and name."""
+
+BUILT: Final[dict[str, dict[str, Callable[[], str]]]] = {
+    "codes.md": {"codes": codes},
+    "command-line.md": {name: partial(own, name) for name in list_commands()},
+}
+"""What the site has and the file has not, by page and name."""
 
 
 def spliced(page: str, text: str) -> str:
     """Return a page's text with its tables as the code has them."""
     made = TABLES[page]
     return MARKED.sub(lambda match: f"{match[1]}{match[2]}{made[match[1]]()}", text)
+
+
+def built(page: str, text: str) -> str:
+    """Return a page's text as the site has it."""
+    made = BUILT.get(page, {})
+    return re.sub(r"<!-- built: (.+?) -->\n", lambda match: made[match[1]](), text)
 
 
 def main() -> None:
