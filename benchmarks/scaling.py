@@ -122,6 +122,7 @@ class Scaling:
                 f"Parameters on a UR5's {_JOINTS_OF_ARMS} joints; arms of other lengths repeat its links. With the fewest "
                 "parameters the joints only shift and do not turn, which costs less.",
             ),
+            on_page=False,
         )
 
     def _threads(self) -> Table:
@@ -132,6 +133,7 @@ class Scaling:
             "Threads: monte_carlo of the paper's arm, the time that passes",
             ("threads", "s", "times one thread"),
             rows,
+            on_page=False,
         )
 
     def _ratios(self) -> tuple[Ratio, ...]:

@@ -24,12 +24,15 @@ class Table:
         The cells.
     notes
         Sentences below it.
+    on_page
+        Whether it stands on the page, or is printed only.
     """
 
     title: str
     columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
     notes: tuple[str, ...] = ()
+    on_page: bool = True
 
     def as_text(self) -> str:
         """Return the table with aligned columns."""

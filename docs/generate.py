@@ -219,9 +219,11 @@ def _default(value: Any) -> str:
 
 
 def commands() -> str:
-    """Return the commands, in groups."""
-    return items(
-        (heading, ", ".join(f"[`{name}`](#{name})" for name in lines)) for heading, lines in list_groups().items()
+    """Return the commands and what each does, in groups."""
+    groups = list_groups().items()
+    return "\n".join(
+        f"{heading}:\n\n" + items((f"[`{name}`](#{name})", text) for name, text in lines.items())
+        for heading, lines in groups
     )
 
 
@@ -289,20 +291,15 @@ def items(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def parameters(name: str) -> str:
-    """Return what a command does, its arguments, and the options that it shares, by group or name."""
-    does = next(lines[name] for lines in list_groups().values() if name in lines)
+    """Return a command's arguments, the options that it shares, by group or name, and its own options."""
     argument = "".join(f" {one.metavar}" for one in load_command(name).params if not isinstance(one, click.Option))
     common = [_name(key) for key, text in _options_of(name) if (key, text) in _shared()]
     taken = [group for group, names in GROUPS.items() if set(names) <= set(common)]
     single = [f"`{one}`" for one in common if not any(one in GROUPS[group] for group in taken)]
+    own = [option for option in _options_of(name) if option not in _shared()]
     told = f" with [{', '.join(taken)}](#options-of-several-commands)" if taken else ""
     more = f"{', ' if taken else ' with '}{', '.join(single)}" if single else ""
-    return f"{does}\n\n`precision-pin {name}{argument}`{told}{more}\n"
-
-
-def own(name: str) -> str:
-    """Return the options that a command alone has."""
-    return items(option for option in _options_of(name) if option not in _shared())
+    return f"`precision-pin {name}{argument}`{told}{more}\n" + (f"\n{items(own)}" if own else "")
 
 
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
@@ -315,14 +312,13 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
         "units": quantities,
     },
     "sources.md": {"kinds": kinds} | {name: partial(settings, kind) for name, kind in catalogue().items()},
-    "command-line.md": {"commands": commands, "shared": shared}
-    | {name: partial(parameters, name) for name in list_commands()},
+    "command-line.md": {"commands": commands},
 }
 """Every generated table by page and name."""
 
 BUILT: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "codes.md": {"codes": codes},
-    "command-line.md": {name: partial(own, name) for name in list_commands()},
+    "command-line.md": {"shared": shared} | {name: partial(parameters, name) for name in list_commands()},
 }
 """What the site has and the file has not, by page and name."""
 
