@@ -59,7 +59,7 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 PAGES: Final = Path(__file__).parent
 GROUP: Final = re.compile(r"^## (.+)\n((?:\n|(?!#).+\n)*)", re.MULTILINE)
 PAGE: Final = re.compile(r"^- \[[^]]*\]\(([\w/-]+)\.\w+\)", re.MULTILINE)
-WORDS: Final = re.compile(r"^\| word \|.+\n\| ---.+\n((?:\|.+\n)+)", re.MULTILINE)
+WORDS: Final = re.compile(r"^- \*\*(.+?)\*\*:", re.MULTILINE)
 CODE: Final = re.compile(r"(``.*?``|:\w+:`[^`]*`)")
 MARK: Final = re.compile(r"\||(?<=\w)_(?!\w)")
 BACKTICKS: Final = re.compile(r"`([^`]+)`")
@@ -89,8 +89,7 @@ def add_index_entries(app: Sphinx, docname: str, source: list[str]) -> None:
     """Make the words of the glossary entries of the index, which a search puts first."""
     del app
     if docname == "glossary":
-        rows = "".join(WORDS.findall(source[0])).splitlines()
-        words = [word for row in rows for word in row.split(" | ")[0].removeprefix("| ").split(", ")]
+        words = [word for entry in WORDS.findall(source[0]) for word in entry.split(", ")]
         title, text = source[0].split("\n", 1)
         entries = "\n".join(f"! single: {word}" for word in words)
         source[0] = f"{title}\n\n```{{eval-rst}}\n.. index::\n{indent(entries, '   ')}\n```\n{text}"

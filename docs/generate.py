@@ -1,8 +1,8 @@
 """The tables of the pages that are made from the code.
 
 A page holds each between ``<!-- table: NAME -->`` and ``<!-- end -->``. ``python docs/generate.py`` rewrites them all;
-a test fails when one is out of step. What a command prints as well, a page has on the site alone: Sphinx fills
-``<!-- built: NAME -->``.
+a test fails when one is out of step. What a command prints as well (``--help``, ``explain``, ``schema``), a page has in
+full on the site alone: Sphinx fills ``<!-- built: NAME -->``, and puts more in the place of some tables.
 """
 
 from __future__ import annotations
@@ -135,6 +135,13 @@ def _in_order() -> list[tuple[str, type[Source]]]:
     found = catalogue()
     sections = re.findall(r"^## `(\w+)`", (PAGES / "sources.md").read_text(encoding="utf-8"), re.MULTILINE)
     return sorted(found.items(), key=lambda entry: [*sections, entry[0]].index(entry[0]))
+
+
+def setting_names(kind: type[Source]) -> str:
+    """Return the names of the settings of a kind of source, those that are needed first."""
+    needed = {field.name: field.default is dataclasses.MISSING for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    first, then = ([f"`{name}`" for name, is_needed in needed.items() if is_needed is which] for which in (True, False))
+    return f"Settings: {', '.join(first) or 'none'} needed; {', '.join(then) or 'no others'}.\n"
 
 
 def settings(kind: type[Source]) -> str:
@@ -305,19 +312,20 @@ def parameters(name: str) -> str:
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "sheet.md": {
         "keys": keys,
-        "measurement": partial(keys, MeasurementEntry),
         "laws": laws,
         "options": options,
         "scopes": scopes,
         "units": quantities,
     },
-    "sources.md": {"kinds": kinds} | {name: partial(settings, kind) for name, kind in catalogue().items()},
+    "sources.md": {"kinds": kinds} | {name: partial(setting_names, kind) for name, kind in catalogue().items()},
     "command-line.md": {"commands": commands},
 }
 """Every generated table by page and name."""
 
 BUILT: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "codes.md": {"codes": codes},
+    "sheet.md": {"measurement": partial(keys, MeasurementEntry)},
+    "sources.md": {name: partial(settings, kind) for name, kind in catalogue().items()},
     "command-line.md": {"shared": shared} | {name: partial(parameters, name) for name in list_commands()},
 }
 """What the site has and the file has not, by page and name."""
@@ -332,6 +340,12 @@ def spliced(page: str, text: str) -> str:
 def built(page: str, text: str) -> str:
     """Return a page's text as the site has it."""
     made = BUILT.get(page, {})
+    text = re.sub(
+        r"<!-- table: (.+?) -->\n.*?<!-- end -->\n",
+        lambda match: made[match[1]]() if match[1] in made else match[0],
+        text,
+        flags=re.DOTALL,
+    )
     return re.sub(r"<!-- built: (.+?) -->\n", lambda match: made[match[1]](), text)
 
 
