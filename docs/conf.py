@@ -80,7 +80,7 @@ def add_toctrees(app: Sphinx, docname: str, source: list[str]) -> None:
 def fill(app: Sphinx, docname: str, source: list[str]) -> None:
     """Put in what a page has on the site alone."""
     del app
-    if "<!-- built: " in source[0]:
+    if "<!-- built: " in source[0] or "<!-- table: " in source[0]:
         sys.path.insert(0, str(PAGES))
         source[0] = importlib.import_module("generate").built(f"{docname}.md", source[0])
 
