@@ -46,6 +46,13 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
+def key_names(model: type[BaseModel] = Document) -> str:
+    """Return the names of the keys of a sheet's top level, those that are needed first."""
+    fields = {field.alias or name: field.is_required() for name, field in model.model_fields.items()}
+    first, then = ([f"`{name}`" for name, is_needed in fields.items() if is_needed is which] for which in (True, False))
+    return f"{', '.join(first)} needed; {', '.join(then)}.\n"
+
+
 def keys(model: type[BaseModel] = Document) -> str:
     """Return the keys of a part of a sheet, of its top level if none is given."""
     rows = []
@@ -311,7 +318,7 @@ def parameters(name: str) -> str:
 
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "sheet.md": {
-        "keys": keys,
+        "keys": key_names,
         "laws": laws,
         "options": options,
         "scopes": scopes,
@@ -324,7 +331,7 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
 
 BUILT: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "codes.md": {"codes": codes},
-    "sheet.md": {"measurement": partial(keys, MeasurementEntry)},
+    "sheet.md": {"keys": keys, "measurement": partial(keys, MeasurementEntry)},
     "sources.md": {name: partial(settings, kind) for name, kind in catalogue().items()},
     "command-line.md": {"shared": shared} | {name: partial(parameters, name) for name in list_commands()},
 }

@@ -81,14 +81,17 @@ def as_csv(parts: Mapping[str, Sequence[Cell]]) -> str:
 
 
 def as_markdown(lines: Sequence[Cell]) -> str:
-    """Return for each interval its lowest share over the cases, and where that is."""
-    shown = ["| interval | cases | lowest | in the case |", "| --- | ---: | ---: | --- |"]
+    """Return for each interval its lowest share over the cases and where that is; below it those of 100 % in all cases."""
+    shown, whole = ["| interval | cases | lowest | in the case |", "| --- | ---: | ---: | --- |"], list[str]()
     for table, name in dict.fromkeys((table, name) for table, name, *_ in lines):
         same = [(case, share) for one, other, case, _, share in lines if (one, other) == (table, name)]
+        title = (f"{table}: {name}" if table else name).replace("|", "\\|")
         case, share = min(same, key=lambda line: float(line[1].strip("*-") or 101))
-        cells = f"{table}: {name}" if table else name, f"{len(same)}", share, "any" if share == "100.0" else case
-        shown.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
-    return "\n".join(shown)
+        if {one.strip("*") for _, one in same} <= {"100.0"}:
+            whole.append(title)
+        else:
+            shown.append(f"| {title} | {len(same)} | {share} | {case.replace('|', chr(92) + '|')} |")
+    return "\n".join([*shown, *(["", f"100 % in all cases: {'; '.join(whole)}."] if whole else [])])
 
 
 def _share(rows: Sequence[Coverage]) -> str:
