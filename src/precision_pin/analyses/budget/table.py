@@ -68,8 +68,8 @@ def _answer(result: BudgetResult, quantities: Sequence[str]) -> list[str]:
             share = None if largest is None else largest.share.get(quantity)
             what = "no tolerance causes a spread"
             if largest is not None and share:
-                width = f" ({largest.tolerance})" if largest.tolerance else ""
-                what = f"{shortened(largest.name, MOST_OF_NAME)} causes {100 * share:.3g} % of the variance{width}"
+                width = f", {largest.tolerance}," if largest.tolerance else ""
+                what = f"{shortened(largest.name, MOST_OF_NAME)}{width} causes {100 * share:.3g} % of the variance"
             said.append(f"{quantity}: {what}")
             sizes.append(pose.sums[quantity].std or 0.0)
         lines.append(answer_of([pose.pose for pose in result.poses], sizes, said))
