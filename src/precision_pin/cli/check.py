@@ -92,11 +92,11 @@ def _allocation_findings(sheet: Sheet) -> tuple[Finding, ...]:
     """Return the errors in ``allocate:``, if the sheet has it."""
     if sheet.contents is None or "allocate" not in sheet.contents.text.data:
         return ()
-    from precision_pin.analyses.allocation.problem import read_problem
+    from precision_pin.analyses.allocation.problem import check_problem
     from precision_pin.model.error_model import ErrorModel
 
     try:
-        read_problem(ErrorModel.from_sheet(sheet), None)
+        check_problem(ErrorModel.from_sheet(sheet))
     except InputError as error:
         return error.findings
     return ()
