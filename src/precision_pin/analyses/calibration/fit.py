@@ -84,10 +84,12 @@ class Problem:
             tips[list(station.rows)] = se3.displaced(station.at.posture.pose, station.at.error_at_means)
         bases, start = first_guess(data, tips, instruments)
         deviations = np.ones(data.readings.shape)
-        for row, part in enumerate(data.part):
-            own = data.measurements[part]
-            scale = data.std[row] / own.std if data.std.size and own.std_known else 1.0
-            deviations[row, : own.size] = own.deviations * scale
+        for k, part in enumerate(data.measurements):
+            rows = np.flatnonzero(data.part == k)
+            given = data.std[rows] if data.std.size else np.full(rows.size, part.std)
+            # of a std that is to be estimated the file's say only how they are to each other
+            usual = part.std if part.std_known else np.sqrt((given**2).mean())
+            deviations[rows, : part.size] = part.deviations * (given / usual)[:, None]
         readings = readings_in_base(data, poses, bases)
         return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start), bases
 
