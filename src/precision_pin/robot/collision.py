@@ -122,9 +122,9 @@ class _Body:
     """A shape: the hull of points, each with a ball and a disc about z around it.
 
     ``owner`` is its link. ``solid`` is coal's shape. ``placement`` is in the axes of the chain link ``link``; points ``(V, 3)``,
-    ``centre`` and ``radius`` of a ball about all, and of a mesh its triangles ``(F, 3, 3)`` and the planes of its hull (normal and
-    offset, negative inside; none of a flat one), are in the shape's own. ``is_line``: it has no thickness and is only kept out of
-    planes and boxes.
+    ``centre`` and ``radius`` of a ball about all, and of a mesh its triangles ``(F, 3, 3)`` and the planes of its hull (normal
+    and offset, negative inside; none of a flat one), are in the shape's own. ``is_line``: it has no thickness and is only kept
+    out of planes and boxes.
     """
 
     name: str

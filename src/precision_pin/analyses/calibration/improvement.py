@@ -32,8 +32,8 @@ _SETTLED: Final = 1e-9
 class LeftOutShare(Record):
     """Share of left-out readings within the 95 % ellipsoid of their own covariance.
 
-    ``interval`` is that of Clopper and Pearson for as many trials as there are groups: readings of one group are no independent
-    trials. The verdict is ``honest`` where it holds 0.95.
+    ``interval`` is that of Clopper and Pearson for as many trials as the groups are worth: readings of one group, and groups that
+    share what a fit without them errs by, are no independent trials. The verdict is ``honest`` where it holds 0.95.
     """
 
     KEYS: ClassVar[Keys] = ("verdict", "within", "interval", "probability")
@@ -43,10 +43,10 @@ class LeftOutShare(Record):
     interval: tuple[float, float]
 
     @classmethod
-    def of(cls, is_within: NDArray[np.bool_], groups: int) -> LeftOutShare:
-        """Return the share of readings ``(P,)`` of so many groups."""
+    def of(cls, is_within: NDArray[np.bool_], trials: float) -> LeftOutShare:
+        """Return the share of readings ``(P,)`` that are worth so many independent trials."""
         within = float(is_within.mean())
-        return cls(within, clopper_pearson(within * groups, groups, LEVEL))
+        return cls(within, clopper_pearson(within * trials, trials, LEVEL))
 
     @property
     def verdict(self) -> Literal["over-confident", "honest", "over-cautious"]:
@@ -134,7 +134,7 @@ def judge(
         root = best.local.leverage_root()
         interval = gain_interval(squares[0], squares[1], weights, float((root**2).sum()) / len(root))
     limit = stats.chi2.ppf(LEVEL, problem.sizes[used])
-    share = LeftOutShare.of(after.distance[used] <= limit, count)
+    share = LeftOutShare.of(after.distance[used] <= limit, min(after.trials, count))
     roots = [float(np.sqrt(mean)) for mean in means]
     by: Literal["poses", "groups"] = "groups" if of_column else "poses"
     return Improvement(roots[0], roots[1], interval, roots[2], count, by, int(used.size), share)
