@@ -38,12 +38,15 @@ def run(*arguments: str) -> tuple[int, str]:
 
 
 def draft(name: str) -> tuple[int, str]:
-    """Run ``init``, and where that proposes another tip the command that it proposes."""
+    """Run ``init``, and what it proposes: to mend inertias, another tip."""
     code, printed = run("init", f"example:{name}", "--out", f"{name}.errors.yaml")
+    mend = ["--mend-inertia"] if "--mend-inertia" in printed else []
+    if mend:
+        code, printed = run("init", f"example:{name}", "--out", f"{name}.errors.yaml", *mend)
     proposed = re.search(r"precision-pin (init \S+ --tip .+)", printed)
     if proposed is None:
         return code, printed
-    return run(*shlex.split(proposed[1]), "--out", f"{name}.errors.yaml", "--force")
+    return run(*shlex.split(proposed[1]), "--out", f"{name}.errors.yaml", "--force", *mend)
 
 
 def row(name: str) -> str:

@@ -27,7 +27,7 @@ from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.sheet.chain_entry import Overrides, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, plain_data, values_at
 from precision_pin.sheet.findings import Findings
-from precision_pin.sheet.measurement import Measurement, read_measurement
+from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
 from precision_pin.sheet.provenance import Origin, origins_by_path, source_origins
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
@@ -88,10 +88,7 @@ class Sheet:
     @property
     def measurement(self) -> Measurement | None:
         """The only measurement, ``None`` without any; an :class:`InputError` where the sheet lists several."""
-        if len(self.measurements) > 1:
-            message = f"measurement: lists {len(self.measurements)}; only a fit to data takes several, this takes one"
-            raise InputError([Finding("error", "E_USAGE", message, self.file)])
-        return self.measurements[0] if self.measurements else None
+        return only_one(self.measurements, self.file) if self.measurements else None
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.

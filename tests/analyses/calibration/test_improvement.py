@@ -8,7 +8,9 @@ from scipy import stats
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
-from precision_pin.analyses.calibration.design import UnitNumbers, stack_at_means, stations_of
+from precision_pin.analyses.calibration.data import read_data
+from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, stack_at_means, stations_of
+from precision_pin.analyses.calibration.fit import Problem, leave_out
 from precision_pin.analyses.calibration.improvement import LeftOutShare, gain_interval
 from precision_pin.draws.draw import Scope
 from precision_pin.sources import JointOffset
@@ -83,6 +85,32 @@ def test_the_share_within_has_the_binomial_interval_of_its_groups() -> None:
     assert LeftOutShare.of(np.arange(60) < 54, 60).verdict == "honest"
     assert LeftOutShare.of(np.ones(80, dtype=bool), 80).verdict == "over-cautious"
     assert LeftOutShare.of(np.arange(60) < 51, 6).verdict == "honest"
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_groups_that_share_errors_are_fewer_trials(twice: bool) -> None:
+    """Squares of correlations between left-out readings, base and target free, by the map from readings to what is left out."""
+    model, q = plain_model(), np.repeat(random_poses(4, 8), 1 + twice, axis=1)
+    free = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
+    problem = Problem.of(model, read_data(model, (q, readings_of(model, q, free)), (free,)))[0]
+    z, groups, size = np.zeros(problem.unit.root.shape[1]), np.arange(q.shape[1]) // (1 + twice), 3 + 3 * twice
+    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
+    columns = []
+    for white in estimator.hold():
+        residuals, first = np.zeros_like(problem.readings), 0
+        for places, root in zip(problem.places, problem.roots, strict=True):
+            residuals[places] = root @ white[first : first + len(root)]
+            first += len(root)
+        found = leave_out(problem, estimator, estimator, residuals, groups)
+        columns.append(found.values.ravel())
+    # residuals hold y have the covariance hold, of which the map is taken here: hold hold⁺ hold
+    left = np.array(columns).T
+    covariance = left @ np.linalg.pinv(estimator.hold(), rcond=1e-9) @ left.T
+    blocks = covariance.reshape(8, size, 8, size).swapaxes(1, 2)
+    roots = [np.linalg.inv(np.linalg.cholesky(blocks[k, k])) for k in range(8)]
+    shares = [((roots[k] @ blocks[k, h] @ roots[h].T) ** 2).sum() / size for k in range(8) for h in range(8)]
+    assert found.trials == pytest.approx(64 / np.sum(shares), rel=1e-6)
+    assert found.trials < 6
 
 
 @pytest.mark.slow

@@ -418,7 +418,9 @@ def _with_std(
             part if part.std_known else replace(part, **stds)  # type: ignore[arg-type]
             for part in data.measurements
         ),
-        std=np.zeros(0) if not any(part.std_known for part in data.measurements) else data.std,
+        std=np.where(whole.unknown_deviations["std"][:, 0], whole.deviations[:, 0], data.std)
+        if data.std.size
+        else data.std,
     )
     return data, (whole, used, best, gross), noise
 
@@ -451,12 +453,15 @@ def without_gross_errors(
 def _remarks(data: CalibrationData, best: Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
     if gross:
         worst = max(gross, key=lambda error: error.deviations)
-        listed = ", ".join(str(error.line) for error in gross)
+        rows = [data.label(error.reading).removeprefix("row ") for error in gross]
+        listed = (", " if all(map(str.isdecimal, rows)) else "; ").join(rows)
         message = (
             f"readings that fit no other and were given no weight: rows {listed}; the worst, {data.label(worst.reading)}, is "
             f"{worst.deviations:.3g} standard deviations off ({1e3 * worst.size:.3g} mm)"
         )
-        yield Finding("warning", "W_GROSS_ERROR", message, data.file or None)
+        yield Finding(
+            "warning", "W_GROSS_ERROR", message, data.file if len(set(data.files)) == 1 and data.file else None
+        )
     if best.at_bounds:
         yield Finding("warning", "W_AT_BOUND", f"estimated at a bound of their tolerance: {', '.join(best.at_bounds)}")
     if not best.estimator.has_prior:
