@@ -97,7 +97,7 @@ class AllocatedLimit(Record):
 
 
 def tightest_of(limits: Sequence[AllocatedLimit]) -> int:
-    """Return the number of the limit that is not kept, else of any, that by the first order has least left or is exceeded most."""
+    """Return the number of the limit exceeded most by the first order, of those not kept; else of that with the least left."""
     return max(range(len(limits)), key=lambda k: (not limits[k].is_kept, limits[k].first_order / limits[k].limit))
 
 
