@@ -40,7 +40,7 @@ def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder
     done = run("allocate", _sheet(folder, "1 mm"), "--out", "made")
     assert done.code == 1
     assert done.out.startswith(
-        "no allocation can meet position.norm 1 mm @ 95 %: with every tolerance at its least 0.00 %"
+        "no allocation was found that meets position.norm 1 mm @ 95 %: with every tolerance at its least 0.00 %"
     )
     assert "in the way: constant part 36.8 mm (no tolerance; compensate or calibrate removes it), " in " ".join(
         done.out.split()

@@ -150,7 +150,9 @@ def _allocate(
         bound, basis = _bound(task, parts, members, choices, rounds, judge, end)
         if walked is not None:
             bound, basis = walked.lower_bound, "samples"
-        if found.solution is not None:
+        if found.solution is None:
+            found = replace(found, basis=basis)
+        else:
             known = None if bound is None else min(bound, found.cost)
             found = replace(found, solution=replace(found.solution, lower_bound=known), basis=basis)
             if found.is_clear and (margin := judge.aimed - judge.required).any():
@@ -268,11 +270,9 @@ def _bound(
     may exceed it. Of laws that are far from a normal one that says nothing about other tolerances, and there is no bound.
     """
     found = rounds[-1]
-    if found.solution is None:
-        return None, "proof"
     if not judge.chances:
-        return found.solution.lower_bound, "proof"
-    if not _near_normal(judge, parts):
+        return None if found.solution is None else found.solution.lower_bound, "proof"
+    if found.solution is None or not _near_normal(judge, parts):
         return None, "normal law"
     excess = np.zeros(len(judge.chances))
     for one in rounds:
