@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import fsolve, least_squares, minimize
 
 import precision_pin as pp
+from precision_pin.analyses.compensation.table import compensation_table
 from precision_pin.base.errors import InputError, PrecisionPinWarning
 from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Space
@@ -68,6 +69,10 @@ def test_every_pose_of_a_six_axis_arm_with_payload():
         error = pose_error(standing(model, corrected), model.chain.at(q).pose)
         assert np.linalg.norm(error[:3]) < 1e-9
         assert np.linalg.norm(error[3:]) < 1e-9
+    # one pose: joints by their whole names; the last one is turned by less than a digit, and zero has no sign
+    lines = compensation_table(pp.compensate(model, ["ready"])).splitlines()
+    assert any(line.startswith("shoulder_pan_joint ") for line in lines)
+    assert next(line for line in lines if line.startswith("wrist_3_joint")).split()[2:] == ["0.0000"] * 3
 
 
 def test_joint_compliance_alone_has_the_exact_answer():

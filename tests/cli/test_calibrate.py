@@ -504,6 +504,14 @@ def test_tolerances_of_a_population_are_written_as_a_sheet(run, folder) -> None:
     assert found.code == 0
     assert found.out.splitlines()[0].startswith("6 robots 4dof.urdf, base to tool: ")
     assert max(map(len, found.out.splitlines())) <= 100
+    # the sheet of one robot says nothing of the tolerances of several
+    calibrated = (folder / "arm.errors.yaml").read_text() + "calibrated: robot5.json\n"
+    (folder / "one.errors.yaml").write_text(calibrated)
+    refused = run("calibrate", "one.errors.yaml", "--population", *files)
+    assert (refused.code, refused.out) == (2, "")
+    assert "--set calibrated=none" in refused.err
+    anew = run("calibrate", "one.errors.yaml", "--population", *files, "--set", "calibrated=none", "--json", "-")
+    assert anew.json["tolerances"] == json.loads((folder / "p.json").read_text())["tolerances"]
     scales = {one["draws"][0]: one["scale"] for one in json.loads((folder / "p.json").read_text())["tolerances"]}
     names = {path.name for path in (folder / "plots").iterdir()}
     assert names == {f"calibration-population.{end}" for end in ("json", "png", "svg")}

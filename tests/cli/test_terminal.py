@@ -172,7 +172,10 @@ LONG = "\n".join(
     ("text", "ends"),
     [
         (LONG, LONG.partition("\n")[0].strip()),
-        (LONG.replace("what", "spec |d| within 3 mm: MET - 99 % inside\nwhat"), "spec |d| within 3 mm: MET"),
+        (
+            LONG.replace("what", "spec |d| within 3 mm: MET - 99 % inside\nspec |d| within 1 mm: NOT MET\nwhat"),
+            "|d| within 1 mm: NOT MET |d| within 3 mm: MET",
+        ),
     ],
     ids=["first sentence", "verdict"],
 )

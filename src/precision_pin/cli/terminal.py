@@ -94,7 +94,9 @@ def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: b
     end = next((k for k, piece in enumerate(last) if piece.rows[0].startswith(_FOOT)), len(last))
     foot = [_brief_foot(last[end:])] if last[end:] else []
     if is_answered:
-        end, foot = max(len(last) - 1, 0), last[-1:]
+        # it ends with all verdicts, for which there is no room, or with a sentence
+        answer = _verdict_rows(text) or ([] if last[-1].is_table else last[-1].rows)
+        end = next((k for k, piece in enumerate(last) if piece.is_table), -1) + 1
     left = room - sum(len(piece.rows) for piece in foot) - len(answer) - 1
     kept: list[list[_Piece]] = []
     is_cut = False
@@ -146,9 +148,20 @@ def _first_rows(piece: _Piece, room: int) -> list[str]:
 
 def _answer(text: str) -> list[str]:
     """Return the verdicts of a text, or its first block, as rows, as far as it is short."""
-    given = [line.strip().partition(" - ")[0] for line in text.split("\n") if _VERDICT.search(line)]
+    return _verdict_rows(text) or _short(text.partition("\n\n")[0].split("\n"))
+
+
+def _verdict_rows(text: str) -> list[str]:
+    """Return the verdicts of a text, those of what is not met first."""
+    given = [
+        line.strip().partition(" - ")[0].removeprefix("spec ") for line in text.split("\n") if _VERDICT.search(line)
+    ]
+    return _short(sorted(given, key=lambda line: line.endswith(": MET")))
+
+
+def _short(lines: Sequence[str]) -> list[str]:
     rows: list[str] = []
-    for line in dict.fromkeys(given or text.partition("\n\n")[0].split("\n")):
+    for line in dict.fromkeys(lines):
         more = wrapped(line, sys.stdout, WIDTH).split("\n")
         if rows and len(rows) + len(more) > _OF_ANSWER:
             break

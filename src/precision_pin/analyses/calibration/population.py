@@ -139,9 +139,15 @@ def population(
             a bar.
 
     Raises:
-        InputError: Fewer than two robots, wrong data, or a calibration of another model or without prior.
+        InputError: Fewer than two robots, wrong data, a calibration of another model or without prior, or the sheet of
+            a calibrated robot.
     """
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
+    if model.sheet is not None and model.sheet.estimates is not None:
+        raise InputError(
+            "the sheet is that of one calibrated robot, whose numbers say nothing of others; tolerances of several robots: "
+            "the sheet without calibrated:, or --set calibrated=none"
+        )
     findings = check_items("findings", findings, Finding)
     check_choice("means", means, ("sheet", "estimated"))
     confidence = check_number("the confidence", confidence, "between 0 and 1", lambda n: 0 < n < 1)
