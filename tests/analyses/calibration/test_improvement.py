@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
@@ -51,6 +52,11 @@ def test_a_calibration_helps_is_useless_or_harms() -> None:
     model, tip = offsets(pp.Normal(1e-3)), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free")
     q = random_poses(4, 15)
     helped = pp.calibrate(model, (q, readings_of(model, q, tip)), tip)
+    # before: the nominal points, turned and shifted onto the readings
+    postures = [model.at(one).posture.pose for one in q.T]
+    points, readings = np.array([(one @ [*OFF_AXIS, 1])[:3] for one in postures]), readings_of(model, q, tip)
+    far = Rotation.align_vectors(readings - readings.mean(axis=0), points - points.mean(axis=0))[1]
+    assert helped.rms_residual["before"] == pytest.approx(far / np.sqrt(15), rel=1e-9)
     nominal = offsets(pp.Normal(1e-12))
     useless = pp.calibrate(model, (q, readings_of(nominal, q, tip)), tip)
     # noise of 1 mm where the sheet says 60 µm, which 17 combinations without a prior follow

@@ -32,7 +32,7 @@ from precision_pin.analyses.calibration.identifiability import (
     refuse_where_nothing_is_seen,
     remarks_on,
 )
-from precision_pin.analyses.calibration.improvement import Improvement, doubt_improvement, groups_of, judge
+from precision_pin.analyses.calibration.improvement import Improvement, SetUpAlone, doubt_improvement, groups_of, judge
 from precision_pin.analyses.calibration.noise import EstimatedStd, chance_of, doubt_std, estimate_std, refuse_noise
 from precision_pin.analyses.calibration.posterior import (
     LEVEL,
@@ -102,8 +102,8 @@ class CalibrationResult(PosesOutcome):
         chi_square, degrees_of_freedom: Sum of squares of whitened residuals (with a prior, of the numbers' deviations
             too), and its expectation.
         residuals, residuals_before: Reading less prediction of the calibrated arm, in base axes, ``(P, m)``; of the
-            sheet's means, with the first guess of the set-up. Zeros beyond the numbers of a reading that has fewer than
-            others.
+            sheet's means, with the set-up that fits them best. Zeros beyond the numbers of a reading that has fewer
+            than others.
         left_out: Reading less the prediction of a fit without the readings at its pose, or without its group where the
             data have groups, ``(P, m)``, first order.
         std_left_out, std_predicted: Standard deviation of ``left_out``, and of a new reading at the pose from the
@@ -299,7 +299,8 @@ def calibrate(
     residuals = whole.residuals(best.z, best.nuisances)
     groups = groups_of(given, np.array(model.chain.prismatic))
     without = leave_out(used, best.estimator, best.local, best.residuals, groups)
-    improvement = judge(used, best, without, groups, of_column=bool(given.group.size))
+    alone = SetUpAlone.of(used)
+    improvement = judge(used, best, without, alone, groups, of_column=bool(given.group.size))
     unit, estimator = whole.unit, best.estimator
     predicted = whole.reading_deviations(best)
     is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]
@@ -330,7 +331,7 @@ def calibrate(
         chi_square=best.chi_square,
         degrees_of_freedom=best.degrees_of_freedom,
         residuals=residuals,
-        residuals_before=whole.residuals(np.zeros_like(best.z), whole.start),
+        residuals_before=whole.residuals(np.zeros_like(best.z), alone.nuisances),
         left_out=np.where(is_gross, residuals, without.values),
         std_left_out=np.where(is_gross, predicted, without.std),
         std_predicted=predicted,

@@ -100,6 +100,36 @@ class Improvement(Record):
         return "helps" if self.interval is not None and self.interval[0] > 0 else "not shown to help"
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class SetUpAlone:
+    """The fit of base and target, the arm at the sheet's means: the estimate, and the residuals ``(P, m)``."""
+
+    nuisances: Array
+    residuals: Array
+    estimator: Estimator
+
+    @classmethod
+    def of(cls, problem: Problem) -> SetUpAlone:
+        """Return the fit to the readings of a problem."""
+        means = problem.model.space.mean[:, None]
+        errors = [station.at.exact(means) for station in problem.stations]
+        nuisances = problem.start
+        for _ in range(STEPS):
+            residuals = problem.residuals_of(errors, nuisances)
+            slopes = np.zeros((*problem.readings.shape, nuisances.size))
+            for station, places, error in zip(problem.stations, problem.places, errors, strict=True):
+                slopes[places] = problem.slopes_at(station, error[:, 0], nuisances).nuisances
+            by_nuisance, white = problem.whiten(slopes), problem.whiten(residuals)
+            nothing = np.zeros((len(by_nuisance), 0))
+            estimator = Estimator.of(nothing, by_nuisance, has_prior=False, kept=np.zeros((0, 0)))
+            step = estimator.nuisances(white)
+            if np.abs(by_nuisance @ step).max(initial=0.0) < _SETTLED * (1 + np.abs(white).max()):
+                break
+            nuisances = nuisances + step
+        return cls(nuisances, residuals, estimator)
+
+
 def groups_of(data: CalibrationData, sliding: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return the number of the group of each reading, ``(P,)``: the data's own, or one for readings at the same pose."""
     if data.group.size:
@@ -112,10 +142,11 @@ def groups_of(data: CalibrationData, sliding: NDArray[np.bool_]) -> NDArray[np.i
 
 
 def judge(
-    problem: Problem, best: Fit, after: LeftOut, groups: NDArray[np.intp], *, of_column: bool
+    problem: Problem, best: Fit, after: LeftOut, alone: SetUpAlone, groups: NDArray[np.intp], *, of_column: bool
 ) -> Improvement | None:
     """Return how a fit does on the groups left out of it; ``None`` where no group's readings follow from the others."""
-    residuals, before = _base_and_target(problem, groups)
+    residuals = alone.residuals
+    before = leave_out(problem, alone.estimator, alone.estimator, residuals, groups)
     used = np.flatnonzero(before.is_predicted & after.is_predicted)
     if not used.size:
         return None
@@ -170,22 +201,3 @@ def gain_interval(before: Array, after: Array, weights: Array, taken: float) -> 
     deviation = np.sqrt(widened * count / free * float((adds**2).sum()))
     gain, reach = float(np.sqrt(mean) - np.sqrt(left)), float(stats.t.isf((1 - LEVEL) / 2, free) * deviation)
     return gain - reach, gain + reach
-
-
-def _base_and_target(problem: Problem, groups: NDArray[np.intp]) -> tuple[Array, LeftOut]:
-    """Return the residuals of a fit of the nuisances alone, the arm at its means, ``(P, m)``, and of one without each group."""
-    means = problem.model.space.mean[:, None]
-    errors = [station.at.exact(means) for station in problem.stations]
-    nuisances = problem.start
-    for _ in range(STEPS):
-        residuals, slopes = problem.residuals_of(errors, nuisances), np.zeros((*problem.readings.shape, nuisances.size))
-        for station, places, error in zip(problem.stations, problem.places, errors, strict=True):
-            slopes[places] = problem.slopes_at(station, error[:, 0], nuisances).nuisances
-        by_nuisance = problem.whiten(slopes)
-        nothing = np.zeros((len(by_nuisance), 0))
-        alone = Estimator.of(nothing, by_nuisance, has_prior=False, kept=np.zeros((0, 0)))
-        step = alone.nuisances(problem.whiten(residuals))
-        if np.abs(by_nuisance @ step).max(initial=0.0) < _SETTLED * (1 + np.abs(problem.whiten(residuals)).max()):
-            break
-        nuisances = nuisances + step
-    return residuals, leave_out(problem, alone, alone, residuals, groups)
