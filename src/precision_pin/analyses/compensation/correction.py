@@ -244,10 +244,10 @@ class _Arm:
         low, high = ((limit - start) / units for limit in limits)
 
         def missed(change: Array) -> Array:
-            return self.error((start + change * units)[:, None], of)[self.rows, 0]
+            return np.asarray(self.error((start + change * units)[:, None], of)[self.rows, 0])
 
         def slopes(change: Array) -> Array:
-            return self.slopes((start + change * units)[:, None], of)[self.rows, :, 0]
+            return np.asarray(self.slopes((start + change * units)[:, None], of)[self.rows, :, 0])
 
         found = optimize.minimize(
             lambda change: (change @ change, 2 * change), np.clip((end - start) / units, low, high), jac=True,
@@ -256,9 +256,9 @@ class _Arm:
         )  # fmt: skip
         if not np.isfinite(found.x).all():
             return end
-        values: Array = start + found.x * units
-        values = np.where(found.x <= low + CONVERGED, limits[0], values)
-        return np.where(found.x >= high - CONVERGED, limits[1], values)
+        values = np.where(found.x <= low + CONVERGED, limits[0], start + found.x * units)
+        values = np.where(found.x >= high - CONVERGED, limits[1], values)
+        return np.asarray(values)
 
     def _scattered(self, start: Array) -> Array:
         """Return joint values within the limits ``(n, S)``, from near the pose to half a turn away, the same every time."""
