@@ -167,6 +167,9 @@ def test_pairs(written, ended, pair):
             # what was measured is no tolerance any more, but of the next robot
             assert "--set calibrated=none" in found.err
             written.run(*words, "--set", "calibrated=none")
+        if name == "check" and run.get("SHEET.yaml") == "calibrate --sheet":
+            assert "warning W_ALLOCATE" in found.out
+            assert "W_ALLOCATE" not in written.run(*words, "--set", "calibrated=none").out
         if "--journal" in run:
             # a journal is read by the command that wrote it
             assert "holds the first" in written.run(*words, "--resume").err
