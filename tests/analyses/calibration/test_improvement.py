@@ -120,8 +120,8 @@ def test_groups_that_share_errors_are_fewer_trials(twice: bool) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("noise", "size", "least"), [(1, 1, 0.91), (50, 1, 0.91), (150, 1, 0.91), (50, 0, 0.91)])
-def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size: float, least: float) -> None:
+@pytest.mark.parametrize(("noise", "size"), [(1, 1), (50, 1), (150, 1), (50, 0)])
+def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size: float) -> None:
     """Linear robots with a free base, 25 of 300 poses: the gain over all poses; where there is none, few "helps"."""
     model, free = plain_model(), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
     stations = stations_of(model, random_poses(4, 300), free)
@@ -152,5 +152,5 @@ def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size:
         low, high = gain_interval(squares[0], squares[1], np.full(25, 1 / 25), taken)
         held.append(low <= truths[0] - truths[1] <= high)
         helps.append(low > 0)
-    assert np.mean(held) > least
+    assert np.mean(held) > 0.94
     assert size > 0 or np.mean(helps) < 0.05
