@@ -114,6 +114,7 @@ class Scaling:
                 f"Parameters on a UR5's {_JOINTS_OF_ARMS} joints; arms of other lengths repeat its links. With the fewest "
                 "parameters the joints only shift and do not turn, which costs less.",
             ),
+            on_page=False,
         )
 
     def _threads(self) -> Table:
@@ -124,6 +125,7 @@ class Scaling:
             "Threads: monte_carlo of the paper's arm, the time that passes",
             ("threads", "s", "times one thread"),
             rows,
+            on_page=False,
         )
 
     def _ratios(self) -> tuple[Ratio, ...]:

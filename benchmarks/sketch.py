@@ -55,6 +55,7 @@ def measure(quick: bool) -> Part:
         ("way", "ns per value", "kB per quantity", f"relative error at {100 * LEVEL:.2f} %"),
         rows,
         ("The largest error of the eight quantities, to numpy's quantile of the same samples.",),
+        on_page=False,
     )
     ratios = (
         Ratio("numpy.quantile to moments and sketch, time per value", cost["quantile"] / ours),

@@ -151,7 +151,7 @@ def test_an_allocation_has_a_section_and_its_answer_at_the_head(run, folder):
     (folder / "wanted.yaml").write_text(f"{text}\nallocate:\n  specs: [30 mm @ 95 %]\n  tolerances: [{entry}]\n")
     assert run("report", "wanted.yaml", *FEW, "--allocate", "--out", "page.html").code == 1
     page = (folder / "page.html").read_text("utf-8")
-    assert "Allocation: no allocation can meet position.norm 30 mm @ 95 %" in page.replace("&nbsp;", " ")
+    assert "Allocation: no allocation was found that meets position.norm 30 mm @ 95 %" in page.replace("&nbsp;", " ")
     for said in ('href="#allocation"', "--allocate", "constant part", "axis_install[joint1].radius"):
         assert said in page
     refused = run("report", "4dof.errors.yaml", *FEW, "--allocate", "--out", "other.html")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -132,9 +133,33 @@ def test_repeated_poses_tell_the_instrument_from_the_model() -> None:
     assert wrong.noise["std"].of_all > 3 * wrong.noise["std"].std
 
 
+def test_stds_of_the_file_are_relative_where_the_std_is_estimated(tmp_path: Path) -> None:
+    """An arm that is known: the std at all weights equal is the root mean square of residuals over relative stds."""
+    chain, q = paper_model().chain, random_poses(4, 30)
+    model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="joint1", offset=pp.Normal(1e-9))])
+    rng = np.random.default_rng(3)
+    stds = np.where(np.arange(30) % 3, 0.1, 1.0)  # mm
+    noise = rng.standard_normal((30, 3)) * stds[:, None] / 1e3
+    rows = np.column_stack([q.T, chain.at_columns(q).pose[:3, 3].T + noise, stds])
+    header = ",".join(
+        [*(f"{name} [rad]" for name in chain.joint_names), *(f"{name} [m]" for name in "xyz"), "std [mm]"]
+    )
+    np.savetxt(tmp_path / "data.csv", rows, "%.12g", ",", header=header, comments="")
+    found = pp.calibrate(model, tmp_path / "data.csv", pp.Measurement(std="estimate"))  # type: ignore[arg-type]
+    usual = np.sqrt((stds**2).mean())
+    expected = np.sqrt(((noise * usual / stds[:, None]) ** 2).mean())
+    assert not found.gross_errors
+    assert found.noise["std"].std == pytest.approx(expected, rel=1e-4)
+    assert json.loads(found.to_json())["data"]["std"] == pytest.approx(stds * expected / usual, rel=1e-4)
+    np.testing.assert_allclose(found.std_predicted[:, 0], stds * expected / usual, rtol=1e-3)
+
+
 @pytest.mark.slow
 def test_intervals_of_the_std_cover_it() -> None:
-    """1,000 linear robots with a free base at 12 poses, on the derivatives of the paper's arm."""
+    """500 linear robots with a free base at 12 poses, on the derivatives of the paper's arm.
+
+    Of 95 % fewer than 461 hold it once in 370 tries, more than 488 once in 870.
+    """
     model = plain_model()
     free = pp.Measurement(std=1e-4, target=OFF_AXIS, base="free", target_known=False)
     by_z, set_up = (
@@ -142,9 +167,9 @@ def test_intervals_of_the_std_cover_it() -> None:
         for part in stack_at_means(stations_of(model, random_poses(4, 12), free), UnitNumbers.of(model.space), free)
     )
     basis, rng, held = np.linalg.svd(set_up, full_matrices=False)[0], np.random.default_rng(0), 0
-    for _ in range(1000):
+    for _ in range(500):
         y = by_z @ rng.standard_normal(by_z.shape[1]) + rng.standard_normal(36)
         block = (np.zeros((36, 36)), np.eye(36)[None], np.hstack([by_z, basis, y[:, None]]))
         low, high = largest_likelihood(Likelihood([block], by_z.shape[1]), 1.5)[1][0]
         held += low <= 0 <= high
-    assert 0.93 < held / 1000 < 0.97
+    assert 461 <= held <= 488
