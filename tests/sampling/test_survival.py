@@ -188,9 +188,9 @@ def held(err: str) -> int:
 
 @pytest.mark.slow
 def test_ctrl_c_once_saves_and_says_how_to_go_on(started: Any, tmp_path: Path) -> None:
-    samples = 4000 * BLOCK + 1
+    samples = 1500 * BLOCK + 1
     line = ("--samples", str(samples), "--seed", "3", "--spec", "45 mm @ 90 %", "--journal", "run.journal")
-    process = started(*line, "--json", "result.json", "--out", "plots")
+    process = started(*line, "--threads", "2", "--json", "result.json", "--out", "plots")
     wait_until(lambda: (tmp_path / "run.journal").exists(), 60)
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)

@@ -186,11 +186,11 @@ def test_a_planted_backlash_is_noticed() -> None:
 
 
 def test_without_a_prior_the_means_of_the_sheet_do_not_matter() -> None:
-    model, q = plain_model(), random_poses(4, 30)
+    model, q = plain_model(), random_poses(4, 15)
     precise = pp.Measurement("pose", std=1e-7)
     readings = readings_of(model, q, precise, seed=6)
     found = pp.calibrate(model, (q, readings), precise, prior=False)
-    assert found.degrees_of_freedom == 30 * 6 - 7
+    assert found.degrees_of_freedom == 15 * 6 - 7
     assert found.verdict == "agrees"
     estimate = np.array(list(found.posterior.mean.values()))
     std = np.array(list(found.posterior.std.values()))

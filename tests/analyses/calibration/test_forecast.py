@@ -108,7 +108,7 @@ def test_simulated_calibrations_agree(measurement: pp.Measurement) -> None:
 @pytest.mark.slow
 def test_simulated_calibrations_of_the_paper_agree() -> None:
     """Uniform and disc laws, elastic links: 2 %."""
-    model, q, measurement = paper_model(), random_poses(4, 40), SET_UPS[0]
+    model, q, measurement = paper_model(), random_poses(4, 20), SET_UPS[0]
     forecast = pp.forecast_calibration(model, q, measurement)
     simulated = simulate_calibrations(model, q, measurement, robots=4000)
     np.testing.assert_allclose(simulated.rms_position, [entry.rms("after") for entry in forecast.poses], rtol=0.02)

@@ -156,7 +156,10 @@ def test_stds_of_the_file_are_relative_where_the_std_is_estimated(tmp_path: Path
 
 @pytest.mark.slow
 def test_intervals_of_the_std_cover_it() -> None:
-    """1,000 linear robots with a free base at 12 poses, on the derivatives of the paper's arm."""
+    """500 linear robots with a free base at 12 poses, on the derivatives of the paper's arm.
+
+    Of 95 % fewer than 461 hold it once in 370 tries, more than 488 once in 870.
+    """
     model = plain_model()
     free = pp.Measurement(std=1e-4, target=OFF_AXIS, base="free", target_known=False)
     by_z, set_up = (
@@ -164,9 +167,9 @@ def test_intervals_of_the_std_cover_it() -> None:
         for part in stack_at_means(stations_of(model, random_poses(4, 12), free), UnitNumbers.of(model.space), free)
     )
     basis, rng, held = np.linalg.svd(set_up, full_matrices=False)[0], np.random.default_rng(0), 0
-    for _ in range(1000):
+    for _ in range(500):
         y = by_z @ rng.standard_normal(by_z.shape[1]) + rng.standard_normal(36)
         block = (np.zeros((36, 36)), np.eye(36)[None], np.hstack([by_z, basis, y[:, None]]))
         low, high = largest_likelihood(Likelihood([block], by_z.shape[1]), 1.5)[1][0]
         held += low <= 0 <= high
-    assert 0.93 < held / 1000 < 0.97
+    assert 461 <= held <= 488

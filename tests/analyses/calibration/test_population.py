@@ -50,16 +50,16 @@ def robots_of(count: int, poses: int = 6, seed: int = 0) -> list[tuple[np.ndarra
 
 @pytest.mark.slow
 def test_planted_tolerances_are_recovered() -> None:
-    """40 robots by the exact model: each planted factor within its interval, and the sheet's refuted where it is wrong."""
-    found = pp.population(model_of({}), robots_of(40), TRACKER)
+    """24 robots by the exact model: each planted factor within its interval, and the sheet's refuted where it is wrong."""
+    found = pp.population(model_of({}), robots_of(24), TRACKER)
     by_name = {one.names[0]: one for one in found.tolerances}
     assert set(by_name) == set(PLANTED)
     for name, factor in PLANTED.items():
         one = by_name[name]
         assert one.low <= factor <= one.high
-        # as wide as an interval of a variance from 40 numbers, whose readings are nearly exact
+        # as wide as an interval of a variance from 24 numbers, whose readings are nearly exact
         assert one.high / one.low == pytest.approx(
-            np.sqrt(stats.chi2.ppf(0.975, 40) / stats.chi2.ppf(0.025, 40)), rel=0.15
+            np.sqrt(stats.chi2.ppf(0.975, 24) / stats.chi2.ppf(0.025, 24)), rel=0.15
         )
     assert [by_name[name].agrees for name in PLANTED] == [False, False, True]
     assert found.log_likelihood_ratio > stats.chi2.ppf(0.999, 3)

@@ -127,12 +127,12 @@ def test_only_estimates_one_kind_and_leaves_the_rest_where_it_is():
 
 @pytest.mark.slow
 def test_intervals_of_zeros_cover_the_true_ones():
-    """Ten robots, zeros up to ±20°, ten readings each: 50 intervals of 95 %; fewer than 42 cover once in 1,300 tries."""
+    """Six robots, zeros up to ±20°, ten readings each: 30 intervals of 95 %; fewer than 24 cover once in 1,700 tries."""
     rng, inside = np.random.default_rng(0), 0
-    for seed in range(10):
+    for seed in range(6):
         zeros = np.radians(rng.uniform(-20, 20, 5))
         arm = pp.calibrate(sheet(), readings(zeros, (1,) * 5, seed=seed), BALL, only=["joint_offset"], at=[np.zeros(5)])
         inside += sum(
             low < zero < high for zero, (low, high) in zip(zeros, map(arm.interval, arm.posterior.names), strict=True)
         )
-    assert inside >= 42
+    assert inside >= 24
