@@ -15,7 +15,7 @@ READERS: dict[str, tuple[str, ...]] = {
     "check": (),
     "mcpc": (),
     "view": ("--samples", "20", "--out", "view.html"),
-    "report": ("--samples", "100", "--out", "report.html"),
+    "report": ("--samples", "200", "--out", "report.html"),
     "export": ("--out", "built"),
     "calibrate": ("--forecast", "--random", "5"),
     "simulate": ("--out", "simulated.csv"),
