@@ -81,7 +81,7 @@ def _run(quick: bool, page: Path | None) -> None:
         images.mkdir(exist_ok=True)
         plots.draw_comparison(compared.cost, kernel.EXACT, images / "benchmark-comparison.png")
         plots.draw_scaling(scaled, images / "benchmark-scaling.png")
-        text = "\n\n".join([f"Measured on: {setting}", *(table.as_markdown() for table in tables)])
+        text = "\n\n".join([f"Measured on: {setting}", *(table.as_markdown() for table in tables if table.on_page)])
         page.write_text(replaced(page.read_text(encoding="utf-8"), text), encoding="utf-8")
         print(f"wrote {page}", file=sys.stderr)
 

@@ -19,12 +19,14 @@ class Table:
         columns: The heads; the first column holds names, the others figures.
         rows: The cells.
         notes: Sentences below it.
+        on_page: Whether it stands on the page, or is printed only.
     """
 
     title: str
     columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
     notes: tuple[str, ...] = ()
+    on_page: bool = True
 
     def as_text(self) -> str:
         """Return the table with aligned columns."""

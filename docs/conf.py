@@ -53,13 +53,13 @@ autodoc_typehints = "none"  # types are shown as they are written, see signature
 autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 88
 python_use_unqualified_type_names = True
-napoleon_google_docstring = False
+napoleon_numpy_docstring = False
 napoleon_custom_sections = [("Attributes", "params_style")]
 
 PAGES: Final = Path(__file__).parent
 GROUP: Final = re.compile(r"^## (.+)\n((?:\n|(?!#).+\n)*)", re.MULTILINE)
-PAGE: Final = re.compile(r"^\| \[[^]]*\]\(([\w/-]+)\.\w+\)", re.MULTILINE)
-WORDS: Final = re.compile(r"^\| word \|.+\n\| ---.+\n((?:\|.+\n)+)", re.MULTILINE)
+PAGE: Final = re.compile(r"^- \[[^]]*\]\(([\w/-]+)\.\w+\)", re.MULTILINE)
+WORDS: Final = re.compile(r"^- \*\*(.+?)\*\*:", re.MULTILINE)
 CODE: Final = re.compile(r"(``.*?``|:\w+:`[^`]*`)")
 MARK: Final = re.compile(r"\||(?<=\w)_(?!\w)")
 BACKTICKS: Final = re.compile(r"`([^`]+)`")
@@ -68,7 +68,7 @@ TAG: Final = re.compile(r"\\tag\{(\w+)\}")
 
 
 def add_toctrees(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Make the tables of the index the site's table of contents, so that the index reads well on a forge too."""
+    """Make the lists of the index the site's table of contents, so that the index reads well on a forge too."""
     del app
     if docname == "index":
         for title, text in GROUP.findall(source[0]):
@@ -77,12 +77,19 @@ def add_toctrees(app: Sphinx, docname: str, source: list[str]) -> None:
                 source[0] += f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n{pages}\n```\n"
 
 
+def fill(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Put in what a page has on the site alone."""
+    del app
+    if "<!-- built: " in source[0] or "<!-- table: " in source[0]:
+        sys.path.insert(0, str(PAGES))
+        source[0] = importlib.import_module("generate").built(f"{docname}.md", source[0])
+
+
 def add_index_entries(app: Sphinx, docname: str, source: list[str]) -> None:
     """Make the words of the glossary entries of the index, which a search puts first."""
     del app
     if docname == "glossary":
-        rows = "".join(WORDS.findall(source[0])).splitlines()
-        words = [word for row in rows for word in row.split(" | ")[0].removeprefix("| ").split(", ")]
+        words = [word for entry in WORDS.findall(source[0]) for word in entry.split(", ")]
         title, text = source[0].split("\n", 1)
         entries = "\n".join(f"! single: {word}" for word in words)
         source[0] = f"{title}\n\n```{{eval-rst}}\n.. index::\n{indent(entries, '   ')}\n```\n{text}"
@@ -233,6 +240,7 @@ def visit_math_block(translator: HTML5Translator, node: nodes.math_block) -> Non
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register what this site adds to Sphinx."""
     app.connect("source-read", add_toctrees)
+    app.connect("source-read", fill)
     app.connect("source-read", add_index_entries)
     app.connect("autodoc-process-docstring", escape_marks, priority=400)  # before napoleon's
     app.connect("autodoc-process-signature", signature_as_written)

@@ -1,7 +1,8 @@
 """The tables of the pages that are made from the code.
 
 A page holds each between ``<!-- table: NAME -->`` and ``<!-- end -->``. ``python docs/generate.py`` rewrites them all;
-a test fails when one is out of step.
+a test fails when one is out of step. What a command prints as well (``--help``, ``explain``, ``schema``), a page has in
+full on the site alone: Sphinx fills ``<!-- built: NAME -->``, and puts more in the place of some tables.
 """
 
 from __future__ import annotations
@@ -45,14 +46,27 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
+def key_names(model: type[BaseModel] = Document) -> str:
+    """Return the names of the keys of a sheet's top level, those that are needed first."""
+    fields = {field.alias or name: field.is_required() for name, field in model.model_fields.items()}
+    first, then = ([f"`{name}`" for name, is_needed in fields.items() if is_needed is which] for which in (True, False))
+    return f"{', '.join(first)} needed; {', '.join(then)}.\n"
+
+
 def keys(model: type[BaseModel] = Document) -> str:
     """Return the keys of a part of a sheet, of its top level if none is given."""
     rows = []
     for name, field in model.model_fields.items():
         default = field.get_default(call_default_factory=True, validated_data={})
-        shown = " (needed)" if field.is_required() else f" (`{default}`)" if isinstance(default, str) else ""
-        rows.append((f"`{field.alias or name}`", _shape(field.annotation) + shown, field.description or ""))
-    return table(("key", "takes", "meaning"), rows)
+        shown = (
+            ", needed"
+            if field.is_required()
+            else f", default `{default}`"
+            if default and isinstance(default, str)
+            else ""
+        )
+        rows.append((f"`{field.alias or name}` ({_shape(field.annotation)}{shown})", field.description or ""))
+    return items(rows)
 
 
 def _shape(hint: Any) -> str:
@@ -83,9 +97,9 @@ def options() -> str:
     for option in law_options():
         takers = [f"`{key}`" for key in keys if option in law_options(key)]
         choices = "".join(f"`{choice}`, " for choice in schema[option].get("enum", ()))
-        shown = "all" if len(takers) == len(keys) else ", ".join(takers)
-        rows.append((f"`{option}`", shown, choices + schema[option]["description"]))
-    return table(("key", "of the laws", "meaning"), rows)
+        shown = "all laws" if len(takers) == len(keys) else ", ".join(takers)
+        rows.append((f"`{option}` of {shown}", choices + schema[option]["description"]))
+    return items(rows)
 
 
 def _flow(value: Any) -> str:
@@ -98,16 +112,25 @@ def scopes() -> str:
     """Return the scopes with the documentation that stands under each in the class."""
     text = inspect.getsource(Scope)
     notes = re.findall(r'(\w+) = "\w+"\n\s+"""(.+?)\.?"""', text)
-    return table(("scope", "drawn"), [(f"`{Scope[name].value}`", note.lower()) for name, note in notes])
+    return items((f"`{Scope[name].value}`", note.lower()) for name, note in notes)
 
 
 def quantities() -> str:
     """Return the accepted units of every quantity."""
     rows = []
     for quantity in dict.fromkeys((*units.QUANTITIES, *used_quantities(catalogue().values()))):
-        accepted = ", ".join(f"`{unit}`" if unit else "(plain number)" for unit in quantity.units)
-        rows.append((quantity.name, quantity.si or "-", accepted))
+        rows.append((quantity.name, quantity.si or "-", _accepted(list(quantity.units))))
     return table(("quantity", "inside", "accepted units"), rows)
+
+
+def _accepted(names: list[str]) -> str:
+    """Return units in a row; those that are every quotient of some over some others as these two."""
+    halves = [name.split("/") for name in names]
+    if all(len(half) == 2 for half in halves):
+        over, under = (list(dict.fromkeys(half)) for half in zip(*halves, strict=True))
+        if min(len(over), len(under)) > 1 and sorted(names) == sorted(f"{a}/{b}" for a in over for b in under):
+            return f"{_accepted(over)} over {_accepted(under)}"
+    return ", ".join(f"`{name}`" if name else "(plain number)" for name in names)
 
 
 def kinds() -> str:
@@ -121,8 +144,15 @@ def _in_order() -> list[tuple[str, type[Source]]]:
     return sorted(found.items(), key=lambda entry: [*sections, entry[0]].index(entry[0]))
 
 
+def setting_names(kind: type[Source]) -> str:
+    """Return the names of the settings of a kind of source, those that are needed first."""
+    needed = {field.name: field.default is dataclasses.MISSING for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    first, then = ([f"`{name}`" for name, is_needed in needed.items() if is_needed is which] for which in (True, False))
+    return f"Settings: {', '.join(first) or 'none'} needed; {', '.join(then) or 'no others'}.\n"
+
+
 def settings(kind: type[Source]) -> str:
-    """Return the settings of a kind of source, in the order of its docstring; those alike in one row."""
+    """Return the settings of a kind of source, in the order of its docstring; those alike in one line."""
     hints = typing.get_type_hints(kind, include_extras=True)
     defaults = {field.name: field.default for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     notes = setting_meanings(kind)
@@ -132,9 +162,16 @@ def settings(kind: type[Source]) -> str:
     alike: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
     for name in sorted(defaults, key=lambda name: list(notes).index(told[name])):
         names, takes = alike.setdefault(_told_once(kind, notes[told[name]]), ({}, {}))
-        names[f"`{name}`"] = takes[_takes_what(hints[name]) + _default(defaults[name])] = None
-    rows = [(", ".join(names), ", ".join(takes), note) for note, (names, takes) in alike.items()]
-    return table(("setting", "takes", "meaning"), rows)
+        shown: tuple[str, ...] = (_takes_what(hints[name]), _default(defaults[name]))
+        words = _choices_of(hints[name])
+        if words and all(f"`{word}`" in notes[told[name]] for word in words):
+            shown = shown[1:]  # the meaning has the words
+        names[f"`{name}`"] = takes[", ".join(filter(None, shown))] = None
+    rows = (
+        (f"{', '.join(names)} ({'; '.join(filter(None, takes))})".removesuffix(" ()"), note)
+        for note, (names, takes) in alike.items()
+    )
+    return items((key, "" if note == "The joint." else note) for key, note in rows)
 
 
 def _told_once(kind: type[Source], note: str) -> str:
@@ -158,12 +195,16 @@ def _takes_what(hint: Any) -> str:
             return f"rows of: {named[0]}"
         fixed = next((len(note.quantities) for note in notes if isinstance(note, PerEntry)), len(entries))
         return f"{random}{named[0]}, {fixed if fixed > 2 else 'one or several'}"
-    choices = [
-        choice for option in options if typing.get_origin(option) is Literal for choice in typing.get_args(option)
-    ]
-    if choices:
+    if choices := _choices_of(hint):
         return ", ".join(f"`{choice}`" for choice in choices)
     return random + (named[0] if named else WORDS[options[0]])
+
+
+def _choices_of(hint: Any) -> list[str]:
+    """Return the words of which a setting takes one."""
+    bare = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
+    literals = [option for option in _options(bare) if typing.get_origin(option) is Literal]
+    return [choice for literal in literals for choice in typing.get_args(literal)]
 
 
 def _options(hint: Any) -> Iterator[Any]:
@@ -182,29 +223,31 @@ def _quantity_names(note: Quantity | PerJoint | PerEntry) -> str:
 
 
 def _default(value: Any) -> str:
-    """Return a default in brackets, nothing for none."""
+    """Return a default, nothing for none."""
     if value is dataclasses.MISSING:
-        return " (needed)"
+        return "needed"
     if value is None or value == ():
         return ""
     entries = value if isinstance(value, tuple) else (value,)
-    return f" ({' '.join(f'`{entry}`' if isinstance(entry, str) else f'{entry:g}' for entry in entries)})"
+    return f"default {' '.join(f'`{entry}`' if isinstance(entry, str) else f'{entry:g}' for entry in entries)}"
 
 
 def commands() -> str:
-    """Return the list of commands."""
-    rows = [
-        (heading if k == 0 else "", f"[`{name}`](#{name})", text)
-        for heading, lines in list_groups().items()
-        for k, (name, text) in enumerate(lines.items())
-    ]
-    return table(("to", "command", "what it does"), rows)
+    """Return the commands and what each does, in groups."""
+    groups = list_groups().items()
+    return "\n".join(
+        f"{heading}:\n\n" + items((f"[`{name}`](#{name})", text) for name, text in lines.items())
+        for heading, lines in groups
+    )
 
 
-def codes(group: str) -> str:
-    """Return what the codes of a group mean."""
-    rows = [(", ".join(f"`{name}`" for name in one.names), one.means, one.remedy) for one in list_codes()[group].codes]
-    return table(("code", "what it means", "what to do"), rows)
+def codes() -> str:
+    """Return what every code means and what to do about it, in groups."""
+    parts = []
+    for group in list_codes().values():
+        rows = [(", ".join(f"`{name}`" for name in one.names), one.means, one.remedy) for one in group.codes]
+        parts.append(f"## {group.title}\n\n{table(('code', 'what it means', 'what to do'), rows)}")
+    return "\n".join(parts)
 
 
 def _options_of(name: str) -> list[tuple[str, str]]:
@@ -231,41 +274,86 @@ def _shared() -> list[tuple[str, str]]:
     return [option for option in every if option in most.values()]
 
 
+GROUPS: Final = {
+    "poses": ("--pose", "--all-poses", "--q", "--step", "--trajectory", "--grid", "--approach"),
+    "robot": ("--tip", "--base", "--package-dir", "--set", "--ignore-collisions", "--all-warnings", "--quiet"),
+    "workers": ("--processes", "--dask", "--journal", "--resume"),
+    "instrument": (
+        *("--kind", "--std", "--attitude-std", "--point", "--point-free", "--base-free"),
+        *("--visible-from", "--columns", "--anchor"),
+    ),
+    "files": ("--map", "--path", "--compensate", "--calibrate"),
+}
+"""Shared options that most commands take together."""
+
+
 def shared() -> str:
-    """Return the options of several commands."""
-    return table(("option", "meaning"), _shared())
+    """Return the options of several commands, in groups."""
+    texts = {_name(key): (key, text) for key, text in _shared()}
+    grouped = {one for names in GROUPS.values() for one in names}
+    groups = {**GROUPS, "each by its name": tuple(name for name in texts if name not in grouped)}
+    return "\n".join(f"**{group}**\n\n{items(texts[name] for name in names)}" for group, names in groups.items())
+
+
+def _name(option: str) -> str:
+    return option.strip("`").split()[0]
+
+
+def items(rows: Iterable[tuple[str, str]]) -> str:
+    """Return a list of names and what they mean."""
+    return "".join(f"- {name}: {text}\n" if text else f"- {name}\n" for name, text in rows)
 
 
 def parameters(name: str) -> str:
-    """Return a command's arguments, the names of the options that it shares, and its own options."""
+    """Return a command's arguments, the options that it shares, by group or name, and its own options."""
     argument = "".join(f" {one.metavar}" for one in load_command(name).params if not isinstance(one, click.Option))
-    common = [f"`{key.strip('`').split()[0]}`" for key, text in _options_of(name) if (key, text) in _shared()]
+    common = [_name(key) for key, text in _options_of(name) if (key, text) in _shared()]
+    taken = [group for group, names in GROUPS.items() if set(names) <= set(common)]
+    single = [f"`{one}`" for one in common if not any(one in GROUPS[group] for group in taken)]
     own = [option for option in _options_of(name) if option not in _shared()]
-    taken = f", [shared](#options-of-several-commands): {', '.join(common)}" if common else ""
-    return f"`precision-pin {name}{argument}`{taken}\n" + (f"\n{table(('option', 'meaning'), own)}" if own else "")
+    told = f" with [{', '.join(taken)}](#options-of-several-commands)" if taken else ""
+    more = f"{', ' if taken else ' with '}{', '.join(single)}" if single else ""
+    return f"`precision-pin {name}{argument}`{told}{more}\n" + (f"\n{items(own)}" if own else "")
 
 
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "sheet.md": {
-        "keys": keys,
-        "measurement": partial(keys, MeasurementEntry),
+        "keys": key_names,
         "laws": laws,
         "options": options,
         "scopes": scopes,
         "units": quantities,
     },
-    "sources.md": {"kinds": kinds} | {name: partial(settings, kind) for name, kind in catalogue().items()},
-    "command-line.md": {"commands": commands, "shared": shared}
-    | {name: partial(parameters, name) for name in list_commands()},
-    "codes.md": {name: partial(codes, name) for name in list_codes()},
+    "sources.md": {"kinds": kinds} | {name: partial(setting_names, kind) for name, kind in catalogue().items()},
+    "command-line.md": {"commands": commands},
 }
 """Every generated table by page and name."""
+
+BUILT: Final[dict[str, dict[str, Callable[[], str]]]] = {
+    "codes.md": {"codes": codes},
+    "sheet.md": {"keys": keys, "measurement": partial(keys, MeasurementEntry)},
+    "sources.md": {name: partial(settings, kind) for name, kind in catalogue().items()},
+    "command-line.md": {"shared": shared} | {name: partial(parameters, name) for name in list_commands()},
+}
+"""What the site has and the file has not, by page and name."""
 
 
 def spliced(page: str, text: str) -> str:
     """Return a page's text with its tables as the code has them."""
     made = TABLES[page]
     return MARKED.sub(lambda match: f"{match[1]}{match[2]}{made[match[1]]()}", text)
+
+
+def built(page: str, text: str) -> str:
+    """Return a page's text as the site has it."""
+    made = BUILT.get(page, {})
+    text = re.sub(
+        r"<!-- table: (.+?) -->\n.*?<!-- end -->\n",
+        lambda match: made[match[1]]() if match[1] in made else match[0],
+        text,
+        flags=re.DOTALL,
+    )
+    return re.sub(r"<!-- built: (.+?) -->\n", lambda match: made[match[1]](), text)
 
 
 def main() -> None:

@@ -2,12 +2,13 @@
 
     python scripts/all_robots.py [NAME]...
 
-Prints a row for each robot named; without names all of them are tried, and the table in docs/urdf.md is written anew.
+Prints a row for each robot named; without names all of them are tried, and docs/robots.csv is written anew.
 """
 
 from __future__ import annotations
 
 import contextlib
+import csv
 import io
 import json
 import re
@@ -20,9 +21,8 @@ from pathlib import Path
 from precision_pin.cli import main as precision_pin
 from precision_pin.robot.examples import example_urdfs
 
-PAGE = Path(__file__).parents[1] / "docs" / "urdf.md"
-TABLE = re.compile(r"(?<=<!-- robots -->\n).*?(?=<!-- end -->)", re.DOTALL)
-HEAD = "| robot | tip | joints | rms error, mm |\n| --- | --- | --- | --- |\n"
+TABLE = Path(__file__).parents[1] / "docs" / "robots.csv"
+HEAD = "robot,tip,joints,rms error in mm,why not\n"
 SAMPLES = "2000"
 
 
@@ -38,12 +38,15 @@ def run(*arguments: str) -> tuple[int, str]:
 
 
 def draft(name: str) -> tuple[int, str]:
-    """Run ``init``, and where that proposes another tip the command that it proposes."""
+    """Run ``init``, and what it proposes: to mend inertias, another tip."""
     code, printed = run("init", f"example:{name}", "--out", f"{name}.errors.yaml")
+    mend = ["--mend-inertia"] if "--mend-inertia" in printed else []
+    if mend:
+        code, printed = run("init", f"example:{name}", "--out", f"{name}.errors.yaml", *mend)
     proposed = re.search(r"precision-pin (init \S+ --tip .+)", printed)
     if proposed is None:
         return code, printed
-    return run(*shlex.split(proposed[1]), "--out", f"{name}.errors.yaml", "--force")
+    return run(*shlex.split(proposed[1]), "--out", f"{name}.errors.yaml", "--force", *mend)
 
 
 def row(name: str) -> str:
@@ -60,12 +63,19 @@ def row(name: str) -> str:
         code, printed = run(*command)
     if code not in (0, 1):
         error = next(line for line in printed.splitlines() if re.search(r": error |internal", line))
-        return f"| `{name}` | {re.sub(r'^.*?: error ', '', error)} | | |\n"
+        return line(name, "", "", "", re.sub(r"^.*?: error ", "", error))
     result = json.loads(Path(f"{name}.json").read_text(encoding="utf-8"))
     position = result["position"]["norm"]
     rms = (position["mean"] ** 2 + position["std"] ** 2) ** 0.5
     joints = len(result["pose"]["q"])
-    return f"| `{name}` | `{result['tip']}` | {joints} | {1e3 * rms:.2g} |\n"
+    return line(name, result["tip"], joints, f"{1e3 * rms:.2g}", "")
+
+
+def line(*cells: object) -> str:
+    """Return a line of CSV."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerow(cells)
+    return out.getvalue()
 
 
 def main(names: Sequence[str]) -> None:
@@ -75,8 +85,7 @@ def main(names: Sequence[str]) -> None:
             rows.append(row(name))
             print(rows[-1], end="", flush=True)
     if not names:
-        text = TABLE.sub(lambda _: HEAD + "".join(rows), PAGE.read_text(encoding="utf-8"))
-        PAGE.write_text(text, encoding="utf-8")
+        TABLE.write_text(HEAD + "".join(rows), encoding="utf-8")
 
 
 if __name__ == "__main__":

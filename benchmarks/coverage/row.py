@@ -1,15 +1,17 @@
-"""One line of the coverage table."""
+"""How often an interval held the truth: one line of what was measured, and the tables made of all of them."""
 
 from __future__ import annotations
 
+import csv
+import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
 from precision_pin.statistics import clopper_pearson
 
-__all__ = ["LEAST", "Coverage", "as_markdown"]
+__all__ = ["LEAST", "Coverage", "as_csv", "as_markdown", "cells"]
 
 SIZE: Final = re.compile(r", ([\d,]+ (samples|points)|P [\d.e-]+)$")
 LEAST: Final = 0.94
@@ -48,51 +50,46 @@ class Coverage:
         return not self.given or clopper_pearson(self.held, self.given, 0.98)[1] >= LEAST
 
 
-def as_markdown(rows: Sequence[Coverage]) -> str:
-    """Return the rows as tables: a line for each case, a column for each interval, the lowest share of all sizes and methods.
+Cell = tuple[str, str, str, str, str]
+"""Table, interval, case, runs, and the lowest share in percent of all sizes and methods: starred if some run gave no
+interval, - if none did."""
 
-    Intervals named ``"budget: …"``, or ``"budget, sobol: …"``, make a table of their own under that name. A column of which
-    every share is 100 % is named below the table.
-    """
-    groups: dict[str, list[Coverage]] = {}
+
+def cells(rows: Sequence[Coverage]) -> list[Cell]:
+    """Return a line for each interval and case; ``"budget, sobol: variance"`` is ``"variance"`` in the table ``"budget"``."""
+    found: dict[tuple[str, str, str], list[Coverage]] = {}
     for row in rows:
-        groups.setdefault(row.interval.rpartition(": ")[0].partition(",")[0], []).append(row)
-    return "\n\n".join(
-        (f"**{name[0].upper()}{name[1:]}**\n\n" if name else "") + _table(group) for name, group in groups.items()
-    )
+        table, _, name = row.interval.rpartition(": ")
+        found.setdefault((table.partition(",")[0], name, SIZE.sub("", row.case)), []).append(row)
+    return [(*key, f"{sum(row.runs for row in same)}", _share(same)) for key, same in found.items()]
 
 
-def _table(rows: Sequence[Coverage]) -> str:
-    cases: dict[str, dict[str, list[Coverage]]] = {}
-    for row in rows:
-        name = row.interval.rpartition(": ")[2]
-        cases.setdefault(SIZE.sub("", row.case), {}).setdefault(name, []).append(row)
-    names = list(dict.fromkeys(name for found in cases.values() for name in found))
-    cells = [[_cell(found.get(name, [])) for name in names] for found in cases.values()]
-    whole = [set(column) <= {"", "100.0", "100.0*"} for column in zip(*cells, strict=True)]
-    lines = []
-    if not all(whole):
-        heads = [_text(name) for name, is_whole in zip(names, whole, strict=True) if not is_whole]
-        lines = [f"| case | runs | {' | '.join(heads)} |", f"| --- | ---: |{' ---: |' * len(heads)}"]
-        for (case, found), shares in zip(cases.items(), cells, strict=True):
-            runs = max(sum(row.runs for row in same) for same in found.values())
-            shown = [share for share, is_whole in zip(shares, whole, strict=True) if not is_whole]
-            lines.append(f"| {_text(case)} | {runs:,} | {' | '.join(shown)} |")
-        lines.append("")
-    full = ", ".join(name for name, is_whole in zip(names, whole, strict=True) if is_whole)
-    of = "" if lines else f" ({', '.join(cases)}, {max(row.runs for row in rows):,} runs)"
-    told = [f"100.0 % everywhere: {full}{of}."] if full else []
-    return "\n".join([*lines, " ".join([*told, f"Truth from: {'; '.join(dict.fromkeys(row.truth for row in rows))}."])])
+def as_csv(parts: Mapping[str, Sequence[Cell]]) -> str:
+    """Return the lines of all parts as CSV."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(("part", "table", "interval", "case", "runs", "lowest %"))
+    writer.writerows((part, *cell) for part, lines in parts.items() for cell in lines)
+    return out.getvalue()
 
 
-def _text(name: str) -> str:
-    return name.replace("|", "\\|")
+def as_markdown(lines: Sequence[Cell]) -> str:
+    """Return for each interval its lowest share over the cases and where that is; below it those of 100 % in all cases."""
+    shown, whole = ["| interval | cases | lowest | in the case |", "| --- | ---: | ---: | --- |"], list[str]()
+    for table, name in dict.fromkeys((table, name) for table, name, *_ in lines):
+        same = [(case, share) for one, other, case, _, share in lines if (one, other) == (table, name)]
+        title = (f"{table}: {name}" if table else name).replace("|", "\\|")
+        case, share = min(same, key=lambda line: float(line[1].strip("*-") or 101))
+        if {one.strip("*") for _, one in same} <= {"100.0"}:
+            whole.append(title)
+        else:
+            shown.append(f"| {title} | {len(same)} | {share} | {case.replace('|', chr(92) + '|')} |")
+    return "\n".join([*shown, *(["", f"100 % in all cases: {'; '.join(whole)}."] if whole else [])])
 
 
-def _cell(rows: Sequence[Coverage]) -> str:
-    """Return the lowest share in percent, starred if some run gave no interval, - if none did."""
+def _share(rows: Sequence[Coverage]) -> str:
     given = [row for row in rows if row.given]
     if not given:
-        return "-" if rows else ""
+        return "-"
     star = "" if all(row.given == row.runs for row in rows) else "*"
     return f"{100 * min(row.share for row in given):.1f}{star}"

@@ -48,7 +48,11 @@ def correlated():
 
 def test_table_shows_shares_indices_widths_and_sums(paper):
     lines = table(paper).splitlines()
-    assert lines[0].startswith("4dof.urdf: base to tool, pose 'paper' (joint1 -90°")
+    assert re.fullmatch(
+        r"position: axis_install\[joint1\]\.A, radius 0\.1 mm, causes 25\.\d % of the variance", lines[0]
+    )
+    assert lines[1].startswith("attitude: axis_install[")
+    assert lines[3].startswith("4dof.urdf: base to tool, pose 'paper' (joint1 -90°")
     largest = next(line for line in lines if line.startswith("axis_install[joint1].A"))
     assert re.search(r" radius 0\.1 mm +25\.25 +\d+\.\d+ ± \d+\.\d+ +-?\d+\.\d+ ± \d+\.\d+$", largest)
     sums = [line for line in lines if line.startswith("sum ")]
@@ -59,7 +63,7 @@ def test_table_shows_shares_indices_widths_and_sums(paper):
     )
     assert any(line.startswith("a1: length[joint2], length[tool]") for line in lines)
     assert any(line.startswith("link from joint1 to joint2") for line in lines)
-    assert "worst case" not in lines[5]
+    assert "worst case" not in lines[8]
 
 
 def test_components_show_the_worst_case_and_norms_no_closed_form(paper):

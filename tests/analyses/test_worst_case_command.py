@@ -49,7 +49,8 @@ def test_the_papers_arm_takes_less_than_five_seconds(run):
     code, out, _ = run()
     assert time.perf_counter() - begin < 5
     assert code == 0
-    lines = out.splitlines()
+    answer, text = out.split("\n\n", 1)
+    lines = text.splitlines()
     assert lines[0].startswith("4dof.urdf: base to tool, pose 'paper' (joint1 -90°")
     assert lines[1] == "worst case of 18 draws, every law is bounded"
     assert "100,000 samples, seed 0" in lines[2]
@@ -58,6 +59,8 @@ def test_the_papers_arm_takes_less_than_five_seconds(run):
     cells = next(line for line in lines if line.startswith("|d|")).split()
     expected = [bound.first_order.upper, bound.exact_norm, bound.found.norm, bound.seen.max]
     assert cells[1:6] == ["mm", *(f"{1e3 * value:.6g}" for value in expected)]
+    assert answer.startswith(f"at worst, every tolerance at once: |d| {cells[2]} mm, ")
+    assert f"exact\n  model: {cells[4]} mm, " in answer
     assert max(map(len, lines)) <= 130
 
 

@@ -6,7 +6,9 @@ import json
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from scipy.optimize import least_squares
 
 import precision_pin as pp
 from precision_pin.analyses.calibration.design import stations_of
@@ -324,6 +326,89 @@ def test_the_set_up_is_that_of_the_sheet_where_options_say_nothing(run, folder) 
     assert changed["std"] == 5e-5
 
 
+MIXED = """
+precision-pin: 1
+robot: 4dof.urdf
+tip: tool
+poses: {start: -53 -30 59 -36 deg}
+sources:
+  - joint_offset: {joint: joint1, offset: {normal: {std: 1 mrad}}}
+  - joint_offset: {joint: joint2, offset: {normal: {std: 1 mrad}}}
+  - joint_offset: {joint: joint3, offset: {normal: {std: 1 mrad}}}
+  - joint_offset: {joint: joint4, offset: {normal: {std: 1 mrad}}}
+measurement:
+  - {kind: position, std: 0.1 mm, target: 50 30 20 mm, base: free}
+  - {kind: distance, std: 0.05 mm, target: 50 30 20 mm, anchor: 900 -300 0 mm, base: free}
+  - {kind: pose, std: 0.1 mm, attitude_std: 1 mrad, target: 50 30 20 mm, base: free}
+  - {kind: plane, std: 0.05 mm, target: 50 30 20 mm, plane: {point: 0 0 400 mm, normal: 1 0 1}}
+"""
+KINDS = ("position", "distance", "pose", "plane")
+
+
+@pytest.mark.slow
+def test_kinds_that_a_sheet_lists_are_simulated_one_by_one_and_fitted_together(run, folder) -> None:
+    """Against least squares of scipy on Pinocchio's arm: offsets with their prior, base of the tracker, anchor."""
+    (folder / "mixed.yaml").write_text(MIXED)
+    for kind in KINDS:
+        poses = ("mixed.yaml", "--kind", kind, "--seed", "4")
+        assert run("calibrate", *poses, "--random", "20", "--plan", "6", "--csv", "plan.csv").code == 0
+        made = run("simulate", *poses, "--trajectory", "plan.csv", "--unit", "3", "--out", f"{kind}.csv")
+        assert made.code == 0
+    found = run("calibrate", "mixed.yaml", *(f"{kind}.csv" for kind in KINDS), "--json", "-").json
+    assert found["gross_errors"] == []
+    arm = pin.buildModelFromUrdf("4dof.urdf")
+    data = arm.createData()
+    rows = {kind: np.loadtxt(f"{kind}.csv", delimiter=",", skiprows=2)[:, :-1] for kind in KINDS}
+    # each kind has noise of its own
+    assert not np.isin(rows["pose"][:, 4:7].round(3), rows["position"][:, 4:7].round(3)).any()
+    for own in rows.values():
+        own[:, :4] = np.radians(own[:, :4])
+        own[:, 4:] *= 1e-3
+
+    def residuals(x):
+        turn, left = pin.exp3(x[7:10]), [x[:4] / 1e-3]
+        for kind, own in rows.items():
+            for row in own:
+                pin.framesForwardKinematics(arm, data, row[:4] + x[:4])
+                tool = data.oMf[arm.getFrameId("tool")]
+                point = tool.act(np.array([0.05, 0.03, 0.02]))
+                seen = row[4:7] - turn @ point - x[4:7]
+                if kind == "distance":
+                    left.append([(row[4] - np.linalg.norm(point - x[10:])) / 5e-5])
+                elif kind == "plane":
+                    left.append([(row[4] - (point[0] + point[2] - 0.4) / np.sqrt(2)) / 5e-5])
+                else:
+                    left.append(seen / 1e-4)
+                if kind == "pose":
+                    left.append(pin.log3(pin.exp3(row[7:]) @ (turn @ tool.rotation).T) / 1e-3)
+        return np.concatenate(left)
+
+    best = least_squares(residuals, [*np.zeros(10), 0.9, -0.3, 0], xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac")
+    assert found["chi_square"] == pytest.approx(2 * best.cost, rel=1e-8)
+    std = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))[:4]
+    assert list(found["posterior"]["mean"].values()) == pytest.approx(best.x[:4], abs=1e-4 * std.min())
+    assert list(found["posterior"]["std"].values()) == pytest.approx(std, rel=1e-3)
+    assert found["degrees_of_freedom"] == 6 * (3 + 1 + 6 + 1) - 9
+
+
+def test_of_several_measurements_one_is_picked(run, folder) -> None:
+    (folder / "mixed.yaml").write_text(MIXED)
+    (folder / "data.csv").write_text(
+        "joint1 [deg],joint2 [deg],joint3 [deg],joint4 [deg],x [mm],y [mm],z [mm]\n0,0,0,0,1,2,3\n"
+    )
+    wrong = {
+        "simulate mixed.yaml --out x.csv": "position (1), distance (1), pose (1), plane (1); --kind KIND picks",
+        "calibrate mixed.yaml --plan 6": "the sheet lists 4 measurements",
+        "calibrate mixed.yaml --forecast --kind socket": "--kind socket: the sheet lists several",
+        "calibrate mixed.yaml data.csv": "a file for each measurement that the sheet lists, in its order, or --kind",
+    }
+    for arguments, message in wrong.items():
+        found = run(*arguments.split())
+        assert found.code == 2, arguments
+        assert message in found.err, arguments
+        assert len(found.err.strip().splitlines()) == 1, arguments
+
+
 @pytest.mark.slow
 def test_random_poses_of_contact_touch(run, folder) -> None:
     text = (folder / SHEET).read_text()
@@ -419,6 +504,14 @@ def test_tolerances_of_a_population_are_written_as_a_sheet(run, folder) -> None:
     assert found.code == 0
     assert found.out.splitlines()[0].startswith("6 robots 4dof.urdf, base to tool: ")
     assert max(map(len, found.out.splitlines())) <= 100
+    # the sheet of one robot says nothing of the tolerances of several
+    calibrated = (folder / "arm.errors.yaml").read_text() + "calibrated: robot5.json\n"
+    (folder / "one.errors.yaml").write_text(calibrated)
+    refused = run("calibrate", "one.errors.yaml", "--population", *files)
+    assert (refused.code, refused.out) == (2, "")
+    assert "--set calibrated=none" in refused.err
+    anew = run("calibrate", "one.errors.yaml", "--population", *files, "--set", "calibrated=none", "--json", "-")
+    assert anew.json["tolerances"] == json.loads((folder / "p.json").read_text())["tolerances"]
     scales = {one["draws"][0]: one["scale"] for one in json.loads((folder / "p.json").read_text())["tolerances"]}
     names = {path.name for path in (folder / "plots").iterdir()}
     assert names == {f"calibration-population.{end}" for end in ("json", "png", "svg")}

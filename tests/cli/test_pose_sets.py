@@ -139,7 +139,7 @@ def test_steps_put_poses_between_the_rows_of_a_trajectory(run, folder):
 def test_a_target_shifts_every_result_by_its_lever_arm(run):
     # the tool turns about x by 0.1 mrad (the sheet gives 3 sigma): a point 200 mm along y from the tip moves by 0.02 mm along z
     for command in ("moments", "budget", "worst-case"):
-        titled = run(command, SHEET, "--q", "0 mm, 0 deg", "--target", "0 200 0 mm").out.splitlines()[0]
+        titled = run(command, SHEET, "--q", "0 mm, 0 deg", "--target", "0 200 0 mm").out
         assert "frame to tool + 0 200 0 mm" in titled
     tip, target = (
         run("moments", SHEET, "--q", "0 mm, 0 deg", *words, "--json", "-").json["poses"][0]

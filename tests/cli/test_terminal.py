@@ -151,3 +151,64 @@ def test_warnings_of_one_code_are_one_line_unless_all_are_asked_for(run, folder)
     lines = [line for line in every.err_lines if "W_ANGLE_ROUNDED" in line]
     assert len(lines) == 6
     assert not any("--all-warnings" in line for line in lines)
+
+
+LONG = "\n".join(
+    [
+        "worst pose 'far': NOT said in one row, " + "for it goes on " * 6,
+        "",
+        "arm.urdf: base to tool, pose 'far' (shoulder_pan_joint 10°, elbow_joint -20.5°, quill -3 mm)",
+        "",
+        *aligned([["draw", "", "share"], *([f"draw {k}", "mm", f"{k}.5"] for k in range(30))]),
+        "",
+        "what the columns are",
+        "rests on assumptions: 1 of 2 sources are marked as assumed in the sheet (beam)",
+        "they cause 1 % of the variance of the position, 2 % of the attitude",
+    ]
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "ends"),
+    [
+        (LONG, LONG.partition("\n")[0].strip()),
+        (
+            LONG.replace("what", "spec |d| within 3 mm: MET - 99 % inside\nspec |d| within 1 mm: NOT MET\nwhat"),
+            "|d| within 1 mm: NOT MET |d| within 3 mm: MET",
+        ),
+    ],
+    ids=["first sentence", "verdict"],
+)
+def test_a_low_terminal_has_the_answer_first_and_last(monkeypatch: pytest.MonkeyPatch, text: str, ends: str) -> None:
+    for module in ("terminal", "streams"):
+        monkeypatch.setattr(f"precision_pin.cli.{module}.count_columns", lambda _: 80)
+    monkeypatch.setattr("precision_pin.cli.terminal.count_rows", lambda _: 24)
+    monkeypatch.setenv("NO_COLOR", "1")
+    printed: list[str] = []
+    monkeypatch.setattr("precision_pin.cli.terminal.echo_data", printed.append)
+
+    def command(is_whole: bool) -> list[str]:
+        context = click.Context(click.Command("any"))
+        context.params = {"is_whole": is_whole}
+        with context:
+            echo_table(text)
+        return printed.pop().split("\n")
+
+    lines = command(False)
+    # a row for the prompt
+    assert len(lines) == 23
+    assert max(map(len, lines)) <= 80
+    assert lines[0].startswith("worst pose 'far'")
+    last = next(k for k, line in enumerate(lines) if line.startswith("--all prints "))
+    assert " ".join(line.strip() for line in lines[last + 1 :]) == ends
+    assert "arm.urdf: base to tool, pose 'far' (10°, -20.5°, -3 mm)" in lines
+    assert " ".join(line.strip() for line in lines[last - 2 : last]) == (
+        "rests on assumptions: 1 of 2 sources are marked as assumed in the sheet; they cause 1 % of the variance of the "
+        "position, 2 % of the attitude"
+    )
+    # rows of the table in their order, from the first
+    shown = [line.split() for line in lines if line.startswith("draw ")]
+    assert shown[1:] == [["draw", str(k), "mm", f"{k}.5"] for k in range(len(shown) - 1)]
+    whole = command(True)
+    assert sum(line.startswith("draw ") for line in whole) == 31
+    assert "what the columns are" in whole

@@ -78,6 +78,41 @@ def test_a_xacro_file_becomes_a_urdf_and_a_sheet(run, folder):
         assert "Traceback" not in outcome.err
 
 
+def test_inertias_that_no_body_has_are_mended_in_a_copy(run, folder):
+    """A plate that is too thin, and a sign: of tr(I)/2 - I, 6 - (1, 1, 10) and 1.5 - (-1, 2, 2), -4 and -0.5 become zero."""
+    body = '<inertial><mass value="2"/><inertia iyy="{}" ixx="{}" izz="{}" ixy="0" iyz="0" ixz="0"/></inertial>'
+    thin, sign = body.format(*(1e-3, 1e-3, 10e-3)), body.format(*(2e-3, -1e-3, 2e-3))
+    bad = (
+        (folder / "gantry.urdf")
+        .read_text()
+        .replace('<link name="Schlitten_ü"/>', f'<link name="Schlitten_ü">{thin}</link>')
+        .replace('<link name="tool"/>', f'<link name="tool">{sign}</link>')
+    )
+    (folder / "bad.urdf").write_text(bad)
+    asked = run("init", "bad.urdf")
+    assert asked.code == 2
+    assert "E_INERTIA_TRIANGLE: link 'Schlitten_ü'" in asked.err
+    assert "precision-pin init --mend-inertia" in asked.err
+    outcome = run("init", "bad.urdf", "--mend-inertia")
+    assert outcome.code == 0
+    assert "wrote bad.mended.urdf, bad.urdf with other inertias of 'Schlitten_ü', 'tool'" in outcome.err
+    numbers = re.compile(r'(i..)="([^"]*)"')
+    found = [
+        dict(numbers.findall(line)) for line in re.findall("<inertia .*?>", (folder / "bad.mended.urdf").read_text())
+    ]
+    for one, (ixx, iyy, izz) in zip(found, ((5, 5, 10), (0, 2.5, 2.5)), strict=True):
+        expected = {"ixx": ixx, "ixy": 0, "ixz": 0, "iyy": iyy, "iyz": 0, "izz": izz}
+        assert {part: 1e3 * float(value) for part, value in one.items()} == pytest.approx(expected, abs=1e-12)
+    assert re.sub("<inertia .*?>", "", (folder / "bad.mended.urdf").read_text()) == re.sub("<inertia .*?>", "", bad)
+    assert run("check", "bad.mended.errors.yaml").code == 0
+    assert "--force" in run("init", "bad.urdf", "--mend-inertia").err
+    (folder / "bad.urdf").write_text(bad.replace('<mass value="2"/>', '<mass value="-2"/>'))
+    outcome = run("init", "bad.urdf", "--mend-inertia", "--force")
+    assert (outcome.code, "E_MASS_NEG" in outcome.err) == (2, True)
+    assert run("init", "gantry.urdf", "--mend-inertia", "--out", "same.errors.yaml").code == 0
+    assert not (folder / "gantry.mended.urdf").exists()
+
+
 def test_robots_of_robot_descriptions(run, folder, monkeypatch):
     """A package of that name and layout, as the real one downloads."""
     package = folder / "lib" / "robot_descriptions"

@@ -33,6 +33,9 @@ WRONG = {
     "negative seed": ((*A, "--seed", "-1"), "seed must be a whole number from 0 to 2\\^64 - 1, got -1"),
     "seed of 65 bits": ((*A, "--seed", str(2**64)), "seed must be a whole number from 0 to 2\\^64 - 1"),
     "seed in words": ((*A, "--seed", "random"), "'random' is not a valid integer"),
+    # places
+    "empty tip of a sheet": ((*A, "--tip", ""), "no link named ''; valid: base, "),
+    "empty base of a sheet": ((*A, "--base", ""), "no link named ''; valid: base, "),
     # specifications
     "spec without a unit": (
         (*A, "--spec", "0.5"),

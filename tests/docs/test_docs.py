@@ -36,6 +36,7 @@ from cli.conftest import undrawn_figures  # noqa: F401  (a fixture for all of th
 from precision_pin import cli
 from precision_pin.base.errors import InputError
 from precision_pin.cli.commands import list_commands
+from precision_pin.cli.explain import list_codes
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.expressions import MOST_OPERATIONS
 from precision_pin.draws.laws.projection import FARTHEST_NORMAL
@@ -295,7 +296,21 @@ def anchors(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_and_pictures_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+    check_links(page, prose(page))
+
+
+def test_links_of_what_the_site_alone_has_lead_somewhere():
+    for page, made in generate.BUILT.items():
+        path = DOCS / page
+        text = path.read_text(encoding="utf-8")
+        places = re.findall(r"<!-- (?:built|table): (.+?) -->", text)
+        assert set(made) <= set(places), page
+        assert set(re.findall(r"<!-- built: (.+?) -->", text)) <= set(made), page
+        check_links(f"docs/{page}", "".join(text() for text in made.values()))
+
+
+def check_links(page: str, text: str) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if target.startswith(("https://", "http://")):
             continue
         name, _, anchor = target.partition("#")
@@ -383,7 +398,7 @@ def defined(test: str) -> bool:
 @pytest.mark.slow
 @pytest.mark.parametrize("column", ["eq", "no."])
 def test_every_equation_has_a_function_and_a_test(column):
-    for number, _, functions, tests in rows("equations.md", column):
+    for number, *_, functions, tests in rows("equations.md", column):
         names = re.findall(r"`([\w.]+)`", functions)
         assert names, number
         for name in names:
@@ -471,20 +486,17 @@ def paths(value: object, path: str = "") -> Iterator[str]:
         yield path
 
 
-def test_every_code_has_a_row_and_every_row_a_code():
+def test_every_code_is_explained_and_every_explained_code_is_used():
     used: dict[str, str] = {}
     for path in sorted((ROOT / "src" / "precision_pin").rglob("*.py")):
         for code in re.findall(r"""["']([EW]_[A-Z0-9_]+)["']""", path.read_text(encoding="utf-8")):
             used.setdefault(code, path.relative_to(ROOT).as_posix())
-    text = (DOCS / "codes.md").read_text(encoding="utf-8")
-    listed: list[str] = []
-    for cells in re.findall(r"^\| (`[EW]_.*?) \|", text, re.MULTILINE):
-        listed += re.findall(r"`([EW]_[A-Z0-9_]+)`", cells)
+    listed = [name for group in list_codes().values() for one in group.codes for name in one.names if name[0] != "N"]
     new = {code: path for code, path in used.items() if code not in listed}
-    assert not new, f"docs/codes.md has no row for {new}; say there what each means and what to do"
+    assert not new, f"cli/codes.toml has no {new}; say there what each means and what to do"
     gone = [code for code in listed if code not in used]
-    assert not gone, f"docs/codes.md has rows for {gone}, which no file of the package uses"
-    assert len(listed) == len(set(listed)), "docs/codes.md has two rows for one code"
+    assert not gone, f"cli/codes.toml has {gone}, which no file of the package uses"
+    assert len(listed) == len(set(listed)), "cli/codes.toml has a code twice"
 
 
 def test_every_code_in_the_prose_exists():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from journeys.conftest import Desk
 from journeys.every_command import READERS, codes
 from precision_pin.cli.commands import list_commands
 from precision_pin.cli.program import cli
+from precision_pin.render.text_table import width
 
 OUTPUT = "Output and messages"
 ARM = ARMS["scara"]
@@ -53,6 +55,10 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
                 Path(SHEET).read_text().replace("robot: scara.urdf", f"robot: {robot}")
             )
         desk.run("compensate", SHEET, "--trajectory", "plan.csv", "--csv", "corrected.csv", code=(0, 1))
+        for name in PATHS.values():
+            lines = Path(name).read_text().splitlines(keepends=True)
+            head = next(k for k, line in enumerate(lines) if line[:1] != "#")
+            Path(f"one.{name}").write_text("".join(lines[: head + 2]))
         yield desk
 
 
@@ -138,7 +144,9 @@ def words_of(name: str, run: dict[str, str]) -> list[str]:
     takers = files_of(command_of(name))
     words += [SHEET for word in ("A.yaml", "SHEET.yaml") if word in takers and word not in run]
     for taker, writer in run.items():
-        words += [taker, WRITTEN[taker][writer]] if taker.startswith("--") else []
+        # a page takes seconds for each pose
+        one = "one." if (name, taker) == ("report", "--trajectory") else ""
+        words += [taker, one + WRITTEN[taker][writer]] if taker.startswith("--") else []
     if "--measured" in run:
         return [*words, "--robots", "20", "--all-poses"]
     if name == "calibrate":
@@ -165,6 +173,9 @@ def test_pairs(written, ended, pair):
             # what was measured is no tolerance any more, but of the next robot
             assert "--set calibrated=none" in found.err
             written.run(*words, "--set", "calibrated=none")
+        if name == "check" and run.get("SHEET.yaml") == "calibrate --sheet":
+            assert "warning W_ALLOCATE" in found.out
+            assert "W_ALLOCATE" not in written.run(*words, "--set", "calibrated=none").out
         if "--journal" in run:
             # a journal is read by the command that wrote it
             assert "holds the first" in written.run(*words, "--resume").err
@@ -179,6 +190,22 @@ def test_an_option_that_takes_a_file_needs_one_that_is_written():
     assert files_of(click.command()(click.option("--path", metavar="FILE")(reads))) == {"--path": PATHS}
     with pytest.raises(KeyError, match="--new"):
         files_of(click.command()(click.option("--new", metavar="FILE.csv")(reads)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", READERS)
+def test_a_screen_of_24_rows_shows_what_a_command_says(written, monkeypatch, command):
+    for module in ("streams", "terminal"):
+        monkeypatch.setattr(f"precision_pin.cli.{module}.count_columns", lambda _: 80)
+    monkeypatch.setattr("precision_pin.cli.streams.os.get_terminal_size", lambda _: os.terminal_size((80, 24)))
+    found = written.run(command, SHEET, *READERS[command], code=codes(command))
+    lines = found.out.splitlines()
+    messages = [line for line in found.err.splitlines() if line]
+    assert len(lines) + len(messages) <= 24, lines
+    assert max(map(width, lines), default=0) <= 80
+    if len(lines) > 12 and command != "mcpc":
+        ends = lines[-1].removeprefix("  ")
+        assert sum(ends in line for line in lines) > 1 or "".join(lines).count(ends) > 1, lines
 
 
 OTHERS = [

@@ -11,7 +11,7 @@ import pytest
 
 import precision_pin as pp
 from cli.conftest import GANTRY, LONG
-from precision_pin.base.errors import InputError, SheetError
+from precision_pin.base.errors import InputError, PrecisionPinWarning, SheetError
 from precision_pin.model.pose_model import origin_shares
 from precision_pin.robot.examples import PAPER_SHEET
 
@@ -92,6 +92,42 @@ def test_a_calibrated_number_is_measured_where_half_of_its_variance_is_gone(mode
     )
     assert model.owners == ((SLIDE, TURN),)
     assert pp.map_poses(model, ["home"], verify=0).to_dict()["provenance"].keys() == {"measured", "assumed"}
+
+
+def test_what_is_set_takes_the_place_of_what_was_measured(model_of, tmp_path):
+    """The slide was measured, of the turn nothing was learned: its ±0.3 mrad stays."""
+    names = ["slide", f"{TURN}.offset"]
+    before = model_of().space
+    variances = before.block_covariance.variances[[before.index[name] for name in names]]
+    slide = 0.02e-3
+    estimates = {
+        "names": names,
+        "mean": {"slide": 1e-5, f"{TURN}.offset": 0.0},
+        "covariance": [[slide**2, 0.0], [0.0, float(variances[1])]],
+    }
+    text = json.dumps({"schema": "precision-pin/calibration/1", "posterior": estimates})
+    (tmp_path / "arm.calibration.json").write_text(text)
+    model = model_of(calibrated="arm.calibration.json")
+
+    def numbers(changed):
+        at = [changed.space.index[name] for name in names]
+        return changed.space.mean[at], np.sqrt(changed.space.block_covariance.variances[at])
+
+    with pytest.warns(PrecisionPinWarning, match=r"W_SET_MEASURED.*slide 1e-05 ± 2e-05;") as said:
+        mean, std = numbers(model.with_({"parameters.slide": {"normal": {"std": "0.3 mm"}}}))
+    assert len(said) == 1
+    assert mean == pytest.approx([0, 0])
+    assert std == pytest.approx([0.3e-3, np.sqrt(variances[1])])
+    # a tolerance of which nothing was learned is what was set, without a word, and what was measured stays
+    mean, std = numbers(model.with_({f"{TURN}.offset": {"normal": {"std": "2 mrad"}}}))
+    assert mean == pytest.approx([1e-5, 0])
+    assert std == pytest.approx([slide, 2e-3])
+    # a constant too
+    with pytest.warns(PrecisionPinWarning, match="W_SET_MEASURED"):
+        fixed = model.with_({"parameters.slide": {"fixed": "0.2 mm"}})
+    assert fixed.at("home").error_at_means[:3] == pytest.approx(
+        model_of().with_({"parameters.slide": {"fixed": "0.2 mm"}}).at("home").error_at_means[:3], abs=1e-12
+    )
 
 
 def test_a_number_of_one_sign_keeps_it_after_a_calibration(tmp_path):

@@ -95,18 +95,21 @@ def test_the_table_of_coverage_tells_what_was_not_given(monkeypatch) -> None:
         row.Coverage("mean", "tail, P 1e-07", "quadrature", 100, 100, 96),
         row.Coverage("worst case: bound", "sheets", "vertices", 50, 50, 50),
     ]
-    assert row.as_markdown(rows).splitlines() == [
-        "| case | runs | mean | mode |",
-        "| --- | ---: | ---: | ---: |",
-        "| normal | 1,000 | 95.1 | - |",
-        "| heavy | 2,000 | 97.5* |  |",
-        "| tail | 300 | 95.0 |  |",
+    lines = row.cells(rows)
+    assert row.as_csv({"Part": lines}).splitlines() == [
+        "part,table,interval,case,runs,lowest %",
+        "Part,,mean,normal,1000,95.1",
+        "Part,,mode,normal,1000,-",
+        "Part,,digits,normal,1000,100.0*",
+        "Part,,mean,heavy,2000,97.5*",
+        "Part,,mean,tail,300,95.0",
+        "Part,worst case,bound,sheets,50,100.0",
+    ]
+    assert row.as_markdown(lines).splitlines()[2:] == [
+        "| mean | 3 | 95.0 | tail |",
+        "| mode | 1 | - | normal |",
         "",
-        "100.0 % everywhere: digits. Truth from: closed form; quadrature.",
-        "",
-        "**Worst case**",
-        "",
-        "100.0 % everywhere: bound (sheets, 50 runs). Truth from: vertices.",
+        "100 % in all cases: digits; worst case: bound.",
     ]
     assert [one.passes for one in rows] == [True] * len(rows)
     assert not row.Coverage("mean", "short", "closed form", 10_000, 10_000, 9_300).passes

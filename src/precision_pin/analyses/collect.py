@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, final
+
+import numpy as np
 
 from precision_pin.analyses.causes import Cause, find_causes
 from precision_pin.analyses.provenance import Pose
@@ -18,6 +20,7 @@ from precision_pin.analyses.result import Result
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.text_escape import visible
+from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot import mcpc
@@ -80,6 +83,21 @@ class Results:
     def causes(self) -> tuple[Cause, ...]:
         """Causes of the error in words, with their tolerances."""
         return find_causes(self.model)
+
+    def errors_with(self, most: int) -> Callable[[Iterable[Cause]], Array]:
+        """Return a function from causes to the errors ``(6, n)`` of the first robots with the tolerances of these halved."""
+        space, layout = self.at.space, sampler.to_arrays(self.at)
+        x = space.sample(self.analysis.seed, 0, min(self.analysis.samples, most))
+        columns = dict(zip((draw.name for draw in space.draws), space.slices, strict=True))
+        model: Literal["exact", "linear"] = "exact" if self.analysis.model == "exact" else "linear"
+
+        def errors(halved: Iterable[Cause]) -> Array:
+            factors = np.ones((space.size, 1))
+            for name in (name for cause in halved for name in cause.names):
+                factors[columns[name]] = 0.5
+            return sampler.errors_at(layout, model, space.mean[:, None] + factors * (x - space.mean[:, None]))
+
+        return errors
 
     @property
     def folders(self) -> tuple[str, ...]:

@@ -36,7 +36,7 @@ from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
-from precision_pin.cli.terminal import echo_table
+from precision_pin.cli.terminal import ALL, echo_table
 from precision_pin.cli.workers import check_workers, worker_options, working
 
 if TYPE_CHECKING:
@@ -72,6 +72,10 @@ def make_command(declaration: Declaration) -> click.Command:
 
     for option in reversed(declaration.options):
         command = (_SHARED[option] if isinstance(option, str) else _option(option))(command)
+    if not any(option.argument == ALL for option in declaration.own_options):
+        command = output_option("--all", ALL, is_flag=True, help="Print all rows, however low the terminal is.")(
+            command
+        )
     name, metavar = declaration.arguments
     command = click.argument(name, nargs=-1, metavar=metavar)(command)
     kind = SamplingCommand if declaration.is_sampled else Command
@@ -223,11 +227,11 @@ def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[st
             echo_note(note)
     if json_path == "-":
         echo_data(result.to_json())
-    elif job.table is not None:
-        echo_table(job.table(result))
     else:
         of_table = {one.argument: options[one.argument] for one in declaration.own_options if one.is_of_table}
-        echo_table(declaration.table(result, **of_table))
+        text = declaration.table(result, **of_table) if job.table is None else job.table(result)
+        others = () if job.is_written_first else set(declaration.writes) - {"json_path"}
+        echo_table(text, below=sum(options[name] is not None for name in ("out", *others)))
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), result.to_json() + "\n")
     notes = () if job.is_written_first else write(result)

@@ -154,7 +154,7 @@ def command(
     if json_path == "-":
         echo_data(analysis.to_json())
     else:
-        echo_table(analysis_table(analysis, is_whole=is_whole))
+        echo_table(analysis_table(analysis, is_whole=is_whole), is_answered=True)
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), analysis.to_json() + "\n")
     if out is not None:

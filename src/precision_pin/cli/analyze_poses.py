@@ -83,7 +83,7 @@ def analyze_poses(error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPo
     if job.json_path == "-":
         echo_data(result.to_json())
     else:
-        echo_table(poses_table(result, is_whole=job.is_whole))
+        echo_table(poses_table(result, is_whole=job.is_whole), is_answered=True)
     if job.json_path is not None and job.json_path != "-":
         write_text(Path(job.json_path), result.to_json() + "\n")
     if job.out is not None:

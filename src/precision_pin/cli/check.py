@@ -92,13 +92,21 @@ def _allocation_findings(sheet: Sheet) -> tuple[Finding, ...]:
     """Return the errors in ``allocate:``, if the sheet has it."""
     if sheet.contents is None or "allocate" not in sheet.contents.text.data:
         return ()
-    from precision_pin.analyses.allocation.problem import read_problem
+    from precision_pin.analyses.allocation.problem import check_problem, read_problem
     from precision_pin.model.error_model import ErrorModel
 
     try:
-        read_problem(ErrorModel.from_sheet(sheet), None)
+        model = ErrorModel.from_sheet(sheet)
+        read_problem(model, None)
     except InputError as error:
         return error.findings
+    try:
+        check_problem(model)
+    except InputError as error:
+        if sheet.estimates is None:
+            return error.findings
+        # all commands but one take the sheet
+        return tuple(replace(one, severity="warning", code="W_ALLOCATE") for one in error.findings)
     return ()
 
 

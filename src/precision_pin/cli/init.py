@@ -9,8 +9,9 @@ from pathlib import Path
 import click
 
 from precision_pin.base.errors import Finding, InputError, OutputError
-from precision_pin.base.files import write_text
+from precision_pin.base.files import write_files, write_text
 from precision_pin.base.input_files import noted_inputs
+from precision_pin.base.text_escape import shown
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.notes import echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import Command, robot_options
@@ -25,6 +26,11 @@ from precision_pin.cli.targets import Outputs
 @output_option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
 @quiet_option
 @output_option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
+@click.option(
+    "--mend-inertia",
+    is_flag=True,
+    help="Write a copy of a URDF whose inertias no body can have, with the nearest that one can; masses stay.",
+)
 def command(
     robot: str,
     arguments: tuple[str, ...],
@@ -33,6 +39,7 @@ def command(
     package_dirs: tuple[str, ...],
     out: str | None,
     force: bool,
+    mend_inertia: bool,
 ) -> None:
     """Write a commented sheet for a URDF: every joint and link of the chain, with starting tolerances to replace.
 
@@ -53,6 +60,8 @@ def command(
     from precision_pin.robot.urdf import ask_for_tip, draft_command, gripper_joint, likeliest_tip, read
 
     robot = _expanded(robot, arguments, force=force)
+    if mend_inertia:
+        robot = _mended(robot, force=force)
     path = resolve_robot(robot)
     target = Path(out) if out is not None else Path(starting_sheet(path))
     to_stdout = out == "-"
@@ -103,15 +112,37 @@ def _expanded(robot: str, arguments: tuple[str, ...], *, force: bool) -> str:
         return robot
     file, own, packages = source
     named = robot.rpartition(":")[2] if robot.startswith(DESCRIPTIONS) else file.name
-    target = Path(named.removesuffix(".xacro").removesuffix(".urdf") + ".urdf")
+    target = _new_urdf(named.removesuffix(".xacro").removesuffix(".urdf") + ".urdf", force=force)
+    write_text(target, expand(file, own | given, packages))
+    echo_note(f"wrote {target}, expanded from {file.name}")
+    return str(target)
+
+
+def _mended(robot: str, *, force: bool) -> str:
+    """Return the robot; of one with inertias that no body can have the copy without, which is written into this folder."""
+    from precision_pin.robot.examples import resolve_robot
+    from precision_pin.robot.urdf.reader import mended
+
+    path = resolve_robot(robot)
+    text, links = mended(path)
+    if not links:
+        return robot
+    target = _new_urdf(f"{path.stem}.mended.urdf", force=force)
+    write_files({target: text})
+    others = f" and {len(links) - 6} more" if len(links) > 6 else ""
+    echo_note(f"wrote {target}, {path.name} with other inertias of {', '.join(map(shown, links[:6]))}{others}")
+    return str(target)
+
+
+def _new_urdf(name: str, *, force: bool) -> Path:
+    """Return the path of a URDF to write into this folder, which is not there or may be written over."""
+    target = Path(name)
     if target.exists() and not force:
         raise OutputError(
             f"{target} exists; --force writes it anew, or run precision-pin init {shlex.quote(str(target))}"
         )
     Outputs({"--out": str(target)}).check()
-    write_text(target, expand(file, own | given, packages))
-    echo_note(f"wrote {target}, expanded from {file.name}")
-    return str(target)
+    return target
 
 
 def _shipped(robot: str, tip: str | None, base: str | None) -> tuple[str | None, str]:

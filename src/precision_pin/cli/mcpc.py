@@ -48,4 +48,4 @@ def command(as_json: bool, **arm: Any) -> None:
         rows = [dataclasses.asdict(row) for row in table.table]
         echo_data(json.dumps({"base": chain.base, "tip": chain.tip, "links": rows}, ensure_ascii=False))
     else:
-        echo_table(mcpc_table(table))
+        echo_table(mcpc_table(table), is_answered=True)

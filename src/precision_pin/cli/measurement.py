@@ -34,7 +34,7 @@ def measurement_options(command: Decorated) -> Decorated:
         _option(
             "--kind",
             type=click.Choice(["position", "pose", "distance", "plane", "socket"]),
-            help="What the instrument measures; plane and sockets are given in the sheet.  [default: position]",
+            help="What the instrument measures, or which of the sheet's; plane and sockets are given there.  [default: position]",
         ),
         _option("--std", help="Standard deviation of a measured length, or: estimate.  [default: 0.02 mm]"),
         _option(
@@ -67,23 +67,28 @@ def measurement_options(command: Decorated) -> Decorated:
 
 
 def measurement_of(sheet: Sheet, options: Options) -> Measurement:
-    """Return the only one of :func:`measurements_of`."""
-    from precision_pin.sheet.measurement import Measurement
+    """Return the only one of :func:`measurements_of`; an :class:`InputError` where there are several."""
+    from precision_pin.sheet.measurement import only_one
 
-    return _changed(sheet.measurement or Measurement(), options)
+    return only_one(measurements_of(sheet, options))
 
 
 def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
     """Return the measurements that the options and, where they say nothing, the sheet's ``measurement:`` describe.
+
+    Of several that the sheet lists ``--kind`` picks.
 
     Raises:
         InputError: A number is wrong, or settings do not go together.
     """
     from precision_pin.sheet.measurement import Measurement
 
-    if len(sheet.measurements) > 1 and options["kind"] is not None:
-        raise _usage("--kind: the sheet lists several measurements, each with its kind")
-    return tuple(_changed(one, options) for one in sheet.measurements or (Measurement(),))
+    listed, kind = sheet.measurements or (Measurement(),), options["kind"]
+    if len(listed) > 1 and kind is not None:
+        listed = tuple(one for one in listed if one.kind == kind)
+        if not listed:
+            raise _usage(f"--kind {kind}: the sheet lists several measurements, none of this kind")
+    return tuple(_changed(one, options) for one in listed)
 
 
 def _changed(stated: Measurement, options: Options) -> Measurement:

@@ -22,7 +22,10 @@ from precision_pin.base.errors import OutputError
 from precision_pin.base.text_escape import one_line
 
 _USUAL_COLUMNS: Final = 80
+_USUAL_ROWS: Final = 24
 """Of a terminal that does not say."""
+_SAID: Final = f"{__name__}.said"
+"""Rows of messages of the running command."""
 
 _VALUE: Final = re.compile(
     r" (?=-?[\d.]+(?:°|[,)]| ?mm\b| ?m\b))|(?<=[\d.]) (?=(?:%|mm|mrad|m|°)(?:[^\w]|$))|(?<=\|) (?=-?\d)"
@@ -86,7 +89,11 @@ def prepare_streams() -> None:
 
 def say(line: str) -> None:
     """Print a line on stderr; a name in it cannot make two of it, only the width of a terminal can."""
-    click.echo(messages(one_line(line)), err=True)
+    text = messages(one_line(line))
+    click.echo(text, err=True)
+    context = click.get_current_context(silent=True)
+    if context is not None and count_columns(sys.stderr) is not None:
+        context.meta[_SAID] = context.meta.get(_SAID, 0) + text.count("\n") + 1
 
 
 def messages(text: str) -> str:
@@ -103,6 +110,15 @@ def count_columns(stream: TextIO) -> int | None:
     with suppress(OSError, ValueError):
         return os.get_terminal_size(stream.fileno()).columns or _USUAL_COLUMNS
     return _USUAL_COLUMNS
+
+
+def count_rows(stream: TextIO) -> int:
+    """Return how many rows the terminal of a stream has left below the messages of the running command."""
+    rows = _USUAL_ROWS
+    with suppress(OSError, ValueError):
+        rows = os.get_terminal_size(stream.fileno()).lines or rows
+    context = click.get_current_context(silent=True)
+    return rows - (0 if context is None else context.meta.get(_SAID, 0))
 
 
 def wrapped(line: str, stream: TextIO, most: int | None = None) -> str:

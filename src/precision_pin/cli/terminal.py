@@ -1,44 +1,172 @@
-"""Results on a terminal: sentences and tables folded to its width, verdicts in colour."""
+"""Results on a terminal: sentences and tables folded to its width and cut to its height, verdicts in colour."""
 
 from __future__ import annotations
 
 import os
 import re
 import sys
-from itertools import groupby
-from typing import Final
+from collections.abc import Sequence
+from itertools import chain, groupby
+from typing import Final, NamedTuple
 
 import click
 
-from precision_pin.cli.streams import count_columns, echo_data, wrapped
+from precision_pin.cli.streams import count_columns, count_rows, echo_data, wrapped
 from precision_pin.render.text_table import folded
 
 WIDTH: Final = 100
 """Most columns of a sentence, and those of one that goes to no terminal; tables shorten their cells to fit."""
+ALL: Final = "is_whole"
+"""Name of the option ``--all``, which prints everything."""
 
 _UNSURE: Final = ("UNDECIDED", "NOTHING TO JUDGE", "NOT JUDGED")
 _COLOURS: Final = {"MET": "green", "NOT MET": "red", **dict.fromkeys(_UNSURE, "yellow")}
-_VERDICT: Final = re.compile(rf"(?<=: )({'|'.join(_COLOURS)})(?= - |: | with )")
+_VERDICT: Final = re.compile(rf"(?<=: )({'|'.join(_COLOURS)})(?= - |: | with |$)")
 _GAP: Final = re.compile(r"\S {2,}\S")
+_JOINT: Final = re.compile(r"(?<=[(,] )[^\s,()]+ (?=-?[\d.]+(?:°| mm)[,)])|(?<=\()[^\s,()]+ (?=-?[\d.]+(?:°| mm)[,)])")
+_POSE: Final = ", pose "
+_FOOT: Final = "rests on assumptions: "
+_KINDS: Final = re.compile(r" \(.*\)$")
+_CAUSE: Final = "they cause "
+_FEWEST: Final = 12
+"""Rows of a result however low the terminal is."""
+_SHORT: Final = 8
+"""Rows up to which an answer need not be said twice."""
+_OF_PROSE: Final = 2
+"""Rows of a sentence that is left out where there is no room for all."""
+_OF_TABLE: Final = 3
+"""Rows of a table from which on it is worth beginning."""
+_OF_ANSWER: Final = 3
 
 
-def echo_table(text: str) -> None:
+class _Piece(NamedTuple):
+    """Rows of a table, or of one sentence."""
+
+    rows: list[str]
+    is_table: bool
+
+
+def echo_table(text: str, *, is_answered: bool = False, below: int = 0) -> None:
     """Print a result's text: on a terminal nothing is wider than it, and verdicts are in colour.
 
+    On a terminal that is too low for it, sentences and rows of tables are left out, unless ``--all`` is given, and the answer,
+    its verdicts or else its first sentence, stands at the end once more.
+
     ``NO_COLOR`` turns colours off (no-color.org).
+
+    Args:
+        text: The text, in blocks with blank lines between them; the first one answers.
+        is_answered: Whether it ends with the answer, or is none.
+        below: Rows of notes that will follow.
 
     Raises:
         OutputError: It cannot be written.
     """
     columns = count_columns(sys.stdout)
-    lines: list[str] = []
-    for is_table, group in groupby(text.split("\n"), lambda line: _GAP.search(line) is not None):
+    blocks = [_pieces(block.split("\n"), columns) for block in text.split("\n\n")]
+    context = click.get_current_context(silent=True)
+    is_whole = context is None or context.params.get(ALL) is not False
+    cut = columns is not None and not is_whole
+    lines = _screen(text, blocks, below, is_answered=is_answered) if cut else _joined(blocks)
+    coloured = columns is not None and not os.environ.get("NO_COLOR")
+    echo_data("\n".join(map(_paint, lines) if coloured else lines))
+
+
+def _pieces(lines: Sequence[str], columns: int | None) -> list[_Piece]:
+    pieces = []
+    for is_table, group in groupby(lines, lambda line: _GAP.search(line) is not None):
         rows = list(group)
         if is_table and columns is not None:
             rows = folded(rows, columns)
-        lines += [row if len(_GAP.findall(row)) > 1 else wrapped(row, sys.stdout, WIDTH) for row in rows]
-    coloured = columns is not None and not os.environ.get("NO_COLOR")
-    echo_data("\n".join(map(_paint, lines) if coloured else lines))
+        shown = [[row] if len(_GAP.findall(row)) > 1 else wrapped(row, sys.stdout, WIDTH).split("\n") for row in rows]
+        pieces += [_Piece([*chain(*shown)], True)] if is_table else [_Piece(one, False) for one in shown]
+    return pieces
+
+
+def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: bool) -> list[str]:
+    """Return the rows of a result that a terminal shows at once."""
+    room = max(count_rows(sys.stdout) - 1 - below, _FEWEST)
+    whole = sum(len(piece.rows) for block in blocks for piece in block) + len(blocks) - 1
+    answer = [] if is_answered or whole <= _SHORT else _answer(text)
+    if whole + len(answer) <= room:
+        return [*_joined(blocks), *answer]
+    *brief, last = [[_unnamed(piece) for piece in block] for block in blocks]
+    end = next((k for k, piece in enumerate(last) if piece.rows[0].startswith(_FOOT)), len(last))
+    foot = [_brief_foot(last[end:])] if last[end:] else []
+    if is_answered:
+        # it ends with all verdicts, for which there is no room, or with a sentence
+        answer = _verdict_rows(text) or ([] if last[-1].is_table else last[-1].rows)
+        end = next((k for k, piece in enumerate(last) if piece.is_table), -1) + 1
+    left = room - sum(len(piece.rows) for piece in foot) - len(answer) - 1
+    kept: list[list[_Piece]] = []
+    is_cut = False
+    for rank, block in enumerate([*brief, last[:end]]):
+        here = left - (1 if kept else 0)
+        taken: list[_Piece] = []
+        for piece in block:
+            is_long = rank and not piece.is_table and len(piece.rows) > _OF_PROSE
+            rows = [] if is_long else piece.rows if len(piece.rows) <= here else _first_rows(piece, here)
+            if rows:
+                taken.append(_Piece(rows, piece.is_table))
+                here -= len(rows)
+        # a sentence is about what stands before or below it
+        if taken and (not is_cut or any(piece.is_table for piece in taken)):
+            kept.append(taken)
+            left = here
+        is_cut = is_cut or sum(len(piece.rows) for piece in taken) < sum(len(piece.rows) for piece in block)
+    shown = sum(len(piece.rows) for block in (*kept, foot) for piece in block)
+    more = f"--all prints {whole - len(blocks) + 1 - shown:,} more rows"
+    return [*_joined(kept), *_joined([foot]), more, *answer]
+
+
+def _brief_foot(pieces: Sequence[_Piece]) -> _Piece:
+    """Return on what a result rests as one sentence, without the kinds of its assumptions."""
+    lines = [" ".join(row.strip() for row in piece.rows) for piece in pieces]
+    text = "; ".join([_KINDS.sub("", lines[0]), *(line for line in lines[1:] if line.startswith(_CAUSE))])
+    return _Piece(wrapped(text, sys.stdout, WIDTH).split("\n"), False)
+
+
+def _joined(blocks: Sequence[Sequence[_Piece]]) -> list[str]:
+    return [line for block in blocks for line in ["", *(row for piece in block for row in piece.rows)]][1:]
+
+
+def _unnamed(piece: _Piece) -> _Piece:
+    """Return the sentence about the arm and the pose without the names of the joints."""
+    line = " ".join(row.strip() for row in piece.rows)
+    if piece.is_table or _POSE not in line:
+        return piece
+    return _Piece(wrapped(_JOINT.sub("", line), sys.stdout, WIDTH).split("\n"), False)
+
+
+def _first_rows(piece: _Piece, room: int) -> list[str]:
+    """Return so many rows of a table, whole groups of its columns first; none of a sentence."""
+    if not piece.is_table or room < _OF_TABLE:
+        return []
+    end = next((k for k, row in enumerate(piece.rows) if not row), len(piece.rows))
+    return piece.rows[: min(end, room)]
+
+
+def _answer(text: str) -> list[str]:
+    """Return the verdicts of a text, or its first block, as rows, as far as it is short."""
+    return _verdict_rows(text) or _short(text.partition("\n\n")[0].split("\n"))
+
+
+def _verdict_rows(text: str) -> list[str]:
+    """Return the verdicts of a text, those of what is not met first."""
+    given = [
+        line.strip().partition(" - ")[0].removeprefix("spec ") for line in text.split("\n") if _VERDICT.search(line)
+    ]
+    return _short(sorted(given, key=lambda line: line.endswith(": MET")))
+
+
+def _short(lines: Sequence[str]) -> list[str]:
+    rows: list[str] = []
+    for line in dict.fromkeys(lines):
+        more = wrapped(line, sys.stdout, WIDTH).split("\n")
+        if rows and len(rows) + len(more) > _OF_ANSWER:
+            break
+        rows += more
+    return rows
 
 
 def _paint(line: str) -> str:

@@ -79,6 +79,24 @@ class Estimates:
         others = tuple(one for one in space.correlations if not touched & set(one.names))
         return Space((Draw(name, law, names=tuple(wanted)), *kept), others)
 
+    def without_changed(self, before: Space, after: Space) -> tuple[Estimates | None, tuple[str, ...]]:
+        """Return the estimates less the numbers whose draws a change has made others, and those of them that had been learned.
+
+        None where no estimate is left.
+        """
+        now = {draw.name: draw for draw in after.draws}
+        changed = {name for draw in before.draws if now.get(draw.name) != draw for name in draw.components}
+        kept = [k for k, name in enumerate(self.names) if name not in changed]
+        if len(kept) == len(self.names):
+            return self, ()
+        touched = self._touched(before)
+        known = {name for draw in before.draws if draw.name in touched for name in draw.components}
+        replaced = tuple(name for name in self.names if name in changed & known)
+        if not kept:
+            return None, replaced
+        names = tuple(self.names[k] for k in kept)
+        return Estimates(names, self.mean[kept], self.covariance[np.ix_(kept, kept)]), replaced
+
     def learned(self, space: Space) -> tuple[str, ...]:
         """Return the numbers of which the data removed at least half the variance that the space of before has."""
         columns = np.array([space.index[name] for name in self.names], dtype=np.intp)

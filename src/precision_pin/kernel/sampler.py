@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Literal, final
+from typing import Any, Final, Literal, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,9 +49,7 @@ from precision_pin.kernel.loops import (
 )
 from precision_pin.kernel.parts import compile_parts
 from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, largest_of, start
-
-if TYPE_CHECKING:
-    from precision_pin.model.pose_model import PoseModel
+from precision_pin.terms.table import TermTable
 
 BLOCK: Final = ATOM
 """Units in a block, 16,384."""
@@ -62,6 +60,18 @@ MOST_UNITS: Final = 2**63
 # the sketch counts with 32 bits: with more samples in a call a bin could overflow
 _MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
 _UPPER: Final = np.triu_indices(6)
+
+
+class ModelAtPose(Protocol):
+    """What the kernel takes of an error model at a pose: its terms, and the draws that they are made of."""
+
+    @property
+    def table(self) -> TermTable:
+        """Its terms."""
+
+    @property
+    def space(self) -> Space:
+        """The draws."""
 
 
 @final
@@ -141,7 +151,7 @@ REASONS: Final = {
 """Messages for the reasons why the compiled loops stop."""
 
 
-def to_arrays(pose_model: PoseModel) -> SamplerArrays:
+def to_arrays(pose_model: ModelAtPose) -> SamplerArrays:
     """Convert the error model at a pose to arrays for the compiled sampler, in milliseconds and without compiling.
 
     Raises:
@@ -150,7 +160,7 @@ def to_arrays(pose_model: PoseModel) -> SamplerArrays:
     return convert_table(pose_model.table, pose_model.space)
 
 
-def to_arrays_at_poses(pose_models: Sequence[PoseModel]) -> list[SamplerArrays]:
+def to_arrays_at_poses(pose_models: Sequence[ModelAtPose]) -> list[SamplerArrays]:
     """Convert one model at several poses to arrays, faster than by `to_arrays` for each."""
     return convert_tables([at.table for at in pose_models], pose_models[0].space) if pose_models else []
 

@@ -115,8 +115,9 @@ class _Body:
     """A shape: the hull of points, each with a ball and a disc about z around it.
 
     ``owner`` is its link. ``solid`` is coal's shape. ``placement`` is in the axes of the chain link ``link``; points ``(V, 3)``,
-    ``centre`` and ``radius`` of a ball about all, and of a mesh its triangles ``(F, 3, 3)``, are in the shape's own. ``is_line``:
-    it has no thickness and is only kept out of planes and boxes.
+    ``centre`` and ``radius`` of a ball about all, and of a mesh its triangles ``(F, 3, 3)`` and the planes of its hull (normal
+    and offset, negative inside; none of a flat one), are in the shape's own. ``is_line``: it has no thickness and is only kept
+    out of planes and boxes.
     """
 
     name: str
@@ -128,6 +129,7 @@ class _Body:
     ball: float = 0.0
     disc: float = 0.0
     triangles: Array | None = None
+    planes: Array | None = None
     is_line: bool = False
 
     @cached_property
@@ -138,6 +140,13 @@ class _Body:
     def centre(self) -> Array:
         middle: Array = (self.bounds[0] + self.bounds[1]) / 2
         return middle
+
+    @cached_property
+    def half(self) -> Array:
+        """Half the edges of a box about it."""
+        rims = np.array([self.disc, self.disc, 0.0]) + self.ball
+        edges: Array = (self.bounds[1] - self.bounds[0]) / 2 + rims
+        return edges
 
     @cached_property
     def radius(self) -> float:
@@ -226,6 +235,8 @@ class CollisionCheck:
         body, other = check.body, check.other
         gap = (here[:, :3, :3] @ body.centre + here[:, :3, 3]) - (there[:, :3, :3] @ other.centre + there[:, :3, 3])
         hit = np.asarray((gap * gap).sum(axis=1) < (body.radius + other.radius) ** 2)
+        near = np.flatnonzero(hit)
+        hit[near] = _boxes_meet(body, other, here[near], there[near])
         for k in np.flatnonzero(hit):
             hit[k] = _touch(body, other, here[k], there[k])
         return hit
@@ -383,10 +394,11 @@ def _body(name: str, owner: str, where: LinkFrame, shape: Shape, reader: MeshRea
     from scipy.spatial import ConvexHull, QhullError  # late: a third of a second, of arms with meshes alone
 
     try:
-        hull = vertices[ConvexHull(vertices).vertices]
+        hull = ConvexHull(vertices)
     except QhullError:  # flat
-        hull = vertices
-    return _Body(name, owner, where.link, placement, solid, hull, triangles=vertices[faces])
+        return _Body(name, owner, where.link, placement, solid, vertices, triangles=vertices[faces])
+    points = vertices[hull.vertices]
+    return _Body(name, owner, where.link, placement, solid, points, triangles=vertices[faces], planes=hull.equations)
 
 
 def _line(name: str, link: int, begin: Array, end: Array) -> _Body:
@@ -396,6 +408,18 @@ def _line(name: str, link: int, begin: Array, end: Array) -> _Body:
     ends = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
     solid = coal.Capsule(_DEEP, length)
     return _Body(name, name, link, se3.pose(turn, (begin + end) / 2), solid, ends, is_line=True)
+
+
+def _boxes_meet(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
+    """Return whether the boxes about two bodies, along their own axes, overlap along each of these, at P poses of both."""
+    turn = np.einsum("pji,pjk->pik", here[:, :3, :3], there[:, :3, :3])
+    apart = there[:, :3, :3] @ other.centre + there[:, :3, 3] - here[:, :3, :3] @ one.centre - here[:, :3, 3]
+    along = np.einsum("pji,pj->pi", here[:, :3, :3], apart), np.einsum("pji,pj->pi", there[:, :3, :3], apart)
+    size = np.abs(turn)
+    return np.asarray(
+        (np.abs(along[0]) <= one.half + size @ other.half).all(axis=1)
+        & (np.abs(along[1]) <= other.half + one.half @ size).all(axis=1)
+    )
 
 
 def _touch(one: _Body, other: _Body, here: Array, there: Array) -> bool:
@@ -408,10 +432,10 @@ def _touch(one: _Body, other: _Body, here: Array, there: Array) -> bool:
 
 
 def _within(inner: _Body, here: Array, outer: _Body, there: Array) -> bool:
-    if outer.triangles is None or inner.radius > outer.radius:
+    if outer.triangles is None or outer.planes is None or inner.radius > outer.radius:
         return False
     point = (here[:3, :3] @ inner.points[0] + here[:3, 3] - there[:3, 3]) @ there[:3, :3]
-    if (point < outer.bounds[0]).any() or (point > outer.bounds[1]).any():
+    if (outer.planes[:, :3] @ point + outer.planes[:, 3]).max() > 0:
         return False
     # winding number: the solid angles under which the triangles are seen (Van Oosterom and Strackee 1983)
     a, b, c = np.moveaxis(outer.triangles - point, 1, 0)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
@@ -68,6 +69,15 @@ class Correlated(Record):
     parameters: tuple[str, ...]
     scores: tuple[tuple[float, ...], ...]
     pearson: tuple[tuple[float, ...], ...]
+
+    @property
+    def pairs(self) -> Iterator[str]:
+        """A line for each two parameters, as text."""
+        for i, j in itertools.combinations(range(len(self.parameters)), 2):
+            yield (
+                f"{self.parameters[i]} and {self.parameters[j]}: {self.scores[i][j]:.4g} of their normal scores, "
+                f"{self.pearson[i][j]:.4g} of the numbers (Pearson)"
+            )
 
     @classmethod
     def all_of(cls, space: Space) -> tuple[Correlated, ...]:

@@ -157,7 +157,10 @@ def read_chain(document: Document, findings: Findings, overrides: Overrides, fol
     if locked is None:
         return None
     try:
-        chain = Chain.from_robot(robot, overrides.tip or document.tip, overrides.base or document.base, gravity, locked)
+        # an empty name is one that no link has
+        tip = document.tip if overrides.tip is None else overrides.tip
+        base = document.base if overrides.base is None else overrides.base
+        chain = Chain.from_robot(robot, tip, base, gravity, locked)
         target = overrides.target or document.target
         chain = chain if target is None else chain.with_target(parse_target(target))
     except InputError as error:

@@ -27,7 +27,7 @@ from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.sheet.chain_entry import Overrides, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, plain_data, values_at
 from precision_pin.sheet.findings import Findings
-from precision_pin.sheet.measurement import Measurement, read_measurement
+from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
 from precision_pin.sheet.provenance import Origin, origins_by_path, source_origins
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
@@ -38,6 +38,7 @@ from precision_pin.terms.bound_source import BoundSource, labels, load_posture, 
 from precision_pin.terms.source import Source
 
 LARGEST_FILE: Final = 4 * 2**20
+_MOST_NAMED: Final = 4
 _ACCEPTABLE: Final = re.compile(r"(?!W_NO_REST$)W_[A-Z_]+")
 """Codes of warnings that a sheet can accept: an arm that buckles is none of them."""
 _ANY_COMPONENT: Final = ("", ".x", ".y", *(f".{k}" for k in range(6)))
@@ -87,10 +88,7 @@ class Sheet:
     @property
     def measurement(self) -> Measurement | None:
         """The only measurement, ``None`` without any; an :class:`InputError` where the sheet lists several."""
-        if len(self.measurements) > 1:
-            message = f"measurement: lists {len(self.measurements)}; only a fit to data takes several, this takes one"
-            raise InputError([Finding("error", "E_USAGE", message, self.file)])
-        return self.measurements[0] if self.measurements else None
+        return only_one(self.measurements, self.file) if self.measurements else None
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
@@ -141,7 +139,7 @@ class Contents:
             return sheet
         text = change_text(self.text, changes, sheet.sources, catalogue() | {kind.kind(): kind for kind in self.kinds})
         first = sheet.unchanged or sheet
-        return replace(_read(replace(self, text=text)), unchanged=first, beyond_limits=sheet.beyond_limits)
+        return replace(_read(replace(self, text=text), first), unchanged=first, beyond_limits=sheet.beyond_limits)
 
 
 def read(
@@ -183,7 +181,7 @@ def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds:
     return _read(Contents(text, "the sheet", FilePath(folder), tuple(kinds), Overrides()))
 
 
-def _read(contents: Contents) -> Sheet:
+def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     text, file, folder, overrides = contents.text, contents.file, contents.folder, contents.overrides
     findings = Findings(text, file)
     document, wrong = _document(text, findings)
@@ -203,7 +201,7 @@ def _read(contents: Contents) -> Sheet:
     listed = tuple(sources.values())
     names = labels(listed)
     extended, own = _try_terms(chain, space, sources, names, poses, approaches, findings)
-    estimates = _estimates(document, space, listed, folder, findings)
+    estimates = _estimates(document, _whole(space, listed), folder, findings, unchanged)
     measurements = _measurements(document, chain, findings)
     origins = {
         f"{label}.{setting}" if setting else label: origin
@@ -255,19 +253,44 @@ def _measurements(document: Document, chain: Chain, findings: Findings) -> tuple
     return tuple(found)
 
 
+def _whole(space: Space, sources: Sequence[Source]) -> Space:
+    """Return the space of a sheet with the draws of its sources."""
+    return space.including(own_draws(sources, labels(sources)))
+
+
 def _estimates(
-    document: Document, space: Space, sources: Sequence[Source], folder: FilePath, findings: Findings
+    document: Document, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
 ) -> Estimates | None:
-    """Return the estimates of a calibration that the sheet names."""
+    """Return the estimates of a calibration that the sheet names; a number that was set is what it was set to."""
     if document.calibrated in (None, "none") or findings.found:
         return None
     try:
         estimates = read_estimates(document.calibrated, folder)
-        estimates.remaining_space(space.including(own_draws(sources, labels(sources))))
+        if unchanged is not None and unchanged.estimates is not None and ("calibrated",) not in findings.text.changes:
+            before = _whole(unchanged.space, unchanged.sources)
+            kept, replaced = estimates.without_changed(before, space)
+            if replaced:
+                findings.warning(("calibrated",), _replaced(estimates, replaced), "W_SET_MEASURED")
+            if kept is None:
+                return None
+            estimates = kept
+        estimates.remaining_space(space)
     except InputError as error:
         findings.take(("calibrated",), error)
         return None
     return estimates
+
+
+def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
+    """Return what is said of measured numbers in whose place others were set."""
+    std = np.sqrt(np.diag(estimates.covariance))
+    rows = [estimates.names.index(name) for name in names]
+    measured = "; ".join(f"{names[n]} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for n, k in enumerate(rows[:_MOST_NAMED]))
+    more = f" and {len(rows) - _MOST_NAMED} more" if len(rows) > _MOST_NAMED else ""
+    return (
+        f"what was set takes the place of what was measured of this robot (mean ± std, SI): {measured}{more}; all other "
+        "numbers stay as measured; --set calibrated=none takes all tolerances, those of the next robots"
+    )
 
 
 def _contents(file: str) -> str:

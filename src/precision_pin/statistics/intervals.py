@@ -74,8 +74,8 @@ def tolerance_ranks(samples: int, content: float, confidence: float) -> tuple[in
     return (rank, samples + 1 - rank) if rank >= 1 else None
 
 
-def clopper_pearson(inside: float, samples: int, confidence: float) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability, given the number of samples inside, which may be an effective one.
+def clopper_pearson(inside: float, samples: float, confidence: float) -> tuple[float, float]:
+    """Return the Clopper-Pearson interval of a probability, given the numbers of samples inside and in all, or effective ones.
 
     Its coverage is at least the confidence for every probability (Clopper and Pearson, Biometrika 26,
     1934). The lower end is 0 if no sample is inside, the upper end 1 if all are.
@@ -95,7 +95,7 @@ def share_to_show(required: float, samples: int, confidence: float, chance: floa
     return float(betaincinv(least, samples - least + 1, chance)) if least <= samples else None
 
 
-def upper_ends(inside: ArrayLike, samples: int, tail: float) -> Array:
+def upper_ends(inside: ArrayLike, samples: float, tail: float) -> Array:
     """Return one-sided upper ends (Clopper-Pearson) of probabilities, which are missed with the probability ``tail``.
 
     Args:

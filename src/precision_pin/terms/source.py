@@ -73,9 +73,9 @@ def setting_fields(kind: type) -> tuple[SettingField, ...]:
 @cache
 def setting_meanings(kind: type) -> dict[str, str]:
     """Return what each setting of a kind of source is, from the section Attributes of its docstring, on one line."""
-    section = re.search(r"Attributes\n-+\n(.*?)(?:\n\n\S|\Z)", inspect.getdoc(kind) or "", re.DOTALL)
+    section = re.search(r"^Attributes:\n(.*?)(?:\n\n\S|\Z)", inspect.getdoc(kind) or "", re.DOTALL | re.MULTILINE)
     found: dict[str, str] = {}
-    for names, text in re.findall(r"^(\S.*)\n((?:    .*\n?)+)", section[1] if section else "", re.MULTILINE):
+    for names, text in re.findall(r"^    (\S[^:]*): (.*(?:\n     .*)*)", section[1] if section else "", re.MULTILINE):
         found |= dict.fromkeys(names.split(", "), " ".join(text.replace("``", "`").split()))
     return found
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
-from precision_pin.analyses.calibration.design import UnitNumbers, stack_at_means, stations_of
+from precision_pin.analyses.calibration.data import read_data
+from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, stack_at_means, stations_of
+from precision_pin.analyses.calibration.fit import Problem, leave_out
 from precision_pin.analyses.calibration.improvement import LeftOutShare, gain_interval
 from precision_pin.draws.draw import Scope
 from precision_pin.sources import JointOffset
@@ -49,6 +52,11 @@ def test_a_calibration_helps_is_useless_or_harms() -> None:
     model, tip = offsets(pp.Normal(1e-3)), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free")
     q = random_poses(4, 15)
     helped = pp.calibrate(model, (q, readings_of(model, q, tip)), tip)
+    # before: the nominal points, turned and shifted onto the readings
+    postures = [model.at(one).posture.pose for one in q.T]
+    points, readings = np.array([(one @ [*OFF_AXIS, 1])[:3] for one in postures]), readings_of(model, q, tip)
+    far = Rotation.align_vectors(readings - readings.mean(axis=0), points - points.mean(axis=0))[1]
+    assert helped.rms_residual["before"] == pytest.approx(far / np.sqrt(15), rel=1e-9)
     nominal = offsets(pp.Normal(1e-12))
     useless = pp.calibrate(model, (q, readings_of(nominal, q, tip)), tip)
     # noise of 1 mm where the sheet says 60 µm, which 17 combinations without a prior follow
@@ -85,9 +93,35 @@ def test_the_share_within_has_the_binomial_interval_of_its_groups() -> None:
     assert LeftOutShare.of(np.arange(60) < 51, 6).verdict == "honest"
 
 
+@pytest.mark.parametrize("twice", [False, True])
+def test_groups_that_share_errors_are_fewer_trials(twice: bool) -> None:
+    """Squares of correlations between left-out readings, base and target free, by the map from readings to what is left out."""
+    model, q = plain_model(), np.repeat(random_poses(4, 8), 1 + twice, axis=1)
+    free = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
+    problem = Problem.of(model, read_data(model, (q, readings_of(model, q, free)), (free,)))[0]
+    z, groups, size = np.zeros(problem.unit.root.shape[1]), np.arange(q.shape[1]) // (1 + twice), 3 + 3 * twice
+    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
+    columns = []
+    for white in estimator.hold():
+        residuals, first = np.zeros_like(problem.readings), 0
+        for places, root in zip(problem.places, problem.roots, strict=True):
+            residuals[places] = root @ white[first : first + len(root)]
+            first += len(root)
+        found = leave_out(problem, estimator, estimator, residuals, groups)
+        columns.append(found.values.ravel())
+    # residuals hold y have the covariance hold, of which the map is taken here: hold hold⁺ hold
+    left = np.array(columns).T
+    covariance = left @ np.linalg.pinv(estimator.hold(), rcond=1e-9) @ left.T
+    blocks = covariance.reshape(8, size, 8, size).swapaxes(1, 2)
+    roots = [np.linalg.inv(np.linalg.cholesky(blocks[k, k])) for k in range(8)]
+    shares = [((roots[k] @ blocks[k, h] @ roots[h].T) ** 2).sum() / size for k in range(8) for h in range(8)]
+    assert found.trials == pytest.approx(64 / np.sum(shares), rel=1e-6)
+    assert found.trials < 6
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("noise", "size", "least"), [(1, 1, 0.91), (50, 1, 0.91), (150, 1, 0.91), (50, 0, 0.91)])
-def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size: float, least: float) -> None:
+@pytest.mark.parametrize(("noise", "size"), [(1, 1), (50, 1), (150, 1), (50, 0)])
+def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size: float) -> None:
     """Linear robots with a free base, 25 of 300 poses: the gain over all poses; where there is none, few "helps"."""
     model, free = plain_model(), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
     stations = stations_of(model, random_poses(4, 300), free)
@@ -118,5 +152,5 @@ def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size:
         low, high = gain_interval(squares[0], squares[1], np.full(25, 1 / 25), taken)
         held.append(low <= truths[0] - truths[1] <= high)
         helps.append(low > 0)
-    assert np.mean(held) > least
+    assert np.mean(held) > 0.94
     assert size > 0 or np.mean(helps) < 0.05

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -130,6 +131,27 @@ def test_repeated_poses_tell_the_instrument_from_the_model() -> None:
         assert noise.interval[0] < 0.1e-3 < noise.interval[1]
     assert (wrong.verdict, right.verdict) == ("disagrees", "agrees")
     assert wrong.noise["std"].of_all > 3 * wrong.noise["std"].std
+
+
+def test_stds_of_the_file_are_relative_where_the_std_is_estimated(tmp_path: Path) -> None:
+    """An arm that is known: the std at all weights equal is the root mean square of residuals over relative stds."""
+    chain, q = paper_model().chain, random_poses(4, 30)
+    model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="joint1", offset=pp.Normal(1e-9))])
+    rng = np.random.default_rng(3)
+    stds = np.where(np.arange(30) % 3, 0.1, 1.0)  # mm
+    noise = rng.standard_normal((30, 3)) * stds[:, None] / 1e3
+    rows = np.column_stack([q.T, chain.at_columns(q).pose[:3, 3].T + noise, stds])
+    header = ",".join(
+        [*(f"{name} [rad]" for name in chain.joint_names), *(f"{name} [m]" for name in "xyz"), "std [mm]"]
+    )
+    np.savetxt(tmp_path / "data.csv", rows, "%.12g", ",", header=header, comments="")
+    found = pp.calibrate(model, tmp_path / "data.csv", pp.Measurement(std="estimate"))  # type: ignore[arg-type]
+    usual = np.sqrt((stds**2).mean())
+    expected = np.sqrt(((noise * usual / stds[:, None]) ** 2).mean())
+    assert not found.gross_errors
+    assert found.noise["std"].std == pytest.approx(expected, rel=1e-4)
+    assert json.loads(found.to_json())["data"]["std"] == pytest.approx(stds * expected / usual, rel=1e-4)
+    np.testing.assert_allclose(found.std_predicted[:, 0], stds * expected / usual, rtol=1e-3)
 
 
 @pytest.mark.slow

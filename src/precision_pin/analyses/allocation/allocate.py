@@ -9,6 +9,7 @@ from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from precision_pin.analyses.allocation.allocation_result import (
     AllocatedLimit,
@@ -52,6 +53,8 @@ _ROUNDS: Final = 6
 _HOLDS: Final = 0.9
 """Share of a limit, first order, from which it may hold the choice."""
 _SAME: Final = 1e-6
+_STRIDE: Final = 0.4
+"""Scores of the normal law by which the aim moves more each round, while the samples do not change their mind."""
 _SPARE: Final = 0.002
 """Probability that may be left between the lower end of an interval and what is required."""
 SHOWN_BY: Final = 100_000
@@ -150,7 +153,9 @@ def _allocate(
         bound, basis = _bound(task, parts, members, choices, rounds, judge, end)
         if walked is not None:
             bound, basis = walked.lower_bound, "samples"
-        if found.solution is not None:
+        if found.solution is None:
+            found = replace(found, basis=basis)
+        else:
             known = None if bound is None else min(bound, found.cost)
             found = replace(found, solution=replace(found.solution, lower_bound=known), basis=basis)
             if found.is_clear and (margin := judge.aimed - judge.required).any():
@@ -212,6 +217,7 @@ def _rounds(
     aims = judge.aimed.tolist()
     rounds: list[_Attempt] = []
     found: _Attempt | None = None
+    tried: list[tuple[list[float], Array]] = []
     for _ in range(_ROUNDS):
         programme = _programme(task, parts, members, aims)
         near = None if found is None or found.solution is None else found.solution.t
@@ -219,13 +225,14 @@ def _rounds(
         # what cannot be met is verified with the tolerances that exceed it least
         chosen = (programme.least if solution is None else solution.t)[members]
         made = _Attempt(programme, solution, chosen)
-        if not judge.chances or (
-            found is not None and found.is_clear and np.allclose(chosen, found.chosen, rtol=_SAME, atol=0)
-        ):
+        known = found.judged if found is not None and np.allclose(chosen, found.chosen, rtol=_SAME, atol=0) else None
+        if not judge.chances or (known is not None and known.is_clear and solution is not None):
             rounds += [] if judge.chances else [made]
             found = found or made
             break
-        made = replace(made, judged=judge.look(chosen, judge.many))
+        # the narrowest ones again, where the first order still refuses what the samples show to be kept
+        is_known = known is not None and known.is_clear
+        made = replace(made, judged=known if is_known else judge.look(chosen, judge.many))
         rounds.append(made)
         advance(1)
         assert made.judged is not None
@@ -244,9 +251,11 @@ def _rounds(
         # the first order may refuse what the samples show to be kept
         if (solution is None and not made.is_clear) or (made.is_clear and not (holds & (spare > _SPARE)).any()):
             break
+        tried.append((aims, spare))
+        history = [np.array(one).T for one in zip(*tried, strict=True)]
         aims = [
-            _next_aim(aim, float(one), made.is_clear) if held or not made.is_clear else aim
-            for aim, one, held in zip(aims, spare, holds, strict=True)
+            _next_aim(*own) if (held if made.is_clear else own[1][-1] < 0) else float(own[0][-1])
+            for *own, held in zip(*history, holds, strict=True)
         ]
     assert found is not None
     advance(_ROUNDS - len(rounds) if judge.chances else _ROUNDS)
@@ -268,11 +277,9 @@ def _bound(
     may exceed it. Of laws that are far from a normal one that says nothing about other tolerances, and there is no bound.
     """
     found = rounds[-1]
-    if found.solution is None:
-        return None, "proof"
     if not judge.chances:
-        return found.solution.lower_bound, "proof"
-    if not _near_normal(judge, parts):
+        return None if found.solution is None else found.solution.lower_bound, "proof"
+    if found.solution is None or not _near_normal(judge, parts):
         return None, "normal law"
     excess = np.zeros(len(judge.chances))
     for one in rounds:
@@ -294,11 +301,23 @@ def _near_normal(judge: Judge, parts: Contributions) -> bool:
     return bool((np.abs(skewness) < _MOST_SKEWED).all() and (np.abs(excess) < _MOST_CURVED).all())
 
 
-def _next_aim(aim: float, spare: float, is_clear: bool) -> float:
-    """Return the probability to aim at after a round in which the lower end of the interval had this much to spare."""
-    if is_clear:
-        return max(aim - max(spare - _SPARE / 2, 0.0), 0.5 * aim)
-    return min(aim + max(-spare, 0.0) * 1.25, (1 + aim) / 2)
+def _next_aim(aims: Array, spares: Array) -> float:
+    """Return the probability to aim at after rounds in which the lower ends of the intervals had this much to spare.
+
+    Between an aim that was too low and one that was high enough it is interpolated, in scores of the normal law. Without both
+    the step grows from round to round: of a law far from normal it may have to be of another size.
+    """
+    aim, spare, short = float(aims[-1]), float(spares[-1]), spares < 0
+    if short.any() and not short.all():
+        low, high = int(np.where(short, aims, -1.0).argmax()), int(np.where(short, 2.0, aims).argmin())
+        share = np.clip((_SPARE / 2 - spares[low]) / (spares[high] - spares[low]), 0.25, 0.75)
+        ends = special.ndtri(aims[[low, high]])
+        return float(special.ndtr(ends[0] + share * (ends[1] - ends[0])))
+    stride = _STRIDE * (len(aims) - 1)
+    if spare < 0:
+        return max(min(aim - spare * 1.25, (1 + aim) / 2), float(special.ndtr(special.ndtri(aim) + stride)))
+    step = max(aim - max(spare - _SPARE / 2, 0.0), 0.5 * aim)
+    return min(step, float(special.ndtr(special.ndtri(aim) - stride)))
 
 
 def _own(task: Problem, members: NDArray[np.intp], group: int) -> list[Tolerance]:

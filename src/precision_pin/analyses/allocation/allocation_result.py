@@ -89,8 +89,8 @@ class AllocatedLimit(Record):
 
 
 def tightest_of(limits: Sequence[AllocatedLimit]) -> int:
-    """Return the number of the limit that is exceeded most, or has the least left, by the first-order model."""
-    return max(range(len(limits)), key=lambda k: limits[k].first_order / limits[k].limit)
+    """Return the number of the limit exceeded most by the first order, of those not kept; else of that with the least left."""
+    return max(range(len(limits)), key=lambda k: (not limits[k].is_kept, limits[k].first_order / limits[k].limit))
 
 
 @final
@@ -178,7 +178,7 @@ class AllocationResult(AnalysisResult):
 
     @property
     def tightest(self) -> AllocatedLimit:
-        """The limit that is exceeded most, or has the least left."""
+        """The limit that is not kept and exceeded most; where all are kept, the one with the least left."""
         return self.limits[tightest_of(self.limits)]
 
     @property

@@ -93,6 +93,22 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
         return Problem(tuple(tolerances), tuple(limits), _poses(model, given.get("poses")))
 
 
+def check_problem(model: ErrorModel) -> None:
+    """Refuse what :func:`read_problem` refuses of the sheet's own problem, and a tolerance that cannot be chosen.
+
+    Raises:
+        InputError: As an allocation would, at the first pose.
+    """
+    task = read_problem(model, None)
+    assert model.sheet is not None
+    try:
+        with unheard():
+            contributions(model, task.tolerances, task.poses[:1], worst_case=False, advance=_ignore)
+    except NoScaleError as error:
+        with _at(model.sheet.contents, "tolerances", [one.path for one in task.tolerances].index(error.path)):
+            raise unchosen(model, error) from None
+
+
 @contextmanager
 def _at(contents: Contents | None, *path: str | int) -> Iterator[None]:
     """Add file and line to an error about an entry of the sheet's ``allocate:``; ``None`` for a problem from elsewhere."""

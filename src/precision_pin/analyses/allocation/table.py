@@ -64,8 +64,11 @@ def verdict_lines(result: AllocationResult) -> list[str]:
     """Return the cost and how far above the least it is, or what no allocation can meet and what is in the way."""
     if not result.feasible:
         one = result.tightest
+        # narrower is not always better: an error far out may bring robots back that a rare value moves just beyond the limit
+        is_shown = one.required is None or result.bound_basis == "samples"
+        none = "no allocation can meet" if is_shown else "no allocation was found that meets"
         return [
-            f"no allocation can meet {_in_words(one)}: with every tolerance at its least {_reached(one)};",
+            f"{none} {_in_words(one)}: with every tolerance at its least {_reached(one)};",
             f"  in the way: {_obstacles(result)}",
         ]
     cost, grounds = f"cost {result.cost:.6g}, before {result.cost_before:.6g}", result.grounds

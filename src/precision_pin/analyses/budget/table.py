@@ -17,7 +17,7 @@ from precision_pin.analyses.budget.budget_result import (
     PoseBudget,
     SourceShare,
 )
-from precision_pin.analyses.monte_carlo.table import subject
+from precision_pin.analyses.monte_carlo.table import answer_of, subject
 from precision_pin.base.text_escape import shortened
 from precision_pin.render.tables import percent, plus_minus, symbol, unit
 from precision_pin.render.text_table import aligned
@@ -39,7 +39,7 @@ def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: boo
         UnknownNameError: No such quantity.
     """
     quantities = check_quantities(quantities or VECTORS)
-    lines = []
+    lines = [*_answer(result, quantities), ""]
     most = sys.maxsize if is_whole else MOST_LINES
     for pose in result.poses:
         lines += _heads(result, pose)
@@ -50,6 +50,24 @@ def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: boo
         lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places), most))]
         lines += ["", *_notes(result, pose, quantities), ""]
     return "\n".join(lines).rstrip()
+
+
+def _answer(result: BudgetResult, quantities: Sequence[str]) -> list[str]:
+    """Return for each quantity which tolerance causes most of its spread, at the worst pose."""
+    lines = []
+    for quantity in quantities:
+        said, sizes = [], []
+        for pose in result.poses:
+            largest = next(iter(ranked(pose, quantity)), None)
+            share = None if largest is None else largest.share.get(quantity)
+            what = "no tolerance causes a spread"
+            if largest is not None and share:
+                width = f", {largest.tolerance}," if largest.tolerance else ""
+                what = f"{shortened(largest.name, MOST_OF_NAME)}{width} causes {100 * share:.3g} % of the variance"
+            said.append(f"{quantity}: {what}")
+            sizes.append(pose.sums[quantity].std or 0.0)
+        lines.append(answer_of([pose.pose for pose in result.poses], sizes, said))
+    return lines
 
 
 def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:

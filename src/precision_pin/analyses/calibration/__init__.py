@@ -81,6 +81,7 @@ def _gives_poses(options: dict[str, Any]) -> bool:
 def prepare(asked: Asked) -> Job:
     """Return what the options ask for: factory, population, plan, forecast or fit."""
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.sheet.measurement import only_one
 
     options, model = asked.options, ErrorModel.from_sheet(asked.sheet)
     if options["factory"] is not None:
@@ -93,10 +94,8 @@ def prepare(asked: Asked) -> Job:
     at = list(options["at_names"]) or None
     if options["count"] is None and not options["forecast"]:
         return _fit(asked, model, measurements, at)
-    if len(measurements) > 1:
-        raise InputError("the sheet lists several measurements; a forecast or plan is of one")
     ahead = _forecast if options["count"] is None else _plan
-    return ahead(asked, model, measurements[0], at)
+    return ahead(asked, model, only_one(measurements, asked.sheet.file), at)
 
 
 def _job(run: Callable[..., Any], use: str, table: str, **settings: Any) -> Job:

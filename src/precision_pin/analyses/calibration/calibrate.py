@@ -32,7 +32,7 @@ from precision_pin.analyses.calibration.identifiability import (
     refuse_where_nothing_is_seen,
     remarks_on,
 )
-from precision_pin.analyses.calibration.improvement import Improvement, doubt_improvement, groups_of, judge
+from precision_pin.analyses.calibration.improvement import Improvement, SetUpAlone, doubt_improvement, groups_of, judge
 from precision_pin.analyses.calibration.noise import EstimatedStd, chance_of, doubt_std, estimate_std, refuse_noise
 from precision_pin.analyses.calibration.posterior import (
     LEVEL,
@@ -102,8 +102,8 @@ class CalibrationResult(PosesOutcome):
         chi_square, degrees_of_freedom: Sum of squares of whitened residuals (with a prior, of the numbers' deviations
             too), and its expectation.
         residuals, residuals_before: Reading less prediction of the calibrated arm, in base axes, ``(P, m)``; of the
-            sheet's means, with the first guess of the set-up. Zeros beyond the numbers of a reading that has fewer than
-            others.
+            sheet's means, with the set-up that fits them best. Zeros beyond the numbers of a reading that has fewer
+            than others.
         left_out: Reading less the prediction of a fit without the readings at its pose, or without its group where the
             data have groups, ``(P, m)``, first order.
         std_left_out, std_predicted: Standard deviation of ``left_out``, and of a new reading at the pose from the
@@ -299,7 +299,8 @@ def calibrate(
     residuals = whole.residuals(best.z, best.nuisances)
     groups = groups_of(given, np.array(model.chain.prismatic))
     without = leave_out(used, best.estimator, best.local, best.residuals, groups)
-    improvement = judge(used, best, without, groups, of_column=bool(given.group.size))
+    alone = SetUpAlone.of(used)
+    improvement = judge(used, best, without, alone, groups, of_column=bool(given.group.size))
     unit, estimator = whole.unit, best.estimator
     predicted = whole.reading_deviations(best)
     is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]
@@ -330,7 +331,7 @@ def calibrate(
         chi_square=best.chi_square,
         degrees_of_freedom=best.degrees_of_freedom,
         residuals=residuals,
-        residuals_before=whole.residuals(np.zeros_like(best.z), whole.start),
+        residuals_before=whole.residuals(np.zeros_like(best.z), alone.nuisances),
         left_out=np.where(is_gross, residuals, without.values),
         std_left_out=np.where(is_gross, predicted, without.std),
         std_predicted=predicted,
@@ -418,7 +419,9 @@ def _with_std(
             part if part.std_known else replace(part, **stds)  # type: ignore[arg-type]
             for part in data.measurements
         ),
-        std=np.zeros(0) if not any(part.std_known for part in data.measurements) else data.std,
+        std=np.where(whole.unknown_deviations["std"][:, 0], whole.deviations[:, 0], data.std)
+        if data.std.size
+        else data.std,
     )
     return data, (whole, used, best, gross), noise
 
@@ -451,12 +454,15 @@ def without_gross_errors(
 def _remarks(data: CalibrationData, best: Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
     if gross:
         worst = max(gross, key=lambda error: error.deviations)
-        listed = ", ".join(str(error.line) for error in gross)
+        rows = [data.label(error.reading).removeprefix("row ") for error in gross]
+        listed = (", " if all(map(str.isdecimal, rows)) else "; ").join(rows)
         message = (
             f"readings that fit no other and were given no weight: rows {listed}; the worst, {data.label(worst.reading)}, is "
             f"{worst.deviations:.3g} standard deviations off ({1e3 * worst.size:.3g} mm)"
         )
-        yield Finding("warning", "W_GROSS_ERROR", message, data.file or None)
+        yield Finding(
+            "warning", "W_GROSS_ERROR", message, data.file if len(set(data.files)) == 1 and data.file else None
+        )
     if best.at_bounds:
         yield Finding("warning", "W_AT_BOUND", f"estimated at a bound of their tolerance: {', '.join(best.at_bounds)}")
     if not best.estimator.has_prior:

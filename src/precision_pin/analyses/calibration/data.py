@@ -324,7 +324,8 @@ def _targets(
         if not is_alone:
             raise _wrong(
                 path,
-                f"no column for {', '.join(wanted)}, so that nothing says which rows are of the {measurement.kind}",
+                f"no column for {', '.join(wanted)}, so that nothing says which rows are of the {measurement.kind}; give a file "
+                "for each measurement that the sheet lists, in its order, or --kind KIND for one of them",
                 1,
             )
         return [(measurement, ())]
@@ -345,7 +346,7 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
     known = (*chain.joint_names, *read, "std", "group")
     for name in table.names:
         if name not in known:
-            hint = f"or it is to be ignored: --columns '{name}=ignore'"
+            hint = f"or it is to be ignored: --columns '{name}=ignore' (readings of {targets[0][0].kind})"
             raise _wrong(path, f"the column {name!r} is not expected; {nearest(name, known)}; {hint}", 1)
     missing = [name for name in (*chain.joint_names, *read) if name not in table.names]
     if missing:

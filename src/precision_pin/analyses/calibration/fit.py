@@ -79,10 +79,12 @@ class Problem:
             tips[list(station.rows)] = se3.displaced(station.at.posture.pose, station.at.error_at_means)
         bases, start = first_guess(data, tips, instruments)
         deviations = np.ones(data.readings.shape)
-        for row, part in enumerate(data.part):
-            own = data.measurements[part]
-            scale = data.std[row] / own.std if data.std.size and own.std_known else 1.0
-            deviations[row, : own.size] = own.deviations * scale
+        for k, part in enumerate(data.measurements):
+            rows = np.flatnonzero(data.part == k)
+            given = data.std[rows] if data.std.size else np.full(rows.size, part.std)
+            # of a std that is to be estimated the file's say only how they are to each other
+            usual = part.std if part.std_known else np.sqrt((given**2).mean())
+            deviations[rows, : part.size] = part.deviations * (given / usual)[:, None]
         readings = readings_in_base(data, poses, bases)
         return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start), bases
 
@@ -224,12 +226,15 @@ class LeftOut:
             noise, ``(P, m)``.
         distance: Its size in units of its standard deviation, squared, ``(P,)``: chi-square of m degrees.
         is_predicted: Whether the other groups determine the prediction, ``(P,)``.
+        trials: How many independent groups the predicted ones are worth: each counts with those that it shares errors
+            with, by the mean square of their correlations, weighed by readings.
     """
 
     values: Array
     std: Array
     distance: Array
     is_predicted: NDArray[np.bool_]
+    trials: float
 
 
 @final
@@ -353,7 +358,10 @@ def leave_out(
     pull, noise = inverse.T @ problem.whiten(residuals), (inverse.T @ inverse).tocsr()
     throughs = [inverse.T @ one.leverage_root() for one in (estimator, *([] if local is estimator else [local]))]
     rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
-    found = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(len(residuals)), np.zeros(len(residuals), dtype=bool))
+    found = LeftOut(
+        np.zeros(shape), np.zeros(shape), np.zeros(len(residuals)), np.zeros(len(residuals), dtype=bool), 0.0
+    )
+    shared, alone, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
     for group in np.unique(groups[rows]):
         own = np.flatnonzero(groups[rows] == group)
         block = noise[own][:, own].toarray()
@@ -368,7 +376,13 @@ def leave_out(
             weighed = np.linalg.pinv(covariance, rcond=1e-9, hermitian=True)
             found.distance[row] = max(float(white @ weighed @ white), 0.0)
             found.is_predicted[row] = all(seen)
-    return found
+        if all(seen):
+            # of u and v, left out and white, the covariance is V_u V_vᵀ: the sum of its squares over all pairs is that of ΣVᵀV
+            spread, weight = throughs[0][own].T @ covariances[0] @ throughs[0][own], np.unique(rows[own]).size
+            shared += weight / np.sqrt(own.size) * spread
+            alone += weight**2 * (1 - (spread**2).sum() / own.size)
+            count += weight
+    return replace(found, trials=count**2 / (alone + float((shared**2).sum())) if count else 0.0)
 
 
 def _of_group(block: Array, through: Array) -> tuple[Array, bool]:

@@ -32,8 +32,8 @@ _SETTLED: Final = 1e-9
 class LeftOutShare(Record):
     """Share of left-out readings within the 95 % ellipsoid of their own covariance.
 
-    ``interval`` is that of Clopper and Pearson for as many trials as there are groups: readings of one group are no independent
-    trials. The verdict is ``honest`` where it holds 0.95.
+    ``interval`` is that of Clopper and Pearson for as many trials as the groups are worth: readings of one group, and groups that
+    share what a fit without them errs by, are no independent trials. The verdict is ``honest`` where it holds 0.95.
     """
 
     KEYS: ClassVar[Keys] = ("verdict", "within", "interval", "probability")
@@ -43,10 +43,10 @@ class LeftOutShare(Record):
     interval: tuple[float, float]
 
     @classmethod
-    def of(cls, is_within: NDArray[np.bool_], groups: int) -> LeftOutShare:
-        """Return the share of readings ``(P,)`` of so many groups."""
+    def of(cls, is_within: NDArray[np.bool_], trials: float) -> LeftOutShare:
+        """Return the share of readings ``(P,)`` that are worth so many independent trials."""
         within = float(is_within.mean())
-        return cls(within, clopper_pearson(within * groups, groups, LEVEL))
+        return cls(within, clopper_pearson(within * trials, trials, LEVEL))
 
     @property
     def verdict(self) -> Literal["over-confident", "honest", "over-cautious"]:
@@ -100,6 +100,36 @@ class Improvement(Record):
         return "helps" if self.interval is not None and self.interval[0] > 0 else "not shown to help"
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class SetUpAlone:
+    """The fit of base and target, the arm at the sheet's means: the estimate, and the residuals ``(P, m)``."""
+
+    nuisances: Array
+    residuals: Array
+    estimator: Estimator
+
+    @classmethod
+    def of(cls, problem: Problem) -> SetUpAlone:
+        """Return the fit to the readings of a problem."""
+        means = problem.model.space.mean[:, None]
+        errors = [station.at.exact(means) for station in problem.stations]
+        nuisances = problem.start
+        for _ in range(STEPS):
+            residuals = problem.residuals_of(errors, nuisances)
+            slopes = np.zeros((*problem.readings.shape, nuisances.size))
+            for station, places, error in zip(problem.stations, problem.places, errors, strict=True):
+                slopes[places] = problem.slopes_at(station, error[:, 0], nuisances).nuisances
+            by_nuisance, white = problem.whiten(slopes), problem.whiten(residuals)
+            nothing = np.zeros((len(by_nuisance), 0))
+            estimator = Estimator.of(nothing, by_nuisance, has_prior=False, kept=np.zeros((0, 0)))
+            step = estimator.nuisances(white)
+            if np.abs(by_nuisance @ step).max(initial=0.0) < _SETTLED * (1 + np.abs(white).max()):
+                break
+            nuisances = nuisances + step
+        return cls(nuisances, residuals, estimator)
+
+
 def groups_of(data: CalibrationData, sliding: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return the number of the group of each reading, ``(P,)``: the data's own, or one for readings at the same pose."""
     if data.group.size:
@@ -112,10 +142,11 @@ def groups_of(data: CalibrationData, sliding: NDArray[np.bool_]) -> NDArray[np.i
 
 
 def judge(
-    problem: Problem, best: Fit, after: LeftOut, groups: NDArray[np.intp], *, of_column: bool
+    problem: Problem, best: Fit, after: LeftOut, alone: SetUpAlone, groups: NDArray[np.intp], *, of_column: bool
 ) -> Improvement | None:
     """Return how a fit does on the groups left out of it; ``None`` where no group's readings follow from the others."""
-    residuals, before = _base_and_target(problem, groups)
+    residuals = alone.residuals
+    before = leave_out(problem, alone.estimator, alone.estimator, residuals, groups)
     used = np.flatnonzero(before.is_predicted & after.is_predicted)
     if not used.size:
         return None
@@ -131,7 +162,7 @@ def judge(
         root = best.local.leverage_root()
         interval = gain_interval(squares[0], squares[1], weights, float((root**2).sum()) / len(root))
     limit = stats.chi2.ppf(LEVEL, problem.sizes[used])
-    share = LeftOutShare.of(after.distance[used] <= limit, count)
+    share = LeftOutShare.of(after.distance[used] <= limit, min(after.trials, count))
     roots = [float(np.sqrt(mean)) for mean in means]
     by: Literal["poses", "groups"] = "groups" if of_column else "poses"
     return Improvement(roots[0], roots[1], interval, roots[2], count, by, int(used.size), share)
@@ -159,32 +190,14 @@ def gain_interval(before: Array, after: Array, weights: Array, taken: float) -> 
     """Return the interval of ``sqrt(weights @ before) - sqrt(weights @ after)`` over groups with mean squares ``(G,)``.
 
     By t from what each group adds, first order, on as many degrees of freedom as there are groups less the share ``taken`` that
-    the fit takes of them. Where little is gained both fits follow the same noise, and every pair of groups adds twice: the
-    deviation is then up to twice that of independent groups.
+    the fit takes of them. Groups left out one after another share the rest: the deviation is a tenth larger than that of
+    independent groups, as coverage asks for (measured). Where little is gained both fits follow the same noise, and every pair of
+    groups adds twice: it is then up to twice as large.
     """
     mean, left, count = float(weights @ before), float(weights @ after), len(weights)
     adds = weights * ((before - mean) / (2 * np.sqrt(mean)) - (after - left) / (2 * np.sqrt(left)))
     free = max(count * (1 - taken) - 1, 1.0)
-    widened = 1 + 3 * min(left / mean, mean / left) ** 4
+    widened = 1.2 + 2.8 * min(left / mean, mean / left) ** 4
     deviation = np.sqrt(widened * count / free * float((adds**2).sum()))
     gain, reach = float(np.sqrt(mean) - np.sqrt(left)), float(stats.t.isf((1 - LEVEL) / 2, free) * deviation)
     return gain - reach, gain + reach
-
-
-def _base_and_target(problem: Problem, groups: NDArray[np.intp]) -> tuple[Array, LeftOut]:
-    """Return the residuals of a fit of the nuisances alone, the arm at its means, ``(P, m)``, and of one without each group."""
-    means = problem.model.space.mean[:, None]
-    errors = [station.at.exact(means) for station in problem.stations]
-    nuisances = problem.start
-    for _ in range(STEPS):
-        residuals, slopes = problem.residuals_of(errors, nuisances), np.zeros((*problem.readings.shape, nuisances.size))
-        for station, places, error in zip(problem.stations, problem.places, errors, strict=True):
-            slopes[places] = problem.slopes_at(station, error[:, 0], nuisances).nuisances
-        by_nuisance = problem.whiten(slopes)
-        nothing = np.zeros((len(by_nuisance), 0))
-        alone = Estimator.of(nothing, by_nuisance, has_prior=False, kept=np.zeros((0, 0)))
-        step = alone.nuisances(problem.whiten(residuals))
-        if np.abs(by_nuisance @ step).max(initial=0.0) < _SETTLED * (1 + np.abs(problem.whiten(residuals)).max()):
-            break
-        nuisances = nuisances + step
-    return residuals, leave_out(problem, alone, alone, residuals, groups)

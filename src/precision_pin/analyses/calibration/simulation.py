@@ -31,6 +31,9 @@ from precision_pin.sheet.measurement import Measurement
 _STEPS: Final = 30
 _SETTLED: Final = 1e-9
 """Largest change of z at which the estimates have settled."""
+_KINDS: Final = ("position", "pose", "distance", "plane", "socket")
+_POSES: Final = 100_000
+"""Poses of each kind in the random streams."""
 _TASK_POSE: Final = 1 << 19
 """Number of the first of the user's poses in the random streams, beyond all measured ones."""
 
@@ -118,16 +121,17 @@ def simulate_readings(
     """Return readings ``(P, m, N)`` of robots by the exact model, with the set-up at its nominal values.
 
     They are the robots ``first … first + robots - 1`` of those that `precision_pin.monte_carlo` samples with the seed, which is
-    that of the noise too; the stations are the poses in the order of the random streams.
+    that of the noise too; the stations are the poses in the order of the random streams. Each kind has its own noise and visits,
+    so that readings of one robot by several instruments do not share them.
     """
     x = model.space.sample(seed, first, robots)
-    count = sum(len(station.rows) for station in stations)
-    noise = np.random.default_rng([seed, 1, first]).standard_normal((count, measurement.size, robots))
+    count, kind = sum(len(station.rows) for station in stations), _KINDS.index(measurement.kind)
+    noise = np.random.default_rng([seed, 1, first, kind]).standard_normal((count, measurement.size, robots))
     readings = measurement.deviations[:, None] * noise
     set_up = np.zeros((len(measurement.nuisances), robots))
     for number, station in enumerate(stations):
         for visit, row in enumerate(station.rows):
-            errors = station.at.exact(_with_later_draws(model, x, seed, number, visit, first))
+            errors = station.at.exact(_with_later_draws(model, x, seed, kind * _POSES + number, visit, first))
             readings[row] += measurement.predict(station.at.posture.pose, errors, set_up)
     return readings
 

@@ -54,7 +54,7 @@ class Correction:
             axes, m and rad, ``(6, P)``.
         iterations: Newton steps, ``(P,)``.
         status: A status for each pose.
-        is_least: Whether the change of the joints was shown to be the smallest near it, ``(P,)``; not so of some that a
+        is_least: Whether the change of the joints was shown to be the smallest near it, ``(P,)``; not so of few that a
             search from scattered joint values found.
     """
 
@@ -219,14 +219,46 @@ class _Arm:
         if not len(order):
             return None
         nearest = ends[:, order]
-        poses = np.full(len(order), pose)
-        values, error, steps, status = self.solve(np.repeat(start[:, None], len(order), axis=1), poses, nearest)
+        starts, poses = np.repeat(start[:, None], len(order), axis=1), np.full(len(order), pose)
+        values, error, steps, status = self.solve(starts, poses, nearest)
+        open_at = np.flatnonzero(status != "corrected")
+        if len(open_at):
+            # which joints stay at their limits is left to SLSQP; Newton's method then settles there and shows that it is least
+            better = np.stack([self._polished(start, end, pose) for end in nearest[:, open_at].T], axis=1)
+            values[:, open_at], error[:, open_at], more, status[open_at] = self.solve(
+                starts[:, open_at], poses[open_at], better
+            )
+            steps[open_at] += more
         settled = np.flatnonzero(status == "corrected")
         sizes = (((values - start[:, None]) / self.units) ** 2).sum(axis=0)
         best = int(settled[sizes[settled].argmin()]) if len(settled) else -1
         if best >= 0 and sizes[best] <= change.sum(axis=0)[order[0]] * (1 + _SETTLED):
             return values[:, best], error[:, best], int(steps[best]), True
         return nearest[:, 0], errors[:, order[0]], int(steps.sum()), False
+
+    def _polished(self, start: Array, end: Array, pose: int) -> Array:
+        """Return the joint values ``(n,)`` of the least change from ``start`` that SLSQP finds from a correction ``end``."""
+        from scipy import optimize
+
+        units, of, limits = self.units[:, 0], np.array([pose]), self.error_model.chain.configurations.limits
+        low, high = ((limit - start) / units for limit in limits)
+
+        def missed(change: Array) -> Array:
+            return np.asarray(self.error((start + change * units)[:, None], of)[self.rows, 0])
+
+        def slopes(change: Array) -> Array:
+            return np.asarray(self.slopes((start + change * units)[:, None], of)[self.rows, :, 0])
+
+        found = optimize.minimize(
+            lambda change: (change @ change, 2 * change), np.clip((end - start) / units, low, high), jac=True,
+            bounds=list(zip(low, high, strict=True)), constraints={"type": "eq", "fun": missed, "jac": slopes},
+            method="SLSQP", options={"maxiter": _MOST_SEARCHING, "ftol": CONVERGED**2},
+        )  # fmt: skip
+        if not np.isfinite(found.x).all():
+            return end
+        values = np.where(found.x <= low + CONVERGED, limits[0], start + found.x * units)
+        values = np.where(found.x >= high - CONVERGED, limits[1], values)
+        return np.asarray(values)
 
     def _scattered(self, start: Array) -> Array:
         """Return joint values within the limits ``(n, S)``, from near the pose to half a turn away, the same every time."""

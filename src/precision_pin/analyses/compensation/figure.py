@@ -41,7 +41,7 @@ def figure(result: CompensationResult) -> Figure:
         goal = "position" if result.mode == "position" else "position and attitude"
         title = f"{goal} corrected: {visible(result.provenance.robot, 60)} at {len(result.poses):,} poses"
         made.suptitle("\n".join(wrapped(title, made)))
-        caption = "mean: error with every component at its mean; 95 % of robots: closed form, first order"
+        caption = "mean: error with every component at its mean; 95 %: quantile of a normal law, first order"
         entries, below = labelled(panels), wrapped(caption, made)
         legend_below(made, entries, 4, below)
         set_height(made, 75.0 + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT)

@@ -25,7 +25,7 @@ def _section(result: CompensationResult) -> Html:
         figure(result),
         "compensation",
         f"Errors at {len(result.poses):,} poses before and after the correction: {said[0]}",
-        "The error with every component at its mean, and the 95 % quantile over built robots, before and after.",
+        "The error with every component at its mean, and the 95 % quantile of a normal law, first order, before and after.",
     )
     notes = [paragraph(line, class_="note") for line in (EXPLANATION, setting_lines(result)[1])]
     listed = (

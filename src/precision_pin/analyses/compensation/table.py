@@ -17,6 +17,8 @@ from precision_pin.robot.trajectory import Column, joint_columns
 
 _MOST_ROWS: Final = 20
 _MOST_LETTERS: Final = 16
+_MOST_OF_JOINT: Final = 40
+_DECIMALS: Final = 4
 EXPLANATION: Final = (
     "first: what one step with the nominal Jacobian leaves; 95 %: quantile of |d| in mm of a normal law, first order"
 )
@@ -108,10 +110,11 @@ def pose_rows(result: CompensationResult) -> list[list[str]]:
 def joint_rows(result: CompensationResult) -> list[list[str]]:
     """Return a header and rows of corrected joint values, ° and mm: of one pose a row for each joint, else for each pose."""
     units = [("mm", 1e3) if slides else ("°", 180 / np.pi) for slides in result.prismatic]
-    names = [shortened(visible(name), _MOST_LETTERS) for name in result.joints]
+    letters = _MOST_OF_JOINT if len(result.poses) == 1 else _MOST_LETTERS
+    names = [shortened(visible(name), letters) for name in result.joints]
 
     def written(value: float, unit: tuple[str, float]) -> str:
-        return f"{value * unit[1]:.4f}" if np.isfinite(value) else "-"
+        return f"{round(value * unit[1], _DECIMALS) + 0.0:.{_DECIMALS}f}" if np.isfinite(value) else "-"
 
     if len(result.poses) == 1:
         if not np.isfinite(result.corrected).all():

@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from precision_pin.analyses.exact_law.exact_law_result import ExactLawResult, PoseLaws, bound_text
-from precision_pin.analyses.monte_carlo.table import subject
+from precision_pin.analyses.monte_carlo.table import answer_of, subject
 from precision_pin.base.text_escape import one_line
 from precision_pin.render.tables import ROUNDING, symbol, unit
 from precision_pin.render.text_table import aligned
@@ -18,7 +18,11 @@ _SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
 def table(result: ExactLawResult) -> str:
     """Return mean, spread and quantiles of every component, in mm and mrad, how exact they are and how they compare."""
     provenance = result.provenance
-    blocks = []
+    sizes = [
+        max((law.std or 0.0 for law in entry.laws.values() if law.quantity.startswith("position.")), default=0.0)
+        for entry in result.poses
+    ]
+    blocks = [answer_of([entry.pose for entry in result.poses], sizes, [*map(_answer, result.poses)])]
     for entry in result.poses:
         methods = method_rows(entry)
         blocks.append(
@@ -40,6 +44,17 @@ def table(result: ExactLawResult) -> str:
         f"below the band at {100 * result.confidence:g} % confidence"
     )
     return "\n\n".join(blocks)
+
+
+def _answer(entry: PoseLaws) -> str:
+    """Return the ends between which 99.73 % of the robots lie, for each component of the position."""
+    parts = []
+    for law in entry.laws.values():
+        quantiles = law.shown_quantiles(12)
+        if law.quantity.startswith("position.") and not law.quantity.endswith("norm") and quantiles:
+            low, high = (f"{1e3 * quantiles[level][0]:.4g}" for level in (_SHOWN[0], _SHOWN[-1]))
+            parts.append(f"{symbol(law.quantity)} {low} to {high}")
+    return f"99.73 % of robots: {', '.join(parts)} mm" if parts else "no law is known"
 
 
 def _quantile_rows(entry: PoseLaws) -> list[list[str]]:

@@ -414,7 +414,7 @@ class MapResult(AnalysisResult):
         worst = float(np.nanmax(self.quantile[LEVELS.index(0.95), 0]))
         return (
             f"{len(self.poses):,} poses, {self.unknown:,} of them without joint values, "
-            f"|d| within {1e3 * worst:.4g} mm for 95 % at the worst"
+            f"|d| within {1e3 * worst:.4g} mm for 95 % at the worst in closed form"
         )
 
     def _repr_html_(self) -> str:

@@ -104,7 +104,7 @@ def _worst(result: MapResult) -> list[str]:
         pose = int(relative.argmax())
         lines.append(
             f"relative to the reference: 95 % of robots within |d| {1e3 * relative[pose]:.4g} mm at worst "
-            f"({shown(result.poses.labels[pose])})"
+            f"({shown(result.poses.labels[pose])}), in closed form"
         )
     if result.unknown:
         why = ", or the arm hits something there," if set(OBSTRUCTED) & set(result.poses.status) else ""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from precision_pin.analyses.moments.moments_result import MomentsResult, PoseMoments, cell, entries
-from precision_pin.analyses.monte_carlo.table import subject
+from precision_pin.analyses.monte_carlo.table import answer_of, subject
 from precision_pin.render.tables import milli, plus_minus, symbol, unit
 from precision_pin.render.text_table import aligned
 from precision_pin.statistics import COMPONENTS, QUANTITIES
@@ -11,7 +13,9 @@ from precision_pin.statistics import COMPONENTS, QUANTITIES
 
 def table(result: MomentsResult) -> str:
     """Return mean, bias and standard deviation of every quantity at every pose, mm and mrad, beside the first order."""
-    blocks = [
+    sizes = [float(np.linalg.norm(pose.first_order_std[:3])) for pose in result.poses]
+    blocks = [answer_of([pose.pose for pose in result.poses], sizes, [*map(_answer, result.poses)])]
+    blocks += [
         "\n".join(
             [
                 subject(result.provenance, pose.pose),
@@ -29,6 +33,16 @@ def table(result: MomentsResult) -> str:
     ]
     blocks.append("bias: mean of the exact model less that of the first order; / first order: ratio of the stds")
     return "\n\n".join(blocks)
+
+
+def _answer(pose: PoseMoments) -> str:
+    """Return mean and standard deviation of both norms."""
+    parts = []
+    for row, quantity in enumerate(QUANTITIES):
+        if quantity.endswith(".norm"):
+            mean, std = map(cell, entries(pose, row))
+            parts.append(f"{symbol(quantity)} mean {mean} {unit(quantity)}, std {std} {unit(quantity)}")
+    return "; ".join(parts)
 
 
 def _without_first(row: list[str]) -> list[str]:

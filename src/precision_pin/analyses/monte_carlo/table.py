@@ -141,6 +141,15 @@ def subject(provenance: Provenance, pose: PoseLabel) -> str:
     return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {where}"
 
 
+def answer_of(labels: Sequence[PoseLabel], sizes: Sequence[float], sentences: Sequence[str]) -> str:
+    """Return what is said of the pose with the largest size, with its name where there are several."""
+    worst = max(range(len(sizes)), key=sizes.__getitem__)
+    if len(labels) == 1:
+        return sentences[worst]
+    name = shown(labels[worst].name) if labels[worst].name else str(worst + 1)
+    return f"worst pose, {name}: {sentences[worst]}"
+
+
 def _header(columns: Sequence[str | float]) -> list[str]:
     return ["", "", *(column if isinstance(column, str) else f"{100 * column:.4g} %" for column in columns)]
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from precision_pin.analyses.exact_law.exact_law_result import bound_text
-from precision_pin.analyses.monte_carlo.table import statistic, subject
+from precision_pin.analyses.monte_carlo.table import answer_of, statistic, subject
 from precision_pin.analyses.worst_case.worst_case_result import (
     SEEN_LEVEL,
     NormBound,
@@ -25,7 +25,8 @@ def table(result: WorstCaseResult) -> str:
     """Return the bounds, the largest exact errors found and sampled, and the contributions; mm and mrad."""
     cut = f"cut at {result.k:g} standard deviations: {_listed(result.cut)}" if result.cut else "every law is bounded"
     provenance = result.provenance
-    parts = []
+    sizes = [pose.position.first_order.upper for pose in result.poses]
+    parts = [answer_of([pose.pose for pose in result.poses], sizes, [*map(_answer, result.poses)])]
     for pose in result.poses:
         lines = [
             subject(provenance, pose.pose),
@@ -46,6 +47,16 @@ def table(result: WorstCaseResult) -> str:
         "found: the largest error of the exact model found, not a bound; seen: among the samples, not a bound"
     )
     return "\n\n".join(parts)
+
+
+def _answer(pose: PoseWorstCase) -> str:
+    """Return the largest errors, first order, and those that the exact model was found to have."""
+    of = (pose.position, pose.attitude)
+    bounds = ", ".join(
+        f"{symbol(one.quantity)} {bound_milli(one.first_order.upper, up=True)} {unit(one.quantity)}" for one in of
+    )
+    found = ", ".join(f"{milli(one.found.norm)} {unit(one.quantity)}" for one in of)
+    return f"at worst, every tolerance at once: {bounds} to first order; exact model: {found} found"
 
 
 def _listed(names: Sequence[str]) -> str:

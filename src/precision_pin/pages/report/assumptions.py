@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 from precision_pin.analyses.collect import Missing, Results
@@ -10,7 +9,6 @@ from precision_pin.analyses.registry import declarations
 from precision_pin.pages.report.wording import subject, without_folders
 from precision_pin.render.html import Child, Html, definitions, element, items, joined, paragraph, section
 from precision_pin.render.tables import milli, resting_on
-from precision_pin.sampling.result import Correlated
 
 _MODELS = {
     "exact": "exact: the displaced chain is multiplied out for every sampled robot",
@@ -47,7 +45,7 @@ def assumptions(poses: Sequence[Results]) -> Html:
         ("Confidence", f"{100 * analysis.summary.confidence:g} % for each interval by itself"),
         ("Digits", "only those that the samples support; – is not resolved by this many samples"),
     ]
-    entries += [("Correlation", pair) for group in analysis.correlations for pair in _pairs(group)]
+    entries += [("Correlation", pair) for group in analysis.correlations for pair in group.pairs]
     return section("assumptions", "Assumptions and warnings", definitions(entries), _warnings(poses), folded=False)
 
 
@@ -60,14 +58,6 @@ def _at_means(results: Results, is_named: bool) -> str:
 def _scopes(results: Results) -> str:
     drawn = [f"{count:,} {_SCOPES[scope]}" for scope, count in results.analysis.scopes.items() if count]
     return ", ".join(drawn) if drawn else "none: nothing varies"
-
-
-def _pairs(group: Correlated) -> list[str]:
-    return [
-        f"{group.parameters[i]} and {group.parameters[j]}: {group.scores[i][j]:.4g} of their normal scores, "
-        f"{group.pearson[i][j]:.4g} of the numbers (Pearson)"
-        for i, j in itertools.combinations(range(len(group.parameters)), 2)
-    ]
 
 
 def _warnings(poses: Sequence[Results]) -> Html:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from precision_pin.analyses.causes import CauseShare, rank_causes
 from precision_pin.analyses.collect import Results
 from precision_pin.analyses.report_cells import MISSING, percent
 from precision_pin.base.arrays import Array
-from precision_pin.kernel import sampler
 from precision_pin.pages.view.headline import quantile, values_of
 from precision_pin.render.html import Child, Html, element, joined, paragraph, table
 from precision_pin.render.tables import absolute, milli, unit
@@ -74,27 +73,15 @@ def changes(results: Results) -> Html:
 
 def _changed(results: Results, causes: list[CauseShare], constant: bool) -> Iterator[tuple[list[Child], Array]]:
     """Yield the cells that name a change, and the errors ``(6, n)`` with it; all changes together are last."""
-    space, analysis = results.at.space, results.analysis
-    layout = sampler.to_arrays(results.at)
-    x = space.sample(analysis.seed, 0, min(analysis.samples, _MOST))
-    columns = dict(zip((draw.name for draw in space.draws), space.slices, strict=True))
-    mean = np.array(analysis.nominal)[:, None]
-
-    def errors(halved: list[CauseShare]) -> Array:
-        factors = np.ones((space.size, 1))
-        for name in (name for one in halved for name in one.cause.names):
-            factors[columns[name]] = 0.5
-        model: Literal["exact", "linear"] = "exact" if analysis.model == "exact" else "linear"
-        return sampler.errors_at(layout, model, space.mean[:, None] + factors * (x - space.mean[:, None]))
-
+    errors, mean = results.errors_with(_MOST), np.array(results.analysis.nominal)[:, None]
     now = errors([])
     yield ["as it is", ""], now
     if constant:
         yield [f"without the constant part of {milli(constant_part(results), 3)} mm", ""], now - mean
     for one in causes:
-        yield [f"halved: {one.cause.text}", percent(one.share)], errors([one])
+        yield [f"halved: {one.cause.text}", percent(one.share)], errors([one.cause])
     if len(causes) + constant > 1:
-        yield ["all of these", ""], errors(causes) - constant * mean
+        yield ["all of these", ""], errors(one.cause for one in causes) - constant * mean
 
 
 def _outcome(errors: Array, quantity: str, asked: SpecificationResult | None) -> list[Child]:

@@ -14,7 +14,7 @@ import numpy as np
 from precision_pin.base.arrays import Array
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.findings import Findings, hint
-from precision_pin.robot.urdf.grammar import LONGEST_REACH
+from precision_pin.robot.urdf.grammar import LONGEST_REACH, PARTS
 from precision_pin.robot.urdf.robot import Inertial, Joint, Limits, Link, Robot
 from precision_pin.robot.urdf.tips import draft_command, likeliest_tip
 
@@ -44,6 +44,7 @@ WHAT = {
     "negative": ("E_INERTIA_PD", "one is negative; all must be zero or more"),
     "triangle": ("E_INERTIA_TRIANGLE", "no mass distribution has one larger than the sum of the others"),
 }
+INERTIAS: Final = frozenset(code for code, _ in WHAT.values())
 
 
 def check_names(links: Sequence[Link], joints: Sequence[Joint], findings: Findings) -> None:
@@ -291,10 +292,30 @@ def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findi
         message = f"{owner}: principal moments of inertia {_format_moments(moments)} kg·m²: {why}"
         body = bodies.get(link.name)
         if body is None or body.links == 1 or not _is_physical(body):
-            findings.add(code, message, link.line)
+            remedy = (
+                "no analysis uses it: precision-pin init --mend-inertia writes a copy with one that a body can have"
+            )
+            findings.add(code, f"{message}; {remedy}", link.line)
         else:
             message += f"; accepted, because the rigid body of {body.links} links that it belongs to is physical"
             findings.add("W_INERTIA", message, link.line)
+
+
+def mended_inertias(links: tuple[Link, ...]) -> dict[str, dict[str, float]]:
+    """Return the parts of the nearest inertia that a body can have, by the name of each link that has none such.
+
+    The second moments of its mass, tr(I)/2 - I, that are negative become zero; mass and centre of mass stay.
+    """
+    found = {}
+    for link in links:
+        if link.inertial is not None and _verdict(_moments(link.inertial.tensor), link.inertial.mass) in WHAT:
+            ixx, ixy, ixz, iyy, iyz, izz = link.inertial.inertia
+            tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+            seconds, axes = np.linalg.eigh(np.eye(3) * np.trace(tensor) / 2 - tensor)
+            kept = (axes * np.maximum(seconds, 0.0)) @ axes.T
+            parts = (np.eye(3) * np.trace(kept) - kept)[np.triu_indices(3)]
+            found[link.name] = dict(zip(PARTS, map(float, parts), strict=True))
+    return found
 
 
 def _verdict(moments: Array, mass: float) -> Verdict:

@@ -1,10 +1,11 @@
-"""Editor of the placements in a URDF's text: every other byte stays unchanged."""
+"""Editor of placements and inertias in a URDF's text: every other byte stays unchanged."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final, final
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
@@ -52,34 +53,44 @@ class _JointText:
 @final
 @dataclass(frozen=True, eq=False)
 class UrdfText:
-    """The text of a URDF that was read without error, in UTF-8, and the byte positions of its placements.
+    """The text of a URDF that was read without error, in UTF-8, and the byte positions of what can be edited.
 
-    ``joints`` are by name, ``end`` is that of the root's end tag; ``meshes`` are file names as written, without repeats.
+    ``joints`` and ``inertias`` (of links) are by name, ``end`` is that of the root's end tag; ``meshes`` are file names as
+    written, without repeats.
     """
 
     data: bytes
     joints: Mapping[str, _JointText]
+    inertias: Mapping[str, int]
     end: int
     meshes: tuple[str, ...]
 
     @classmethod
     def scan(cls, data: bytes) -> UrdfText:
-        """Return the text, which `parse` accepts, with the positions of its placements."""
+        """Return the text, which `parse` accepts but for inertias, with the positions of what can be edited."""
         text = utf8_text(data)
         scanner = _Scanner(text)
-        return cls(text, scanner.joints, scanner.end, tuple(dict.fromkeys(scanner.meshes)))
+        return cls(text, scanner.joints, scanner.inertias, scanner.end, tuple(dict.fromkeys(scanner.meshes)))
 
     def edited(
-        self, placements: Mapping[str, Placement], added: Sequence[AddedFrame] = (), comment: Iterable[str] = ()
+        self,
+        placements: Mapping[str, Placement],
+        added: Sequence[AddedFrame] = (),
+        comment: Iterable[str] = (),
+        inertias: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
     ) -> bytes:
         """Return the text with other placements of joints; one without ``<origin>`` gets one.
 
-        ``added`` frames are written at the end of the robot, the lines of ``comment`` at the top, after the XML declaration;
-        a blank separates two dashes in a row, which would end the comment.
+        ``inertias`` are the attributes of ``<inertia>`` of links, by name. ``added`` frames are written at the end of the robot,
+        the lines of ``comment`` at the top, after the XML declaration; a blank separates two dashes in a row, which would end the
+        comment.
         """
         edits: list[Edit] = []
         for name, placement in placements.items():
             edits += self._edit_placement(self.joints[name], placement)
+        for name, parts in inertias.items():
+            values = {part.encode(): repr(float(number)).encode() for part, number in parts.items()}
+            edits += self._edit_attributes(self.inertias[name], b"<inertia", values)
         newline = b"\r\n" if b"\r\n" in self.data else b"\n"
         if added:
             lines = [self._encode(line, "xmlcharrefreplace") for frame in added for line in _frame_lines(frame)]
@@ -108,10 +119,14 @@ class UrdfText:
             blanks = before[len(before.rstrip()) :]
             attributes = b"".join(b' %s="%s"' % item for item in values.items())
             return [(joint.first_child, joint.first_child, b"<origin" + attributes + b"/>" + blanks)]
-        match = START_TAG.match(self.data, joint.origin)
+        return self._edit_attributes(joint.origin, b"<origin", values)
+
+    def _edit_attributes(self, position: int, tag: bytes, values: dict[bytes, bytes]) -> list[Edit]:
+        """Return the edits that give the tag at a position these attributes."""
+        match = START_TAG.match(self.data, position)
         assert match is not None
         edits: list[Edit] = []
-        tail = joint.origin + len(b"<origin")
+        tail = position + len(tag)
         for attribute in ATTRIBUTE.finditer(self.data, tail, match.end()):
             tail = attribute.end()
             value = values.pop(attribute[1], None)
@@ -161,9 +176,10 @@ class _Scanner:
 
     def __init__(self, data: bytes) -> None:
         self.joints: dict[str, _JointText] = {}
+        self.inertias: dict[str, int] = {}
         self.meshes: list[str] = []
         self._open: list[str] = []
-        self._joint = ""
+        self._name = ""
         self._first_child: int | None = None
         self._origin: int | None = None
         parser = expat.ParserCreate(encoding="utf-8")
@@ -176,17 +192,19 @@ class _Scanner:
         position = self._parser.CurrentByteIndex
         self._open.append(tag)
         kind = self._open[1] if len(self._open) > 1 else ""
-        if kind == "joint" and len(self._open) == 2:
-            self._joint, self._first_child, self._origin = attributes["name"], None, None
+        if kind in ("joint", "link") and len(self._open) == 2:
+            self._name, self._first_child, self._origin = attributes["name"], None, None
         elif kind == "joint" and len(self._open) == 3:
             self._first_child = position if self._first_child is None else self._first_child
             self._origin = position if tag == "origin" else self._origin
+        elif kind == "link" and self._open[2:] == ["inertial", "inertia"]:
+            self.inertias[self._name] = position
         elif kind == "link" and tag == "mesh" and "filename" in attributes:
             self.meshes.append(attributes["filename"])
 
     def _stop(self, tag: str) -> None:
         self._open.pop()
         if tag == "joint" and len(self._open) == 1 and self._first_child is not None:
-            self.joints[self._joint] = _JointText(self._first_child, self._origin)
+            self.joints[self._name] = _JointText(self._first_child, self._origin)
         elif not self._open:
             self.end = self._parser.CurrentByteIndex

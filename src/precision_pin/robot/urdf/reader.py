@@ -9,9 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, cast, final
 
+from precision_pin.base import input_files as files
 from precision_pin.base.errors import Finding, UrdfError
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf import checks
+from precision_pin.robot.urdf.editing import UrdfText
 from precision_pin.robot.urdf.findings import Findings, read_regular_file
 from precision_pin.robot.urdf.grammar import (
     BEYOND_USE,
@@ -98,6 +100,21 @@ def parse(data: bytes, file: str, *, limits: Limits = DEFAULT_LIMITS) -> Robot:
     findings = Findings(file)
     robot = _read_text(data, file, findings, limits, None)
     return _robot_or_raise(robot, findings.result())
+
+
+def mended(path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS) -> tuple[bytes, tuple[str, ...]]:
+    """Return the text of a URDF file with inertias that a body can have, and the names of the links that got one.
+
+    Only these change: mass and centre of mass, which are all that gravity needs, stay. Other errors raise `UrdfError`.
+    """
+    robot, findings = _from_file(path, limits, (), look_inside=False)
+    if robot is None or any(found.severity == "error" and found.code not in checks.INERTIAS for found in findings):
+        raise UrdfError(findings)
+    data = files.read_regular_file(path, limits.file_bytes)
+    inertias = checks.mended_inertias(robot.links)
+    text = UrdfText.scan(data).edited({}, inertias=inertias) if inertias else data
+    parse(text, robot.file, limits=limits)
+    return text, tuple(inertias)
 
 
 def _robot_or_raise(robot: Robot | None, findings: tuple[Finding, ...]) -> Robot:
