@@ -147,12 +147,12 @@ class Scaling:
 
 def measure(quick: bool) -> Scaling:
     """Measure all of it."""
-    turns = 5 if quick else 20
-    counts = [10**k for k in range(5, 8 if quick else 9)]
+    turns = 2 if quick else 20
+    counts = [10**k for k in (range(4, 7) if quick else range(5, 9))]
     sampler = {count: _least(memory.SAMPLER, count, 1 if quick or count >= 10**8 else 3) for count in counts}
-    bulk = {count: _least(memory.NUMPY, count, 1) for count in ((10**4, 10**5) if quick else (10**4, 10**5, 5 * 10**5))}
-    chains = {count: cases.chain_of(count, cases.AXES * count) for count in _JOINTS}
-    arms = {count: cases.chain_of(_JOINTS_OF_ARMS, count) for count in _PARAMETERS}
+    bulk = {count: _least(memory.NUMPY, count, 1) for count in ((10**4,) if quick else (10**4, 10**5, 5 * 10**5))}
+    chains = {count: cases.chain_of(count, cases.AXES * count) for count in _JOINTS[:: 2 if quick else 1]}
+    arms = {count: cases.chain_of(_JOINTS_OF_ARMS, count) for count in _PARAMETERS[:: 2 if quick else 1]}
     works = {}
     for kind, models in (("joints", chains), ("parameters", arms)):
         for count, at in models.items():
@@ -164,7 +164,7 @@ def measure(quick: bool) -> Scaling:
         numpy=bulk,
         joints={count: cost[f"joints {count}"] for count in chains},
         parameters={count: cost[f"parameters {count}"] for count in arms},
-        threads=_on_threads(2 * 10**6 if quick else 10**7, turns),
+        threads=_on_threads(2 * 10**5 if quick else 10**7, turns),
     )
 
 

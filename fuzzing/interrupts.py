@@ -28,7 +28,7 @@ CASES = {
     "analyze, processes": ("analyze", "--samples", "2000000", "--processes", "2", "--json", "result.json"),
     "analyze, out": ("analyze", "--samples", "20000", "--json", "result.json", "--out", "new/plots"),
     "analyze, journal": (
-        "analyze", "--samples", "8000000", "--threads", "2", "--journal", "run.journal", "--json", "result.json",
+        "analyze", "--samples", "4000000", "--threads", "2", "--journal", "run.journal", "--json", "result.json",
     ),
     "budget": ("budget", "--samples", "4096", "--json", "result.json", "--out", "plots"),
     "worst-case": ("worst-case", "--json", "result.json", "--out", "plots"),

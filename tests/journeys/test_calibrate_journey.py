@@ -21,7 +21,7 @@ BY_PINOCCHIO = {"4dof", "gantry", "scara"}
 
 def test_calibrate(desk, arm, record_property):
     sheet = desk.begin(arm)
-    plan = desk.json("calibrate", sheet, "--plan", READINGS, "--random", 30, "--point", POINT, "--csv", "plan.csv")
+    plan = desk.json("calibrate", sheet, "--plan", READINGS, "--random", 20, "--point", POINT, "--csv", "plan.csv")
     rows = rows_of(desk.folder / "plan.csv")
     names = list(rows[0])
     assert np.array([list(one["q"].values()) for one in plan["chosen"]]) == pytest.approx(
@@ -36,8 +36,8 @@ def test_calibrate(desk, arm, record_property):
     fitted = desk.json("calibrate", sheet, "readings.csv", "--point", POINT, *files)
     assert fitted["verdict"] == "agrees"
 
-    # the error left at 300 poses that were never measured, against its forecast
-    (desk.folder / "far.yaml").write_text("random: {count: 300, seed: 11}\n")
+    # the error left at 120 poses that were never measured, against its forecast
+    (desk.folder / "far.yaml").write_text("random: {count: 120, seed: 11}\n")
     desk.run("simulate", sheet, "--grid", "far.yaml", *robot, "--std", "1e-6 mm", "--out", "truth.csv")
     truth = rows_of(desk.folder / "truth.csv")
     poses = [{name: row[name] for name in names} for row in truth]
@@ -54,9 +54,9 @@ def test_calibrate(desk, arm, record_property):
 
     if arm.name in BY_PINOCCHIO:
         said += f"; by Pinocchio's readings {by_pinocchio(desk, arm, sheet, rows, fitted):.2f} of its deviation away"
-    # test_pairs runs every command on the calibrated sheet of an arm of four joints
+    # test_pairs runs every command on the calibrated sheet of an arm of four joints, and these are slow
     for command, arguments in READERS.items() if arm.name == "panda" else ():
-        if command not in ("report", "allocate"):
+        if command not in ("report", "allocate", "budget", "exact-law", "view", "compare"):
             desk.run(command, "mine.errors.yaml", *arguments, code=codes(command))
     record_property("numbers", f"calibrate {arm.name}: {said}")
 

@@ -12,6 +12,7 @@ from journeys.arms import SLIDES, Pinocchio, rows_of, text_of
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize("arm", ["ur5", "gantry"], indirect=True)]
 
 CYCLES, ROBOTS = 10, 8
+FORECAST = 100
 HAS_VISITS = {"ur5", "panda"}
 """Arms whose shipped sheet says how well a pose is repeated."""
 
@@ -33,9 +34,9 @@ def test_commission(desk, arm, record_property):
     asked = [part for one in worst for part in ("--q", text_of(dict(zip(joints, one["q"], strict=True))))]
 
     # a test of one robot, forecast and measured
-    forecast = desk.json("iso9283", sheet, *asked, "--robots", 300, "--cycles", CYCLES)
+    forecast = desk.json("iso9283", sheet, *asked, "--robots", FORECAST, "--cycles", CYCLES)
     desk.run("simulate", sheet, *asked, "--cycles", CYCLES, "--unit", 11, "--std", "0.001 mm", "--out", "cycles.csv")
-    beside = desk.json("iso9283", sheet, *asked, "--robots", 300, "--measured", "cycles.csv")
+    beside = desk.json("iso9283", sheet, *asked, "--robots", FORECAST, "--measured", "cycles.csv")
     assert beside["measured"]["agrees"] is True
     rows = rows_of(desk.folder / "cycles.csv")
     for rank in range(1, 6):
@@ -48,7 +49,10 @@ def test_commission(desk, arm, record_property):
         assert found["RP"] == pytest.approx(away.mean() + 3 * away.std(ddof=1), abs=2e-9)
     wider = desk.run("simulate", sheet, *asked, "--cycles", CYCLES, "--std", "1 mm", "--out", "far.csv").err
     assert "std 1 mm" in wider
-    assert desk.json("iso9283", sheet, *asked, "--robots", 300, "--measured", "far.csv")["measured"]["agrees"] is False
+    assert (
+        desk.json("iso9283", sheet, *asked, "--robots", FORECAST, "--measured", "far.csv")["measured"]["agrees"]
+        is False
+    )
     numbers = (
         f"commission {arm.name}: RP at P1 {1e3 * beside['measured']['poses']['P1']['RP']:.4f} mm measured, "
         f"{1e3 * forecast['poses']['P1']['RP']['quantiles']['0.5']:.4f} mm forecast (median)"

