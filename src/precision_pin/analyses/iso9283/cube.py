@@ -104,8 +104,7 @@ def largest_cube(solve: Solver, low: Array, high: Array) -> tuple[float, Array]:
             found = outside[:, :: -(-outside.shape[1] // _BORDERS)]
             found = np.column_stack([centre, found]) if np.isnan(start[0]) else _border(solve, centre, start, found)
             blocked = np.concatenate([blocked, found], axis=1)
-            for point in found.T:
-                room = np.minimum(room, np.abs(centres - point[:, None]).max(axis=0))
+            room = np.minimum(room, cKDTree(found.T).query(centres.T, p=np.inf)[0])
         else:
             return 0.0, (low + high) / 2
         around: Array = np.array(np.meshgrid(_AROUND, _AROUND, _AROUND, indexing="ij")).reshape(3, -1)
