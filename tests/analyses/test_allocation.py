@@ -198,8 +198,10 @@ def test_a_calibrated_sheet_leaves_what_differs_from_visit_to_visit_to_be_chosen
     assert "\n" not in str(caught.value)
     # as check says beforehand
     asked = {**dict(model.sheet.contents.text.data), "allocate": _problem({"rms": "0.3 mm"})}
+    calibrated = pp.ErrorModel.from_dict(asked, tmp_path)
+    task = problem.read_problem(calibrated, None)
     with pytest.raises(pp.InputError, match=r"a0\.uniform is a tolerance of numbers .* --set calibrated=none"):
-        problem.check_problem(pp.ErrorModel.from_dict(asked, tmp_path))
+        problem.check_problem(calibrated, task)
     # without it they are chosen; nothing is taken as exact by that
     again = pp.allocate(model.with_({"calibrated": "none"}), _problem({"rms": "0.3 mm"}))
     least = float((COSTS ** (2 / 3) * (1 / 3) ** (1 / 3)).sum() ** 1.5 / np.sqrt(0.3e-3**2 - 0.1e-3**2))

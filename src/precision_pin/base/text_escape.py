@@ -7,6 +7,7 @@ letters; its characters are shown as escapes, and a long name is cut.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Final
 
 LONGEST_LINE: Final = 2000
@@ -38,6 +39,12 @@ def visible(text: str, most: int = _LONGEST_NAME) -> str:
 def shown(text: str, most: int = _LONGEST_NAME) -> str:
     """Return a name in quotes for a message, as :func:`visible` shows it."""
     return repr(shortened(text, most))
+
+
+def some(names: Sequence[str], most: int, between: str = ", ") -> str:
+    """Return the first names as text, and how many more there are."""
+    more = f" and {len(names) - most:,} more" if len(names) > most else ""
+    return between.join(names[:most]) + more
 
 
 def one_line(text: str, most: int = LONGEST_LINE) -> str:

@@ -97,11 +97,11 @@ def _allocation_findings(sheet: Sheet) -> tuple[Finding, ...]:
 
     try:
         model = ErrorModel.from_sheet(sheet)
-        read_problem(model, None)
+        task = read_problem(model, None)
     except InputError as error:
         return error.findings
     try:
-        check_problem(model)
+        check_problem(model, task)
     except InputError as error:
         if sheet.estimates is None:
             return error.findings

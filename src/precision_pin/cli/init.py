@@ -11,7 +11,7 @@ import click
 from precision_pin.base.errors import Finding, InputError, OutputError
 from precision_pin.base.files import write_files, write_text
 from precision_pin.base.input_files import noted_inputs
-from precision_pin.base.text_escape import shown
+from precision_pin.base.text_escape import shown, some
 from precision_pin.cli.headings import output_option
 from precision_pin.cli.notes import echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import Command, robot_options
@@ -129,8 +129,7 @@ def _mended(robot: str, *, force: bool) -> str:
         return robot
     target = _new_urdf(f"{path.stem}.mended.urdf", force=force)
     write_files({target: text})
-    others = f" and {len(links) - 6} more" if len(links) > 6 else ""
-    echo_note(f"wrote {target}, {path.name} with other inertias of {', '.join(map(shown, links[:6]))}{others}")
+    echo_note(f"wrote {target}, {path.name} with other inertias of {some([*map(shown, links)], 6)}")
     return str(target)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain, groupby
 from typing import Final, NamedTuple
 
@@ -23,7 +23,7 @@ _UNSURE: Final = ("UNDECIDED", "NOTHING TO JUDGE", "NOT JUDGED")
 _COLOURS: Final = {"MET": "green", "NOT MET": "red", **dict.fromkeys(_UNSURE, "yellow")}
 _VERDICT: Final = re.compile(rf"(?<=: )({'|'.join(_COLOURS)})(?= - |: | with |$)")
 _GAP: Final = re.compile(r"\S {2,}\S")
-_JOINT: Final = re.compile(r"(?<=[(,] )[^\s,()]+ (?=-?[\d.]+(?:°| mm)[,)])|(?<=\()[^\s,()]+ (?=-?[\d.]+(?:°| mm)[,)])")
+_JOINT: Final = re.compile(r"(?:(?<=[(,] )|(?<=\())[^\s,()]+ (?=-?[\d.]+(?:°| mm)[,)])")
 _POSE: Final = ", pose "
 _FOOT: Final = "rests on assumptions: "
 _KINDS: Final = re.compile(r" \(.*\)$")
@@ -86,7 +86,7 @@ def _pieces(lines: Sequence[str], columns: int | None) -> list[_Piece]:
 def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: bool) -> list[str]:
     """Return the rows of a result that a terminal shows at once."""
     room = max(count_rows(sys.stdout) - 1 - below, _FEWEST)
-    whole = sum(len(piece.rows) for block in blocks for piece in block) + len(blocks) - 1
+    whole = _height(chain(*blocks)) + len(blocks) - 1
     answer = [] if is_answered or whole <= _SHORT else _answer(text)
     if whole + len(answer) <= room:
         return [*_joined(blocks), *answer]
@@ -97,7 +97,7 @@ def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: b
         # it ends with all verdicts, for which there is no room, or with a sentence
         answer = _verdict_rows(text) or ([] if last[-1].is_table else last[-1].rows)
         end = next((k for k, piece in enumerate(last) if piece.is_table), -1) + 1
-    left = room - sum(len(piece.rows) for piece in foot) - len(answer) - 1
+    left = room - _height(foot) - len(answer) - 1
     kept: list[list[_Piece]] = []
     is_cut = False
     for rank, block in enumerate([*brief, last[:end]]):
@@ -113,10 +113,14 @@ def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: b
         if taken and (not is_cut or any(piece.is_table for piece in taken)):
             kept.append(taken)
             left = here
-        is_cut = is_cut or sum(len(piece.rows) for piece in taken) < sum(len(piece.rows) for piece in block)
-    shown = sum(len(piece.rows) for block in (*kept, foot) for piece in block)
+        is_cut = is_cut or _height(taken) < _height(block)
+    shown = _height(chain(*kept, foot))
     more = f"--all prints {whole - len(blocks) + 1 - shown:,} more rows"
     return [*_joined(kept), *_joined([foot]), more, *answer]
+
+
+def _height(pieces: Iterable[_Piece]) -> int:
+    return sum(len(piece.rows) for piece in pieces)
 
 
 def _brief_foot(pieces: Sequence[_Piece]) -> _Piece:

@@ -17,6 +17,7 @@ from precision_pin.base import units
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
 from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
+from precision_pin.base.text_escape import some
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.estimates import Estimates
@@ -284,11 +285,12 @@ def _estimates(
 def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
     """Return what is said of measured numbers in whose place others were set."""
     std = np.sqrt(np.diag(estimates.covariance))
-    rows = [estimates.names.index(name) for name in names]
-    measured = "; ".join(f"{names[n]} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for n, k in enumerate(rows[:_MOST_NAMED]))
-    more = f" and {len(rows) - _MOST_NAMED} more" if len(rows) > _MOST_NAMED else ""
+    measured = [
+        f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in enumerate(estimates.names) if name in names
+    ]
     return (
-        f"what was set takes the place of what was measured of this robot (mean ± std, SI): {measured}{more}; all other "
+        "what was set takes the place of what was measured of this robot (mean ± std, SI): "
+        f"{some(measured, _MOST_NAMED, '; ')}; all other "
         "numbers stay as measured; --set calibrated=none takes all tolerances, those of the next robots"
     )
 

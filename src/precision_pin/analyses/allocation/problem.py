@@ -93,13 +93,12 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
         return Problem(tuple(tolerances), tuple(limits), _poses(model, given.get("poses")))
 
 
-def check_problem(model: ErrorModel) -> None:
-    """Refuse what :func:`read_problem` refuses of the sheet's own problem, and a tolerance that cannot be chosen.
+def check_problem(model: ErrorModel, task: Problem) -> None:
+    """Refuse a tolerance of the sheet's own problem that cannot be chosen.
 
     Raises:
         InputError: As an allocation would, at the first pose.
     """
-    task = read_problem(model, None)
     assert model.sheet is not None
     try:
         with unheard():

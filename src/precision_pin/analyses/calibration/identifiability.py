@@ -32,6 +32,7 @@ from precision_pin.analyses.calibration.design import (
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.record import Keys, Record
+from precision_pin.base.text_escape import some
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.measurement import Measurement
 
@@ -225,12 +226,6 @@ def rank_findings(found: Identifiability) -> Iterator[Finding]:
         f"{'; '.join(parts)}; measure other poses, hold these numbers fixed, or keep the prior"
     )
     yield Finding("warning", "W_RANK", message)
-
-
-def some(names: Sequence[str], most: int, between: str = ", ") -> str:
-    """Return the first names as text, and how many more there are."""
-    more = f" and {len(names) - most:,} more" if len(names) > most else ""
-    return between.join(names[:most]) + more
 
 
 def observability(singular_values: Array, poses: int) -> dict[str, float]:

@@ -18,7 +18,7 @@ from scipy import stats
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, measured_problem, without_gross_errors
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, measurements_of, project_out
-from precision_pin.analyses.calibration.identifiability import Group, some, subspaces
+from precision_pin.analyses.calibration.identifiability import Group, subspaces
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import units
@@ -28,7 +28,7 @@ from precision_pin.base.errors import Finding, InputError, UnitError
 from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record
-from precision_pin.base.text_escape import visible
+from precision_pin.base.text_escape import some, visible
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel

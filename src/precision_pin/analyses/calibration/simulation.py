@@ -26,12 +26,11 @@ from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.sheet.measurement import Measurement
+from precision_pin.sheet.measurement import KINDS, Measurement
 
 _STEPS: Final = 30
 _SETTLED: Final = 1e-9
 """Largest change of z at which the estimates have settled."""
-_KINDS: Final = ("position", "pose", "distance", "plane", "socket")
 _POSES: Final = 100_000
 """Poses of each kind in the random streams."""
 _TASK_POSE: Final = 1 << 19
@@ -125,7 +124,7 @@ def simulate_readings(
     so that readings of one robot by several instruments do not share them.
     """
     x = model.space.sample(seed, first, robots)
-    count, kind = sum(len(station.rows) for station in stations), _KINDS.index(measurement.kind)
+    count, kind = sum(len(station.rows) for station in stations), KINDS.index(measurement.kind)
     noise = np.random.default_rng([seed, 1, first, kind]).standard_normal((count, measurement.size, robots))
     readings = measurement.deviations[:, None] * noise
     set_up = np.zeros((len(measurement.nuisances), robots))
