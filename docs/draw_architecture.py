@@ -96,9 +96,11 @@ def picture() -> str:
     for name, other in direct(graph):
         (x, y), (to_x, to_y) = places[name], places[other]
         start, end = (x + WIDTH / 2, y + HEIGHT), (to_x + WIDTH / 2, to_y - 1)
-        bend = (end[1] - start[1]) / 2
+        # straight down past the floors between, then across in the last gap
+        bend = (RISE - HEIGHT - 1) / 2
+        knee = end[1] - 2 * bend
         lines.append(
-            f'<path d="M{start[0]:g} {start[1]:g}C{start[0]:g} {start[1] + bend:g} {end[0]:g} {end[1] - bend:g}'
+            f'<path d="M{start[0]:g} {start[1]:g}V{knee:g}C{start[0]:g} {knee + bend:g} {end[0]:g} {end[1] - bend:g}'
             f' {end[0]:g} {end[1]:g}" fill="none" stroke="#5a6b7b" stroke-width="1.2" marker-end="url(#tip)"/>'
         )
     for name, (x, y) in places.items():
