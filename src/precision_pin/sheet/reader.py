@@ -202,7 +202,7 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     listed = tuple(sources.values())
     names = labels(listed)
     extended, own = _try_terms(chain, space, sources, names, poses, approaches, findings)
-    estimates = _estimates(document, _whole(space, listed), folder, findings, unchanged)
+    estimates = _estimates(document, space, listed, folder, findings, unchanged)
     measurements = _measurements(document, chain, findings)
     origins = {
         f"{label}.{setting}" if setting else label: origin
@@ -260,13 +260,18 @@ def _whole(space: Space, sources: Sequence[Source]) -> Space:
 
 
 def _estimates(
-    document: Document, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
+    document: Document,
+    named: Space,
+    sources: Sequence[Source],
+    folder: FilePath,
+    findings: Findings,
+    unchanged: Sheet | None,
 ) -> Estimates | None:
     """Return the estimates of a calibration that the sheet names; a number that was set is what it was set to."""
     if document.calibrated in (None, "none") or findings.found:
         return None
     try:
-        estimates = read_estimates(document.calibrated, folder)
+        estimates, space = read_estimates(document.calibrated, folder), _whole(named, sources)
         if unchanged is not None and unchanged.estimates is not None and ("calibrated",) not in findings.text.changes:
             before = _whole(unchanged.space, unchanged.sources)
             kept, replaced = estimates.without_changed(before, space)
