@@ -32,7 +32,14 @@ from precision_pin.analyses.calibration.identifiability import (
     refuse_where_nothing_is_seen,
     remarks_on,
 )
-from precision_pin.analyses.calibration.improvement import Improvement, SetUpAlone, doubt_improvement, groups_of, judge
+from precision_pin.analyses.calibration.improvement import (
+    SURE,
+    Improvement,
+    SetUpAlone,
+    doubt_improvement,
+    groups_of,
+    judge,
+)
 from precision_pin.analyses.calibration.noise import EstimatedStd, chance_of, doubt_std, estimate_std, refuse_noise
 from precision_pin.analyses.calibration.posterior import (
     LEVEL,
@@ -300,7 +307,8 @@ def calibrate(
     groups = groups_of(given, np.array(model.chain.prismatic))
     without = leave_out(used, best.estimator, best.local, best.residuals, groups)
     alone = SetUpAlone.of(used)
-    improvement = judge(used, best, without, alone, groups, of_column=bool(given.group.size))
+    known = min((one.degrees_of_freedom for one in noise.values() if one.decided_by == "repeats"), default=SURE)
+    improvement = judge(used, best, without, alone, groups, of_column=bool(given.group.size), known=known)
     unit, estimator = whole.unit, best.estimator
     predicted = whole.reading_deviations(best)
     is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]

@@ -239,9 +239,11 @@ def share_lines(result: CalibrationResult) -> list[str]:
     if result.improvement is None:
         return []
     share = result.improvement.share
-    low, high = (f"{100 * end:.3g}" for end in share.interval)
+    times, percent = share.ratio_interval, [f"{100 * end:.3g}" for end in share.interval]
+    few = ", too few poses" if share.verdict == "undecided" else ""
     return [
-        f"{share.verdict}: {100 * share.within:.3g} % of left-out readings are within their 95 % (interval {low} to {high} %)"
+        f"{share.verdict}{few}: left-out readings are {share.ratio:.3g} times ({times[0]:.3g} to {times[1]:.3g}) as far off as "
+        f"their standard deviations say; {100 * share.within:.3g} % are within their 95 % ({percent[0]} to {percent[1]} %)"
     ]
 
 
