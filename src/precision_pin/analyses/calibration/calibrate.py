@@ -126,7 +126,17 @@ class CalibrationResult(PosesOutcome):
     KEYS: ClassVar[Keys] = (
         *("*head", "measurement", "measurements=data.measurements", "prior=has_prior", "readings", "verdict"),
         *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
-        *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "intervals", "poses"),
+        *(
+            "set_up",
+            "set_ups",
+            "rank",
+            "observability",
+            "identifiability",
+            "posterior",
+            "in_sheet",
+            "intervals",
+            "poses",
+        ),
         *("residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
         *("improvement", "noise", "lines=data.lines", "data=given", "findings"),
     )
@@ -236,6 +246,17 @@ class CalibrationResult(PosesOutcome):
     def rms_residual(self) -> dict[str, float]:
         """Root mean squares of :meth:`rms`, as in the JSON."""
         return {"before": self.rms("before"), "after": self.rms("after"), "left_out": self.rms("left out")}
+
+    @property
+    def in_sheet(self) -> dict[str, dict[str, float]]:
+        """Mean and deviation of each number by the sheet's laws, as in the JSON; of a sheet calibrated before not the prior."""
+        sheet = self.original.sheet
+        if sheet is None:
+            return {}
+        space = sheet.whole_space
+        stds = np.sqrt(space.block_covariance.variances)
+        columns = {name: space.index[name] for name in self.posterior.names if name in space.index}
+        return {name: {"mean": float(space.mean[k]), "std": float(stds[k])} for name, k in columns.items()}
 
     @property
     def intervals(self) -> dict[str, Any]:
