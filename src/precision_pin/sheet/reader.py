@@ -208,8 +208,10 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     names = labels(listed)
     extended, own = _try_terms(chain, space, sources, names, poses, approaches, findings)
     estimates = None
-    if document.calibrated not in (None, "none") and not findings.found:
-        estimates = _estimates(document, space.including(own_draws(listed, names)), folder, findings, unchanged)
+    if document.calibrated is not None and document.calibrated != "none" and not findings.found:
+        estimates = _estimates(
+            document.calibrated, space.including(own_draws(listed, names)), folder, findings, unchanged
+        )
     measurements = _measurements(document, chain, findings)
     origins = {
         f"{label}.{setting}" if setting else label: origin
@@ -262,11 +264,11 @@ def _measurements(document: Document, chain: Chain, findings: Findings) -> tuple
 
 
 def _estimates(
-    document: Document, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
+    calibrated: str, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
 ) -> Estimates | None:
     """Return the estimates of a calibration that the sheet names; a number that was set is what it was set to."""
     try:
-        estimates = read_estimates(document.calibrated, folder)
+        estimates = read_estimates(calibrated, folder)
         before = space if unchanged is None else unchanged.whole_space
         if edited := estimates.edited(before):
             findings.warning(("calibrated",), _edited(estimates, edited), "W_TEXT_MEASURED")
