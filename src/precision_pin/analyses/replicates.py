@@ -61,8 +61,7 @@ class Estimates:
     @property
     def standard_error(self) -> Array:
         """Standard error of the values."""
-        result: Array = np.sqrt(self.replicate_variance / REPLICATES)
-        return result
+        return np.sqrt(self.replicate_variance / REPLICATES)
 
     def where(self, resolved: Array | NDArray[np.bool_]) -> Estimates:
         """Return the estimates, with NaN where they are not resolved."""
@@ -111,8 +110,7 @@ def half_widths(pseudo: Array, confidence: float) -> Array:
     small = np.abs(skewness) / math.sqrt(REPLICATES)
     ends = [studentised(side * student, small) for side in (-1, 1)]
     reach = np.maximum(np.maximum(np.abs(ends[0]), np.abs(ends[1])), student)
-    result: Array = _WIDENING * reach * spread * math.sqrt(1 / (REPLICATES - 1))
-    return result
+    return _WIDENING * reach * spread * math.sqrt(1 / (REPLICATES - 1))
 
 
 MOST_SKEWNESS: Final = 0.6
@@ -216,8 +214,7 @@ class Marginals:
                 third += factor**3 * (count * (off**3 @ weights / share) / self.points**3)
         variance = np.maximum(second, np.nan_to_num(replicate_variance))
         limit = MOST_SKEWNESS * math.sqrt(REPLICATES) * variance**1.5
-        result: NDArray[np.bool_] = np.abs(third) <= limit
-        return result
+        return np.abs(third) <= limit
 
     def outermost(self, numbers: Sequence[int], samples: int) -> tuple[NDArray[np.intp], Array]:
         """Return the outermost nodes along some numbers, beyond which few of the samples lie, and their weights."""

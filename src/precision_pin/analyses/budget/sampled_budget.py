@@ -130,8 +130,7 @@ class SampledBudget:
         """Return the possible change of the norms by halving in regions without points."""
         nodes, weights = self.marginals.outermost(range(rows.start, rows.stop), self.x.shape[1])
         x = self.nodes[:, nodes]
-        change: Array = np.abs(self._norms(self._with_half(x, rows)) - self._norms(x)) @ weights
-        return change
+        return np.abs(self._norms(self._with_half(x, rows)) - self._norms(x)) @ weights
 
     def groups(self, shares: Array, variances: Array) -> tuple[Group, ...]:
         """Return indices and closed-form share of every group."""

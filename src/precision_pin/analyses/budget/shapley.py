@@ -84,8 +84,7 @@ def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
         half = np.linalg.solve(factor, cross.T)  # a tenth of the time of the pseudo-inverse
         return np.asarray(half.T @ half)
     inverse = np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
-    result: Array = cross @ inverse @ cross.T
-    return result
+    return cross @ inverse @ cross.T
 
 
 def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -> Array:

@@ -217,8 +217,7 @@ class _Share:
     def _characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         """Return E exp(i ω w·(x - mean))."""
         turn = np.exp(-1j * frequency * float(self.weights @ self.law.mean_vector))
-        value: NDArray[np.complex128] = self.law.characteristic(self.weights[:, None] * frequency) * turn
-        return value
+        return self.law.characteristic(self.weights[:, None] * frequency) * turn
 
 
 def _component(space: Space, quantity: str, mean: float, weights: Array, sampled: Array, confidence: float) -> ExactLaw:

@@ -101,8 +101,7 @@ class NumberLaw(ABC):
             return self.low
         if excess(self.high) <= 0:
             return self.high
-        root: float = optimize.brentq(excess, self.low, self.high, xtol=1e-16 * (self.high - self.low), rtol=1e-15)
-        return root
+        return optimize.brentq(excess, self.low, self.high, xtol=1e-16 * (self.high - self.low), rtol=1e-15)
 
     @final
     def quantile_error(self, p: float) -> float:
@@ -140,13 +139,11 @@ class NormalLaw(NumberLaw):
 
     def cumulative(self, x: Array) -> Array:
         """Return Φ((x - mean)/σ)."""
-        value: Array = special.ndtr((x - self.mean) / self.std)
-        return value
+        return special.ndtr((x - self.mean) / self.std)
 
     def density(self, x: Array) -> Array:
         """Return φ((x - mean)/σ)/σ."""
-        value: Array = np.exp(-(((x - self.mean) / self.std) ** 2) / 2) / (math.sqrt(2 * math.pi) * self.std)
-        return value
+        return np.exp(-(((x - self.mean) / self.std) ** 2) / 2) / (math.sqrt(2 * math.pi) * self.std)
 
 
 @final
@@ -443,8 +440,7 @@ class _Bounds:
 
     @cached_property
     def _octaves(self) -> Array:
-        powers: Array = np.exp2(np.arange(160, dtype=float))
-        return powers
+        return np.exp2(np.arange(160, dtype=float))
 
     def bound(self, omega: Array) -> Array:
         """Return a bound of |φ|."""
@@ -616,8 +612,7 @@ class NormalNorm:
                 f"the constant part of an error is {self.low:.3g} (m or rad), beside which its spread is lost in rounding; "
                 "mend the mean of an offset"
             )
-        root: float = optimize.brentq(excess, self.low, self.high, xtol=1e-15 * self.high, rtol=1e-14)
-        return root
+        return optimize.brentq(excess, self.low, self.high, xtol=1e-15 * self.high, rtol=1e-14)
 
     def quantile_error(self, p: float) -> float:
         """Return the error bound of :meth:`quantile`."""
@@ -663,16 +658,14 @@ def _ball(radius: Array, stds: Array, means: Array, nodes: int) -> Array:
     if stds.size == 1:
         upper, lower = (radius - means[0]) / stds[0], (-radius - means[0]) / stds[0]
         # the difference of the nearer tails, so that distant balls keep their digits
-        probability: Array = np.where(
+        return np.where(
             means[0] > 0,
             special.ndtr(upper) - special.ndtr(lower),
             special.ndtr(-lower) - special.ndtr(-upper),
         )
-        return probability
     across, along, weights = _slices(radius, stds[-1], means[-1], nodes)
     values = _density(across, stds[-1], means[-1]) * _ball(along, stds[:-1], means[:-1], nodes) * along
-    total: Array = (values * weights).sum(axis=-1)
-    return total
+    return (values * weights).sum(axis=-1)
 
 
 def _sphere(radius: Array, stds: Array, means: Array, nodes: int) -> Array:
@@ -681,8 +674,7 @@ def _sphere(radius: Array, stds: Array, means: Array, nodes: int) -> Array:
         return _density(radius, stds[0], means[0]) + _density(-radius, stds[0], means[0])
     across, along, weights = _slices(radius, stds[-1], means[-1], nodes)
     values = _density(across, stds[-1], means[-1]) * _sphere(along, stds[:-1], means[:-1], nodes)
-    total: Array = radius * (values * weights).sum(axis=-1)
-    return total
+    return radius * (values * weights).sum(axis=-1)
 
 
 def _slices(radius: Array, std: float, mean: float, nodes: int) -> tuple[Array, Array, Array]:
@@ -697,8 +689,7 @@ def _slices(radius: Array, std: float, mean: float, nodes: int) -> tuple[Array, 
 
 
 def _density(x: Array, std: float, mean: float) -> Array:
-    value: Array = np.exp(-(((x - mean) / std) ** 2) / 2) / (math.sqrt(2 * math.pi) * std)
-    return value
+    return np.exp(-(((x - mean) / std) ** 2) / 2) / (math.sqrt(2 * math.pi) * std)
 
 
 @lru_cache(maxsize=16)

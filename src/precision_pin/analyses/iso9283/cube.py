@@ -125,8 +125,7 @@ def _faces(edge: float, centre: Array) -> Array:
 
 def _grid(low: Array, high: Array, count: int) -> Array:
     lines = [np.linspace(a, b, count) for a, b in zip(low, high, strict=True)]
-    points: Array = np.array(np.meshgrid(*lines, indexing="ij")).reshape(3, -1)
-    return points
+    return np.array(np.meshgrid(*lines, indexing="ij")).reshape(3, -1)
 
 
 def _best(blocked: Array, near: Array, centres: Array, rating: Array, alike: float) -> tuple[float, Array]:
@@ -185,8 +184,7 @@ def _border(solve: Solver, inside: Array, start: Array, outside: Array) -> Array
         near[left], far[left], q[:, left] = far[left], 1.0, found[:, within]
         if not left.size:
             break
-    border: Array = inside[:, None] + far * ways
-    return border
+    return inside[:, None] + far * ways
 
 
 PLANES: Final = ("y, rising with x", "y, falling with x", "x, rising with y", "x, falling with y")
@@ -228,8 +226,7 @@ class Cube(Record):
         offsets[along] = [0, -1, 1, 1, -1]
         offsets[across] = slope * np.array([0, 1, 1, -1, -1])
         offsets[2] = [0, 1, 1, -1, -1]
-        points: Array = self.centre[:, None] + _SHARE * self.side * offsets
-        return points
+        return self.centre[:, None] + _SHARE * self.side * offsets
 
 
 def standard_poses(chain: Chain, reference: Array, target: Array) -> tuple[PoseSet, Cube]:
@@ -440,8 +437,7 @@ class ToolPoses:
 
     def _nearest(self, points: Array) -> NDArray[np.int64]:
         turned = np.repeat(self.orientation[:, :, None], points.shape[1], axis=2)
-        found: NDArray[np.int64] = self._tree.query(self._features(points, turned), k=_NEAREST)[1]
-        return found
+        return self._tree.query(self._features(points, turned), k=_NEAREST)[1]
 
     def _descend(self, points: Array, begin: Array) -> Array:
         """Return joint values ``(n, P)`` after steps from some, NaN where they do not arrive."""
@@ -491,5 +487,4 @@ def _damped_step(jacobian: Array, error: Array, size: Array) -> Array:
     square = slopes @ slopes.transpose(0, 2, 1)
     square += (1e-2 * size**2 + 1e-12)[:, None, None] * np.eye(square.shape[-1])
     weights = np.linalg.solve(square, error.T[..., None])
-    step: Array = (slopes.transpose(0, 2, 1) @ weights)[..., 0].T
-    return step
+    return (slopes.transpose(0, 2, 1) @ weights)[..., 0].T

@@ -80,24 +80,21 @@ class DistanceFigures(NamedTuple):
 
 def barycentre(values: Array) -> Array:
     """Return the mean over the cycles; exact where all are the same."""
-    result: Array = values[0] + (values - values[0]).mean(axis=0)
-    return result
+    return values[0] + (values - values[0]).mean(axis=0)
 
 
 def scatter(values: Array) -> Array:
     """Return three standard deviations over the cycles, divisor n - 1."""
     shifted = values - values[0]
     deviations = shifted - shifted.mean(axis=0)
-    result: Array = 3 * np.sqrt((deviations * deviations).sum(axis=0) / (len(values) - 1))
-    return result
+    return 3 * np.sqrt((deviations * deviations).sum(axis=0) / (len(values) - 1))
 
 
 def repeatability(positions: Array) -> Array:
     """Return RP = l̄ + 3 S_l of positions ``(n, 3, …)``."""
     shifted = positions - positions[0]
     distances = _norm(shifted - shifted.mean(axis=0), axis=1)
-    result: Array = distances.mean(axis=0) + scatter(distances)
-    return result
+    return distances.mean(axis=0) + scatter(distances)
 
 
 def pose_figures(deviations: Array, angles: Array) -> PoseFigures:
@@ -142,8 +139,7 @@ def turn_angles(vectors: Array) -> Array:
 
 
 def _norm(vectors: Array, axis: int = 0) -> Array:
-    result: Array = np.sqrt((vectors * vectors).sum(axis=axis))
-    return result
+    return np.sqrt((vectors * vectors).sum(axis=axis))
 
 
 _MEAN_LENGTH: Final = 2 * math.sqrt(2 / math.pi)
@@ -156,21 +152,18 @@ def mean_distance(covariances: Array) -> Array:
     # scaled to their trace: covariances of 1e-12 m² are far above the least of what the integral takes, products of them are not
     trace = values.sum(axis=-1)
     shares = values / np.where(trace > 0, trace, 1.0)[..., None]
-    result: Array = _MEAN_LENGTH * np.sqrt(trace) * elliprg(shares[..., 0], shares[..., 1], shares[..., 2])
-    return result
+    return _MEAN_LENGTH * np.sqrt(trace) * elliprg(shares[..., 0], shares[..., 1], shares[..., 2])
 
 
 def repeatability_limit(covariances: Array) -> Array:
     """Return the limit of RP for many cycles with normal positions of covariances ``(…, 3, 3)``."""
     mean = mean_distance(covariances)
     trace = _eigenvalues(covariances).sum(axis=-1)
-    result: Array = mean + 3 * np.sqrt(np.maximum(trace - mean * mean, 0.0))
-    return result
+    return mean + 3 * np.sqrt(np.maximum(trace - mean * mean, 0.0))
 
 
 def _eigenvalues(covariances: Array) -> Array:
-    result: Array = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
-    return result
+    return np.maximum(np.linalg.eigvalsh(covariances), 0.0)
 
 
 _NOT_A_ROTATION: Final = 1e-6
@@ -199,8 +192,7 @@ class _Figures(Record):
         Raises:
             UnknownNameError: There is no such figure.
         """
-        value: float = getattr(self, check_name("figure", name, self.keys()))
-        return value
+        return getattr(self, check_name("figure", name, self.keys()))
 
 
 @final

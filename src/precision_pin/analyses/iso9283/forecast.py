@@ -378,8 +378,7 @@ def _largest(
 ) -> Array:
     """Return the largest absolute value of a figure over the poses, of each robot."""
     if figure not in single:
-        largest: Array = np.abs([getattr(at, figure).values for at in poses.values()]).max(axis=0)
-        return largest
+        return np.abs([getattr(at, figure).values for at in poses.values()]).max(axis=0)
     law = single[figure]
     if law is None:
         raise InputError(f"a specification limits {figure}, which this forecast does not have: {absent[figure]}")

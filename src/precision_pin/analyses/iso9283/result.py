@@ -302,8 +302,7 @@ def _far_out(values: Array) -> Array:
     """Return how far each value is from the median, in units of the distance of the 5 or 95 % quantile on its side."""
     low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
     scale = np.where(values < median, median - low, high - median)
-    result: Array = np.abs(values - median) / np.maximum(scale, _ROUNDING)
-    return result
+    return np.abs(values - median) / np.maximum(scale, _ROUNDING)
 
 
 def _read(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) -> dict[str, Array]:

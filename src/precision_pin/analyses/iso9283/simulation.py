@@ -67,8 +67,7 @@ class Setup:
     @property
     def points(self) -> Array:
         """Commanded positions of the target, ``(P, 3)``."""
-        result: Array = self.commanded[:, :3, 3] + np.einsum("pij,j->pi", self.commanded[:, :3, :3], self.target)
-        return result
+        return self.commanded[:, :3, 3] + np.einsum("pij,j->pi", self.commanded[:, :3, :3], self.target)
 
 
 @final
@@ -242,8 +241,7 @@ def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
         moved = _at_target(setup, pose, ends)
         slopes[k] = (moved[0] - moved[1]) / (2 * _STEP)
     covariance = np.einsum("kin,kjn->nij", slopes, slopes)
-    result: Array = setup.shape[pose] * repeatability_limit(covariance)
-    return result
+    return setup.shape[pose] * repeatability_limit(covariance)
 
 
 def approach_figures(
@@ -313,5 +311,4 @@ def _accuracy(model: ErrorModel, q: Array, target: Array, robots: int, visits: r
     for visit in visits:
         error = sampler.errors(layout, "exact", seed, 0, robots, visit=visit)
         barycentre += error[:3] + np.einsum("ijn,j->in", se3.exp_rotation(error[3:]), lever) - lever[:, None]
-    result: Array = np.sqrt(((barycentre / len(visits)) ** 2).sum(axis=0))
-    return result
+    return np.sqrt(((barycentre / len(visits)) ** 2).sum(axis=0))

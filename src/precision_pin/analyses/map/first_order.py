@@ -135,8 +135,7 @@ def _at_the_same_pose(space: Space, jacobian: Array, reference: Array) -> Array:
     own = np.einsum("idp,djp->ijp", change, _times(kept, change)) + np.einsum(
         "idp,djp->ijp", jacobian, _times(anew, jacobian)
     )
-    result: Array = own + anew.between(reference, reference)[:, :, None]
-    return result
+    return own + anew.between(reference, reference)[:, :, None]
 
 
 def jacobians(error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None) -> Array:

@@ -224,8 +224,7 @@ class LawShapes:
         lengths = np.sqrt((turned**2 / np.maximum(values.T, least)[:, None]).sum(axis=0))
         found = _THIRD * (self.replaced_third[other] @ lengths**3)
         found += _FOURTH * (self.replaced_fourth[other] @ lengths**4)
-        result: Array = np.minimum(found, 1.0)
-        return result
+        return np.minimum(found, 1.0)
 
 
 def _sums(rows: Array, numbers: NDArray[np.intp], count: int) -> Array:
@@ -241,8 +240,7 @@ def _sums(rows: Array, numbers: NDArray[np.intp], count: int) -> Array:
 def _between(covariance: BlockCovariance, jacobian: Array) -> Array:
     rows, components, poses = jacobian.shape
     spread = covariance.times(np.moveaxis(jacobian, 1, 0).reshape(components, rows * poses))
-    result: Array = np.einsum("idp,djp->ijp", jacobian, spread.reshape(components, rows, poses))
-    return result
+    return np.einsum("idp,djp->ijp", jacobian, spread.reshape(components, rows, poses))
 
 
 def _moments(law: Law, std: Array, far: Array) -> tuple[Array, Array, Array]:
@@ -310,8 +308,7 @@ class Vectors:
     @cached_property
     def square_mean(self) -> Array:
         """Mean of the square, ``(P,)``."""
-        result: Array = (self.mean**2).sum(axis=0) + np.einsum("iip->p", self.covariance)
-        return result
+        return (self.mean**2).sum(axis=0) + np.einsum("iip->p", self.covariance)
 
     @cached_property
     def _heavier(self) -> tuple[Array, Array]:

@@ -149,8 +149,7 @@ class MapResult(AnalysisResult):
             keys += [(self.probability[chosen] - required).min(axis=0), sampled, self.judged.order[chosen].min(axis=0)]
         known = self.poses.known
         order = np.lexsort((*keys, ~verified))
-        worst: list[int] = order[known[order]].tolist()
-        return worst
+        return order[known[order]].tolist()
 
     @property
     def left_out(self) -> dict[str, int]:
@@ -198,8 +197,7 @@ class MapResult(AnalysisResult):
             UnknownNameError: Another quantity.
             InputError: Another level.
         """
-        drawn: Figure = self._output("figure:figure")(self, quantity, level)
-        return drawn
+        return self._output("figure:figure")(self, quantity, level)
 
     @property
     def samples(self) -> int | None:
@@ -364,8 +362,7 @@ class MapResult(AnalysisResult):
             "source": list(self.sources),
             **({} if of.times is None else {"time": ("pose", of.times)}),
         }
-        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self.settings()))
-        return made
+        return optional("xarray").Dataset(variables, coordinates, described(self.settings()))
 
     def _sampled_variables(self) -> dict[str, Any]:
         if self.sampled is None:
@@ -455,5 +452,4 @@ def check_json(poses: int, joints: int, sources: int, specifications: int, is_re
 def _rms(mean: Array, covariance: Array) -> Array:
     """Return the root mean squares of position and attitude, ``(2, P)``."""
     squares = mean**2 + np.einsum("iip->ip", covariance)
-    result: Array = np.sqrt(np.maximum(squares.reshape(2, 3, -1).sum(axis=1), 0.0))
-    return result
+    return np.sqrt(np.maximum(squares.reshape(2, 3, -1).sum(axis=1), 0.0))

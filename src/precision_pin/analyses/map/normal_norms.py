@@ -61,8 +61,7 @@ def norm_probabilities(variances: Array, means: Array, radii: Array) -> Array:
     """Return P(|v| ≤ r), ``(P,)``, for vectors in principal axes ``(3, P)`` and radii ``(P,)``; errors below 1e-7."""
     law = _Law(variances, means)
     found = law.evaluate(np.maximum(radii**2 - law.constant, 0.0))[0]
-    result: Array = np.where(law.still, (radii**2 >= law.constant).astype(float), found)
-    return result
+    return np.where(law.still, (radii**2 >= law.constant).astype(float), found)
 
 
 def norm_quantiles(
@@ -92,8 +91,7 @@ def norm_quantiles(
         going = np.abs(change) >= _CLOSE
         if not going.any():
             break
-    result: Array = np.sqrt(np.where(law.still, 0.0, x) + law.constant)
-    return result
+    return np.sqrt(np.where(law.still, 0.0, x) + law.constant)
 
 
 def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
@@ -101,8 +99,7 @@ def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
     law = _Law(variances, means)
     x = np.minimum(radii**2 - law.constant, law.farthest)
     t = np.maximum(law.saddle(x), 0.0)
-    bound: Array = np.where(law.still, x < 0, np.exp(law.exponent(t) - t * x))
-    return bound
+    return np.where(law.still, x < 0, np.exp(law.exponent(t) - t * x))
 
 
 def norm_tail_quantiles(variances: Array, means: Array, tail: float) -> Array:
@@ -117,8 +114,7 @@ def norm_tail_quantiles(variances: Array, means: Array, tail: float) -> Array:
         return np.log(below / wanted), t * second * (law.end - t) / below
 
     t = law.argument(_root(excess, np.full(means.shape[1], 1.0), 0.0, _FAR))
-    result: Array = np.sqrt(np.where(law.still, 0.0, law.derivatives(t)[0]) + law.constant)
-    return result
+    return np.sqrt(np.where(law.still, 0.0, law.derivatives(t)[0]) + law.constant)
 
 
 def norm_quantile_slopes(mean: Array, covariance: Array, radii: Array) -> Array:
@@ -199,8 +195,7 @@ class _Law:
 
     def argument(self, s: Array) -> Array:
         """Return the argument of K at which K' rises with s, from 0 to infinity."""
-        t: Array = self.end * -np.expm1(-s)
-        return t
+        return self.end * -np.expm1(-s)
 
     def saddle(self, x: Array) -> Array:
         """Return the argument at which the derivative of K is x, ``(P,)``."""
@@ -231,14 +226,12 @@ class _Law:
         product = pair * left[2]
         # each factor turns by 0 to -π, so that the partial products tell the branch of the square root; logarithms are slower
         root = np.where((pair.imag > 0) | (product.imag > 0), -1.0, 1.0) * np.sqrt(product)
-        result: NDArray[np.complex128] = np.exp((self._squares[:, None, part] * t / left).sum(axis=0) - t * x) / root
-        return result
+        return np.exp((self._squares[:, None, part] * t / left).sum(axis=0) - t * x) / root
 
     def exponent(self, t: Array) -> Array:
         """Return K at real ``t`` ``(P,)`` below its end."""
         left = 1 - 2 * self._variances * t
-        result: Array = (self._squares * t / left - np.log(left) / 2).sum(axis=0)
-        return result
+        return (self._squares * t / left - np.log(left) / 2).sum(axis=0)
 
     def derivatives(self, t: Array) -> tuple[Array, Array]:
         """Return the first and second derivative of K at real ``t`` ``(P,)`` below its end."""
@@ -250,8 +243,7 @@ class _Law:
         """Return the third derivative of K at real ``t`` ``(P,)`` below its end."""
         over = 1 / (1 - 2 * self._variances * t)
         small = self._variances * over
-        result: Array = (8 * small * small * (small + 3 * self._squares * over * over)).sum(axis=0)
-        return result
+        return (8 * small * small * (small + 3 * self._squares * over * over)).sum(axis=0)
 
 
 def _root(function: Callable[[Array], tuple[Array, Array]], start: Array, least: float, most: float) -> Array:

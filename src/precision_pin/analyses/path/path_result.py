@@ -122,8 +122,7 @@ class PathResult(AnalysisResult):
     @property
     def maximum(self) -> Array:
         """Largest |d| and |δ| along the path of each robot, ``(2, N)``."""
-        norms: Array = self.largest[[QUANTITIES.index(f"{name}.norm") for name in _NORMS]]
-        return norms
+        return self.largest[[QUANTITIES.index(f"{name}.norm") for name in _NORMS]]
 
     @cached_property
     def _ordered(self) -> Array:

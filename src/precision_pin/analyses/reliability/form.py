@@ -184,8 +184,7 @@ def _with_bulges(search: _Search, points: Array) -> Margin:
 
     def margin(u: Array) -> Array:
         squares = (u**2).sum(axis=0)[:, None] - 2 * u.T @ points + (points**2).sum(axis=0)
-        raised: Array = search.margin(u) + np.maximum(1 - squares / reach, 0.0) ** 2 @ height
-        return raised
+        return search.margin(u) + np.maximum(1 - squares / reach, 0.0) ** 2 @ height
 
     return margin
 

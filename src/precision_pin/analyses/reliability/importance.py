@@ -107,8 +107,7 @@ class _Proposal:
 
     def density(self, u: Array) -> Array:
         """Return the density of the mixture divided by that of the law."""
-        value: Array = (1 - float(self.shares.sum())) + self.shares @ self.ratios(u)
-        return value
+        return (1 - float(self.shares.sum())) + self.shares @ self.ratios(u)
 
     def fit_shares(self, failures: Array) -> _Proposal:
         """Return the mixture with shares fitted to the failures by a few steps of expectation-maximisation."""

@@ -111,8 +111,7 @@ def _margin(layout: SamplerArrays, specification: Specification) -> Callable[[Ar
 
     def margin(x: Array) -> Array:
         errors = sampler.errors_at(layout, "exact", x)
-        value: Array = 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
-        return value
+        return 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
 
     return margin
 

@@ -61,21 +61,18 @@ class Jump:
     def pieces(self, normals: Array) -> NDArray[np.intp]:
         """Return the number of the piece between two edges, ``(N,)``, for each sample ``(d, N)``."""
         found = np.searchsorted(self.edges, special.ndtr(normals[self.row]), side="right") - 1
-        inside: NDArray[np.intp] = np.clip(found, 0, self.edges.size - 2)
-        return inside
+        return np.clip(found, 0, self.edges.size - 2)
 
     def scores(self, pieces: NDArray[np.intp], shares: Array) -> Array:
         """Return the normal numbers at a relative position (0 to 1) within the pieces."""
         low, high = self.edges[pieces], self.edges[pieces + 1]
-        scores: Array = np.clip(special.ndtri(low + (high - low) * shares), -FARTHEST, FARTHEST)
-        return scores
+        return np.clip(special.ndtri(low + (high - low) * shares), -FARTHEST, FARTHEST)
 
     def nearest(self, pieces: NDArray[np.intp]) -> Array:
         """Return the smallest normal number, by absolute value, within each piece."""
         low, high = self.edges[pieces], self.edges[pieces + 1]
         inside = np.clip(0.5, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
-        scores: Array = np.clip(special.ndtri(inside), -FARTHEST, FARTHEST)
-        return scores
+        return np.clip(special.ndtri(inside), -FARTHEST, FARTHEST)
 
 
 @final
@@ -301,8 +298,7 @@ def _within(cut: Array, uniforms: Array) -> Array:
     ends = np.cumsum(lengths)
     at = uniforms * ends[-1]
     which = np.minimum(np.searchsorted(ends, at, side="right"), len(cut) - 1)
-    value: Array = np.minimum(cut[which, 0] + (at - (ends - lengths)[which]), np.nextafter(cut[which, 1], 0))
-    return value
+    return np.minimum(cut[which, 0] + (at - (ends - lengths)[which]), np.nextafter(cut[which, 1], 0))
 
 
 def _is_discrete(law: Law) -> bool:
@@ -399,8 +395,7 @@ def _severity(
 def _arrange_cells(law: Law, cells: Array, severity: Array, chosen: NDArray[np.bool_]) -> Array:
     """Return the chosen cells: values sorted by their margin, lines between quantiles merged where adjacent."""
     if law.lines is None:
-        ordered: Array = cells[np.argsort(severity, kind="stable")]
-        return ordered
+        return cells[np.argsort(severity, kind="stable")]
     lines = law.lines[chosen]
     starts = np.concatenate([[True], (lines[1:, 1] != lines[:-1, 3]) | (cells[1:, 0] != cells[:-1, 1])])
     ends = np.append(starts[1:], True)

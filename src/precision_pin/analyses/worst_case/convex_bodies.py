@@ -60,16 +60,14 @@ class _Box(Body):
     """Value of numbers without influence: the median, which every law can take."""
 
     def heights(self, directions: Array) -> Array:
-        value: Array = np.maximum(directions * self.low, directions * self.high).sum(axis=1)
-        return value
+        return np.maximum(directions * self.low, directions * self.high).sum(axis=1)
 
     def points(self, directions: Array) -> Array:
         return np.where(directions > 0, self.high, np.where(directions < 0, self.low, self.middle))
 
     @property
     def centre(self) -> Array:
-        value: Array = (self.low + self.high) / 2
-        return value
+        return (self.low + self.high) / 2
 
     @property
     def roots(self) -> tuple[Array, ...]:
@@ -85,8 +83,7 @@ class _Ellipsoid(Body):
     root: Array
 
     def heights(self, directions: Array) -> Array:
-        value: Array = np.linalg.norm(directions @ self.root, axis=1)
-        return value
+        return np.linalg.norm(directions @ self.root, axis=1)
 
     def points(self, directions: Array) -> Array:
         seen = directions @ self.root
@@ -94,8 +91,7 @@ class _Ellipsoid(Body):
         largest = np.abs(seen).max(axis=1, keepdims=True)
         seen = np.divide(seen, largest, out=np.zeros_like(seen), where=largest > 0)
         seen[largest[:, 0] == 0, 0] = 1.0
-        value: Array = (seen / np.linalg.norm(seen, axis=1, keepdims=True)) @ self.root.T
-        return value
+        return (seen / np.linalg.norm(seen, axis=1, keepdims=True)) @ self.root.T
 
     @property
     def centre(self) -> Array:
@@ -114,12 +110,10 @@ class _Points(Body):
     places: Array
 
     def heights(self, directions: Array) -> Array:
-        value: Array = (directions @ self.places.T).max(axis=1)
-        return value
+        return (directions @ self.places.T).max(axis=1)
 
     def points(self, directions: Array) -> Array:
-        value: Array = self.places[(directions @ self.places.T).argmax(axis=1)]
-        return value
+        return self.places[(directions @ self.places.T).argmax(axis=1)]
 
     @property
     def centre(self) -> Array:

@@ -201,5 +201,4 @@ def _plane_distance(corners: Array) -> Array:
     sides = corners - np.roll(corners, -1, axis=1)
     squares = (sides**2).sum(axis=2)
     area = (np.cross(sides[:, 0], sides[:, 1]) ** 2).sum(axis=1)
-    value: Array = np.sqrt(1 - squares.prod(axis=1) / (4 * area))
-    return value
+    return np.sqrt(1 - squares.prod(axis=1) / (4 * area))

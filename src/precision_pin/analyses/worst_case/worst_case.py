@@ -218,12 +218,10 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
     """
 
     def heights(directions: Array) -> Array:
-        value: Array = directions @ error + supports.heights(directions @ jacobian).sum(axis=0)
-        return value
+        return directions @ error + supports.heights(directions @ jacobian).sum(axis=0)
 
     def touch(directions: Array) -> Array:
-        value: Array = error + supports.points(directions @ jacobian) @ jacobian.T
-        return value
+        return error + supports.points(directions @ jacobian) @ jacobian.T
 
     def bound(direction: Array) -> float:
         centre, roots = error.copy(), []
@@ -295,8 +293,7 @@ def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
 
 
 def _sizes(layout: SamplerArrays, rows: slice, places: Array) -> Array:
-    value: Array = np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
-    return value
+    return np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
 
 
 def _written_values(space: Space, x: Array) -> list[str]:
