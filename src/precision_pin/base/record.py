@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from precision_pin.base.array_checks import field_names, fix_fields
+from precision_pin.base.array_checks import Fixed, field_names
 
 Keys = tuple[str, ...]
 
 
-class Record:
+class Record(Fixed):
     """Frozen data class whose arrays are read-only and whose JSON follows from a declaration.
 
     Attributes:
@@ -23,9 +23,6 @@ class Record:
     """
 
     KEYS: ClassVar[Keys] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of the record, SI units; null where a number does not exist or is not resolved."""

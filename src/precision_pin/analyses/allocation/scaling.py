@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.costs import Tolerance
 from precision_pin.analyses.worst_case.convex_bodies import Supports
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import BlockCovariance
@@ -44,7 +44,7 @@ class NoScaleError(InputError):
 
 @final
 @dataclass(frozen=True, eq=False)
-class Contributions:
+class Contributions(Fixed):
     """First-order error at P poses, in parts: ``mean + rest z + Σ t_i moved_i z``, z the components in standard deviations.
 
     Attributes:
@@ -67,9 +67,6 @@ class Contributions:
     reach_by_tolerance: Array
     moved: tuple[Moved, ...]
     rest: Moved
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 @final
@@ -128,10 +125,8 @@ def contributions(
         for one, part in zip(tolerances, parts, strict=True):
             own = max(float(np.abs(part).max(initial=0.0)), 1e-300)
             if not _follows(_at_factor(model, [one], _NARROW, poses, worst_case), whole, part, own):
-                raise NoScaleError(
-                    one.path,
-                    f"the error does not scale with {one.path}; its law has other numbers, or it is no tolerance",
-                )
+                reason = f"the error does not scale with {one.path}; its law has other numbers, or it is no tolerance"
+                raise NoScaleError(one.path, reason)
         raise InputError("allocate: tolerances change one random number together; choose one of them")
     rest = _without_rounding(whole.slopes - sum(parts), scale)
     before = np.array([one.before for one in tolerances])
@@ -142,9 +137,8 @@ def contributions(
             alone = _at_factor(model, [one], _NARROW, poses, worst_case).reach
             if _differ(alone, whole.reach + (_NARROW - 1) * reached, _LEAST * largest) and not len(pairs):
                 raise InputError(f"allocate: the largest deviation does not scale with {one.path}")
-        named = [
-            tolerances[k].path if k < len(tolerances) else "what is not chosen" for k in pairs[:1].ravel().tolist()
-        ]
+        paths = [*(one.path for one in tolerances), "what is not chosen"]
+        named = [paths[k] for k in pairs[:1].ravel().tolist()]
         raise InputError(
             f"allocate: worst_case: {' and '.join(named)} are correlated, so that their largest deviations do not add; "
             "limit rms or a quantile instead, or take the correlation out of the sheet"
@@ -164,14 +158,11 @@ def contributions(
 
 @final
 @dataclass(frozen=True, eq=False)
-class Moved:
+class Moved(Fixed):
     """Columns ``(c,)`` of components, and the slopes of the error by them in standard deviations, ``(6, c, P)``."""
 
     columns: NDArray[np.intp]
     slopes: Array
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def of(cls, slopes: Array) -> Moved:
@@ -239,7 +230,9 @@ def _follows(narrow: _Errors, whole: _Errors, part: Array, scale: float) -> bool
 def _at_factor(
     model: ErrorModel, tolerances: Sequence[Tolerance], factor: float, poses: Sequence[str], worst_case: bool
 ) -> _Errors:
-    return _errors(_changed(model, {one: factor * one.before for one in tolerances}), poses, worst_case)
+    return _errors(
+        changed_model(model, tolerances, np.array([factor * one.before for one in tolerances])), poses, worst_case
+    )
 
 
 def _without_rounding(slopes: Array, scale: float) -> Array:
@@ -252,11 +245,7 @@ def _differ(one: Array, other: Array, most: float) -> bool:
 
 def changed_model(model: ErrorModel, tolerances: Sequence[Tolerance], values: Array) -> ErrorModel:
     """Return the model with other tolerances."""
-    return _changed(model, dict(zip(tolerances, values.tolist(), strict=True)))
-
-
-def _changed(model: ErrorModel, values: Mapping[Tolerance, float]) -> ErrorModel:
-    return model.with_({one.path: one.written(value) for one, value in values.items()})
+    return model.with_({one.path: one.written(value) for one, value in zip(tolerances, values.tolist(), strict=True)})
 
 
 def in_deviations(space: Space, seed: int, count: int, pose: int = 0) -> Array:

@@ -12,12 +12,7 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.arguments import check_request
-from precision_pin.analyses.budget.budget_result import (
-    BudgetResult,
-    DrawShare,
-    PlaceShare,
-    PoseBudget,
-)
+from precision_pin.analyses.budget.budget_result import BudgetResult, DrawShare, PlaceShare, PoseBudget
 from precision_pin.analyses.budget.sampled_budget import MARKED, NORMS, SAMPLED, SampledBudget, list_random_draws
 from precision_pin.analyses.budget.shares import (
     COMPONENTS,
@@ -189,12 +184,10 @@ def _at_pose(
         raise InputError(
             "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
         ) from None
-    groups = correlated_groups(at.space)
-    shares = by_draw(at)
-    sampled = SampledBudget(at, groups, seed, samples, confidence, step)
-    names = [draw.name for draw in at.space.draws]
+    shares, reach = by_draw(at), reaches(at, k)
+    sampled = SampledBudget(at, correlated_groups(at.space), seed, samples, confidence, step)
     halved = sampled.halve_each()
-    reach = reaches(at, k)
+    found = *at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at)
     return PoseBudget(
         pose=PoseLabel.of(error_model, pose, at),
         nominal=tuple(map(float, at.tangent[0])),
@@ -203,20 +196,18 @@ def _at_pose(
         reach=dict(zip(COMPONENTS, map(float, reach.sum(axis=0)), strict=True)),
         draws=tuple(
             DrawShare(
-                name=name,
-                scope=at.space.draws[k].scope.value,
-                unbounded=not np.isfinite(
-                    [at.space.draws[k].law.support(w) for w in at.jacobian[:, at.space.slices[k]]]
-                ).all(),
+                name=draw.name,
+                scope=draw.scope.value,
+                unbounded=not np.isfinite([draw.law.support(w) for w in at.jacobian[:, columns]]).all(),
                 share=shares_of(shares[k], variances),
                 components=component_shares(at, k, variances),
-                reach=dict(zip(COMPONENTS, map(float, reach[k]), strict=True)),
+                reach=dict(zip(COMPONENTS, reach[k].tolist(), strict=True)),
                 worst_case=worst_case_shares(reach[k], reach.sum(axis=0)),
                 halved=halved[k],
                 words=error_model.draw_words[k],
-                tolerance=at.space.draws[k].tolerance,
+                tolerance=draw.tolerance,
             )
-            for k, name in enumerate(names)
+            for k, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True))
         ),
         groups=sampled.groups(shares, variances),
         sources=source_shares(at, lines, shares, variances),
@@ -224,13 +215,5 @@ def _at_pose(
             PlaceShare(name, shares_of(part, variances)) for name, part in by_place(at, error_model.chain).items()
         ),
         sums=sampled.sums(shares, variances),
-        warnings=tuple(
-            str(finding)
-            for finding in (
-                *at.findings("exact"),
-                *error_model.statics_findings(at),
-                *turnover_findings(at),
-                *exact_findings_at(error_model, at),
-            )
-        ),
+        warnings=tuple(map(str, (*found, *exact_findings_at(error_model, at)))),
     )

@@ -10,12 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-from precision_pin.analyses.budget.budget_result import (
-    VECTORS,
-    BudgetResult,
-    Estimate,
-    PoseBudget,
-)
+from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, Estimate, PoseBudget
 from precision_pin.base.text_escape import shortened
 from precision_pin.render.draw_distribution import BLACK, SKY
 from precision_pin.render.figure_style import (

@@ -146,14 +146,16 @@ def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence:
     at = error_model.at(pose)
     error, jacobian = at.tangent
     sampled = error[:, None] + jacobian @ deviations
-    laws = {name: _norm(at, name, sampled, confidence) for name in _NORMS}
-    for row, name in enumerate(name for name in QUANTITIES if name not in _NORMS):
-        laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
-    ordered = {name: laws[name] for name in QUANTITIES}
-    turned = tuple(str(finding) for finding in turnover_findings(at))
-    warnings = (*turned, *_find_nonlinear(at, ordered, deviations[:, :COMPARED]))
+    laws, row = {}, 0
+    for name in QUANTITIES:
+        if name in _NORMS:
+            laws[name] = _norm(at, name, sampled, confidence)
+        else:
+            laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
+            row += 1
+    warnings = (*map(str, turnover_findings(at)), *_find_nonlinear(at, laws, deviations[:, :COMPARED]))
     add(warnings)
-    return PoseLaws(PoseLabel.of(error_model, pose, at), ordered, warnings)
+    return PoseLaws(PoseLabel.of(error_model, pose, at), laws, warnings)
 
 
 def _find_nonlinear(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
@@ -307,7 +309,7 @@ def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> Ex
 
 def _with_samples(
     quantity: str,
-    law: NumberLaw | NormalNorm,
+    law: NumberLaw,
     mean: float,
     std: float,
     contributors: int,
@@ -330,25 +332,14 @@ def _with_samples(
     )
 
 
-def agreement_of(
-    law: NumberLaw | NormalNorm, rising: Array, confidence: float, std: float, effort: float = _EFFORT
-) -> Agreement:
+def agreement_of(law: NumberLaw, rising: Array, confidence: float, std: float, effort: float = _EFFORT) -> Agreement:
     """Return the distance of sorted samples ``(N,)`` from a law with this standard deviation.
 
     Only every m-th sample is compared, with m chosen by the evaluation time of the law. Both cumulative laws are monotone,
     so that the distance between two compared samples is larger by at most m/N.
     """
-    match law:
-        case SeriesLaw():
-            cost = 100 + law.terms / 4
-        case ConvolvedLaw():
-            cost = 105.0 * law.pieces
-        case NormalNorm():
-            cost = 2e5
-        case _:
-            cost = 100.0
     count = rising.size
-    step = max(1, math.ceil(2 * count * cost / effort))
+    step = max(1, math.ceil(2 * count * law.cost / effort))
     looked = np.unique(np.append(np.arange(0, count, step), count - 1))
     x = rising[looked]
     # at a value with a finite probability, samples deviate by rounding; compare on both sides of it

@@ -187,11 +187,6 @@ class _Figures(Record):
         return iter(self.keys())
 
     def __getitem__(self, name: str) -> float:
-        """Return the figure of a name.
-
-        Raises:
-            UnknownNameError: There is no such figure.
-        """
         return getattr(self, check_name("figure", name, self.keys()))
 
 

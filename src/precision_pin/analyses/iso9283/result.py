@@ -263,7 +263,7 @@ def compare_with(
     with_angles = all(poses.ndim == 3 for poses in measured.values())
     if fit_base:
         measured = _fitted(measured, forecasts)
-    commanded = {pose: _at_point(forecasts[pose]) for pose in measured}
+    commanded = {pose: se3.pose(forecasts[pose].commanded[:3, :3], forecasts[pose].point) for pose in measured}
     cycled = {pose: _as_poses(values, commanded[pose]) for pose, values in measured.items()}
     found = {pose: iso9283_of(commanded[pose], values) for pose, values in cycled.items()}
     distance = None
@@ -326,11 +326,6 @@ def _read(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) 
     if not found:
         raise InputError("the measured cycles are of no pose; give those of one or more")
     return {pose: found[pose] for pose in forecasts if pose in found}
-
-
-def _at_point(forecast: PoseForecast) -> Array:
-    """Return the commanded pose at the target."""
-    return se3.pose(forecast.commanded[:3, :3], forecast.point)
 
 
 def _as_poses(values: Array, commanded: Array) -> Array:
@@ -458,17 +453,13 @@ class Iso9283Result(AnalysisResult):
             UnknownNameError: A pose that the forecast does not have.
         """
         laws = {name: law for name, law in (("AD", self.AD), ("RD", self.RD)) if law is not None}
-        return replace(
-            self, measured=compare_with(self.poses, laws, attained, cycles=self.cycles, fit_base=self.fit_base)
-        )
+        found = compare_with(self.poses, laws, attained, cycles=self.cycles, fit_base=self.fit_base)
+        return replace(self, measured=found)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and figure, the pose empty for AD, RD and E.
 
         The columns are ``mean``, ``std``, and ``quantile_0.95``, … with ``…_lower`` and ``…_upper``.
-
-        Raises:
-            InputError: pandas is not installed.
         """
         rows = [((pose, name), _columns(law)) for pose, name, law in self.laws()]
         return data_frame(["pose", "figure"], rows, self.settings())

@@ -110,20 +110,19 @@ def simulate_tests(setup: Setup, first: int, count: int) -> RobotFigures:
     found = [pose_figures(*both) for both in zip(moved, angles, strict=True)]
     distances = []
     if len(moved) > max(DISTANCE):
-        one, other = DISTANCE
-        points = setup.points
-        attained = (moved[k] + points[k][:, None] for k in DISTANCE)
-        distances = [distance_figures(points[one] - points[other], *attained)]
-    accuracy, mean_angles = (np.stack([getattr(at, name) for at in found]) for name in ("AP_xyz", "AP_abc"))
+        one, other = setup.points[list(DISTANCE)]
+        attained = (moved[k] + at[:, None] for k, at in zip(DISTANCE, (one, other), strict=True))
+        distances = [distance_figures(one - other, *attained)]
+    names = ("AP_xyz", "AP_abc", "RP", "RP_abc")
+    accuracy, mean_angles, repeated, scatter_angles = (np.stack([getattr(at, name) for at in found]) for name in names)
     unfitted = accuracy[0]
-    scatter_angles = np.stack([at.RP_abc for at in found])
     if setup.fit_base:
         turn, accuracy = fit_to(setup.points, accuracy)
         fitted = [_angles(vectors, turn) for vectors in turned]
         mean_angles = np.stack([barycentre(one) for one in fitted])
     return RobotFigures(
         AP=np.sqrt((accuracy * accuracy).sum(axis=1)),
-        RP=np.stack([at.RP for at in found]),
+        RP=repeated,
         RP_limit=np.stack([_limit(setup, pose, first, count) for pose in range(len(setup.layouts))]),
         AP_xyz=accuracy,
         AP_abc=mean_angles,
@@ -261,9 +260,7 @@ def approach_figures(
     ways = paths_of_approach(jacobian)
     if not _follows(error_model, q, ways):
         return None
-    return sample_approaches(
-        error_model, q, approaches=ways, robots=robots, cycles=cycles, seed=seed, target=target
-    )  # fmt: skip
+    return sample_approaches(error_model, q, approaches=ways, robots=robots, cycles=cycles, seed=seed, target=target)
 
 
 def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]]) -> bool:

@@ -18,17 +18,7 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.text_escape import shown, visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-    wrapped,
-)
+from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
 from precision_pin.render.tables import symbol
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
@@ -88,9 +78,8 @@ def layout_of(poses: PoseSet, nodes: NDArray[np.intp]) -> _Layout:
             shown = [axis for axis in range(3) if axis != k]
             return _Layout("plane", position[shown], tuple(f"{'xyz'[axis]} [mm]" for axis in shown))
         first, second = axes[:, 0], axes[:, 1]
-        return _Layout(
-            "plane", np.stack([first @ position, second @ position]), (_axis_name(first), _axis_name(second))
-        )
+        places = np.stack([first @ position, second @ position])
+        return _Layout("plane", places, (_axis_name(first), _axis_name(second)))
     return _Layout("space", position, ("x [mm]", "y [mm]", "z [mm]"))
 
 
@@ -121,6 +110,7 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
     panels = [("", result.quantile[:, norm][:, nodes])]
     if result.relative is not None:
         panels.append(("relative to the reference", result.relative.quantile[:, norm][:, nodes]))
+    size = symbol(f"{quantity}.norm")
     unit = WrittenUnit.of_axis(f"{quantity}.norm", max(float(np.nanmax(values)) for _, values in panels))
     with style():
         made = new_figure(DOUBLE_COLUMN)
@@ -136,36 +126,19 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
             if is_curve:
                 _draw_curves(on, result, layout, values * unit.per_si, title, nodes)
             else:
-                _draw_field(
-                    made,
-                    on,
-                    layout,
-                    values[rank] * unit.per_si,
-                    [poses & (not title) for poses in marked],
-                    f"{symbol(f'{quantity}.norm')} [{unit.name}]",
-                )
+                missed = [poses & (not title) for poses in marked]
+                _draw_field(made, on, layout, values[rank] * unit.per_si, missed, f"{size} [{unit.name}]")
                 on.set_title(title)
         if is_curve:
-            axes[0].set_ylabel(f"{symbol(f'{quantity}.norm')} [{unit.name}]")
+            axes[0].set_ylabel(f"{size} [{unit.name}]")
             axes[0].set_ylim(bottom=0)
         several = result.poses.node is not None and len(nodes) < len(result.poses)
         alone = "; one branch of each place, neighbours may have others" if result.poses.node is not None else ""
         places_shown = "; the worst branch and tool angle of each place" if several else alone
         caption = f"first order, closed form{places_shown}; {worst_said(result, norm, rank)}"
-        entries, below = labelled(axes.tolist()), wrapped(caption, made)
-        what = (
-            symbol(f"{quantity}.norm")
-            if is_curve
-            else f"{100 * level:g} % of robots within {symbol(f'{quantity}.norm')}"
-        )
+        what = size if is_curve else f"{100 * level:g} % of robots within {size}"
         title = f"{what}: {visible(result.provenance.robot, 60)} at {len(nodes):,} poses"
-        made.suptitle("\n".join(wrapped(title, made)))
-        legend_below(made, entries, 4, below)
-        set_height(
-            made,
-            (80.0 if is_curve else 95.0 if len(panels) == 1 else 80.0)
-            + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT,
-        )
+        frame(made, axes.tolist(), title, caption, 95.0 if len(panels) == 1 and not is_curve else 80.0)
     return made
 
 
@@ -190,9 +163,7 @@ def worst_said(result: MapResult, norm: int, rank: int) -> str:
 
 
 def _first_of_nodes(poses: PoseSet) -> NDArray[np.intp]:
-    if poses.node is None:
-        return np.arange(len(poses))
-    return np.unique(poses.node, return_index=True)[1]
+    return np.arange(len(poses)) if poses.node is None else np.unique(poses.node, return_index=True)[1]
 
 
 def _marked(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -248,13 +219,8 @@ def _draw_field(
     if drawn is not None:
         mesh = axes.pcolormesh(*drawn, cmap=_COLOURS, shading="nearest", rasterized=True)
     else:
-        mesh = axes.scatter(
-            *places[:, known],
-            c=values[known],
-            cmap=_COLOURS,
-            s=_size(len(values)),
-            marker="s" if layout.kind == "plane" else "o",
-        )
+        marker, size = "s" if layout.kind == "plane" else "o", _size(len(values))
+        mesh = axes.scatter(*places[:, known], c=values[known], cmap=_COLOURS, s=size, marker=marker)
     if not known.all():
         axes.scatter(*places[:, ~known], c="#999999", s=6, marker="x", linewidths=0.6, label="not reached")
     for poses, (colour, name) in zip(marked, _MARKS, strict=True):

@@ -41,7 +41,7 @@ from precision_pin.analyses.map.normal_norms import (
     norm_tail_quantiles,
     principal_axes,
 )
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed, field_names
 from precision_pin.base.arrays import Array
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
@@ -66,7 +66,7 @@ _Slopes = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 
 @final
 @dataclass(frozen=True, eq=False)
-class LawShapes:
+class LawShapes(Fixed):
     """Moments of the d numbers of a space about their means, powers of SI units, ``(d,)`` each.
 
     Attributes:
@@ -97,9 +97,6 @@ class LawShapes:
     groups: NDArray[np.intp]
     chaos: float
     _products: dict[int, tuple[TermTable, _Slopes, Array, Array]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def of(cls, space: Space) -> LawShapes:
@@ -137,11 +134,7 @@ class LawShapes:
                 proxies[columns] = many * np.maximum(spans / np.where(variance > 0, variance, spans + 1e-300), 1.0)
         kept = tuple((columns, block) for columns, block in whole.blocks if (proxies[columns] == 1).all())
         proxy = BlockCovariance(whole.variances * proxies, kept) if (proxies > 1).any() else whole
-        third, cumulant, together, replaced_third, replaced_fourth, eighth, farthest = arrays
-        return cls(
-            space, whole.scaled(normal), proxy, third, cumulant, together, replaced_third, replaced_fourth, eighth, farthest,
-            groups, chaos,
-        )  # fmt: skip
+        return cls(space, whole.scaled(normal), proxy, *arrays, groups, chaos)
 
     @property
     def is_normal(self) -> bool:
@@ -181,9 +174,8 @@ class LawShapes:
         for arm, by_group, of in ((move, moves, chunk.arms[1]), (turn, turns, chunk.arms[0])):
             every = by_group.sum(axis=0) + eighth @ of
             pairs = np.sqrt((variance @ turn**2) * (variance @ arm**2) + (variance @ (turn * arm)) ** 2)
-            second = (
-                self.chaos * pairs + (turns * by_group).sum(axis=0) + every * (all_turns**2 + eighth @ chunk.arms[0])
-            )
+            beyond = every * (all_turns**2 + eighth @ chunk.arms[0])
+            second = self.chaos * pairs + (turns * by_group).sum(axis=0) + beyond
             found.append(np.minimum(second, all_turns * every) + fourth @ of)
         return np.stack(found)
 
@@ -237,10 +229,15 @@ def _sums(rows: Array, numbers: NDArray[np.intp], count: int) -> Array:
     return result
 
 
-def _between(covariance: BlockCovariance, jacobian: Array) -> Array:
+def times_each(covariance: BlockCovariance, jacobian: Array) -> Array:
+    """Return ``Σ Jᵀ``, ``(d, r, P)``, for slopes ``(r, d, P)``."""
     rows, components, poses = jacobian.shape
-    spread = covariance.times(np.moveaxis(jacobian, 1, 0).reshape(components, rows * poses))
-    return np.einsum("idp,djp->ijp", jacobian, spread.reshape(components, rows, poses))
+    columns = np.moveaxis(jacobian, 1, 0).reshape(components, rows * poses)
+    return covariance.times(columns).reshape(components, rows, poses)
+
+
+def _between(covariance: BlockCovariance, jacobian: Array) -> Array:
+    return np.einsum("idp,djp->ijp", jacobian, times_each(covariance, jacobian))
 
 
 def _moments(law: Law, std: Array, far: Array) -> tuple[Array, Array, Array]:
@@ -261,7 +258,7 @@ def _moments(law: Law, std: Array, far: Array) -> tuple[Array, Array, Array]:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Vectors:
+class Vectors(Fixed):
     """Errors at P poses, each a vector with up to three components.
 
     Attributes:
@@ -281,24 +278,15 @@ class Vectors:
     farthest: Array
     remainder: Array
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @classmethod
     def joined(cls, parts: Sequence[Vectors]) -> Vectors:
         """Return the errors at the poses of all parts."""
-        values = zip(*(part._values for part in parts), strict=True)
-        return cls(*(np.concatenate(columns, axis=-1) for columns in values))
-
-    @property
-    def _values(self) -> tuple[Array, ...]:
-        return (
-            self.mean, self.covariance, self.proxy, self.square_spread, self.replaced, self.farthest, self.remainder
-        )  # fmt: skip
+        names = field_names(cls)
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
 
     def of(self, part: slice) -> Vectors:
         """Return the errors at some of the poses."""
-        return Vectors(*(value[..., part] for value in self._values))
+        return Vectors(*(getattr(self, name)[..., part] for name in field_names(type(self))))
 
     @cached_property
     def axes(self) -> tuple[Array, Array]:

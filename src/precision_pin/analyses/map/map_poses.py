@@ -9,31 +9,32 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
+from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.budget.shares import source_lines
 from precision_pin.analyses.map.first_order import FirstOrder, first_order
 from precision_pin.analyses.map.map_result import MapResult, Relative
 from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, Sampled
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Pose, Provenance
-from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, unheard, warns_at_end
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.memory import check_memory
 from precision_pin.base.progress import scaled, steps_to
-from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, strained_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.sampling import Progress, check_progress
+from precision_pin.sampling import Progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.sampling.workers import Submitter
-from precision_pin.statistics import Specification, check_confidence
+from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 VERIFIED: Final = 5
@@ -104,11 +105,7 @@ def map_poses(
             too large to compute with.
         UnknownNameError: No such pose or joint.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    check_seed(seed)
-    check_confidence(confidence)
-    known = check_items("findings", findings, Finding)
-    check_progress(progress)
+    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     if samples is not None:
         check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     check_whole("verify, a number of poses,", verify, 0, 10_000)
@@ -223,10 +220,7 @@ def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
     """Return the poses of a set, each with its approach if it has one, as the model takes them."""
     if poses.approaches is None:
         return list(poses.q.T)
-    return [
-        ApproachedPose(q, approach)
-        for q, approach in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)
-    ]
+    return [ApproachedPose(*one) for one in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)]
 
 
 def _count_of(poses: PoseSet) -> str:
@@ -270,18 +264,13 @@ def _closed_form(
         for rank, (one, vector) in enumerate(zip(specifications, chosen, strict=True)):
             limits[rank, :, part] = bounded[vector].share_bounds(one.limit)
         if reference is not None:
-            relative_quantiles[:, :, part] = _quantiles(
-                _laws(closed.relative_mean[:, part], closed.relative_covariance[:, :, part])
-            )
+            of_relative = closed.relative_mean[:, part], closed.relative_covariance[:, :, part]
+            relative_quantiles[:, :, part] = _quantiles(_laws(*of_relative))
         step(mean.shape[1])
     relative = None
     if reference is not None:
-        relative = Relative(
-            q=reference.posture.q,
-            mean=spread(closed.relative_mean),
-            covariance=spread(closed.relative_covariance),
-            quantile=spread(relative_quantiles),
-        )
+        moments = spread(closed.relative_mean), spread(closed.relative_covariance)
+        relative = Relative(reference.posture.q, *moments, spread(relative_quantiles))
     return MapResult(
         provenance=Provenance.of(error_model, seed),
         joints=tuple(error_model.chain.joint_names),
@@ -346,8 +335,6 @@ def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: 
 
 def _inside(mean: Array, std: Array, limit: float) -> Array:
     """Return the probability of a normal number between -limit and limit."""
-    from scipy import special
-
     safe = np.where(std > 0, std, 1.0)
     inside: Array = special.ndtr((limit - mean) / safe) - special.ndtr((-limit - mean) / safe)
     return np.where(std > 0, inside, (np.abs(mean) <= limit).astype(float))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
@@ -13,7 +14,7 @@ from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arrays import Array
 from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
-from precision_pin.render.tables import data_frame, milli, symbol
+from precision_pin.render.tables import data_frame, interval_columns, milli, quantity_label
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.statistics import (
     NO_GROUNDS,
@@ -32,6 +33,24 @@ LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
 """Probabilities of the quantiles of the largest error, besides that of the bands."""
 
 _NORMS: Final = ("position", "attitude")
+
+
+def quantile_of(values: Array, probability: float, confidence: float) -> tuple[Array, Array]:
+    """Return a quantile of each row of ``(k, N)`` and its distribution-free interval, ``(k,)`` and ``(2, k)``.
+
+    The order statistics at rank 1 + (N - 1) p are interpolated linearly, as in :class:`precision_pin.statistics.Distribution`.
+    The interval is NaN where the samples are too few for one.
+    """
+    count = values.shape[1]
+    position = (count - 1) * probability
+    below = min(math.floor(position), count - 1)
+    above = min(below + 1, count - 1)
+    ranks = quantile_ranks(count, probability, confidence)
+    ends = () if ranks is None else (ranks[0] - 1, ranks[1] - 1)
+    ordered = np.partition(values, sorted({below, above, *ends}), axis=1)
+    quantile: Array = ordered[:, below] + (position - below) * (ordered[:, above] - ordered[:, below])
+    interval = np.full((2, len(values)), np.nan) if ranks is None else np.stack([ordered[:, end] for end in ends])
+    return quantile, interval
 
 
 @final
@@ -135,15 +154,10 @@ class PathResult(AnalysisResult):
 
     def maximum_quantile(self, norm: int, probability: float) -> MaximumQuantile:
         """Return a quantile of the largest |d| (``norm`` 0) or |δ| (1), from its order statistics."""
-        ranks = quantile_ranks(self.samples, probability, self.confidence)
-        if ranks is None:
+        value, (low, high) = quantile_of(self._ordered[norm][None], probability, self.confidence)
+        if np.isnan(low[0]):
             return MaximumQuantile(probability, None, None)
-        ordered = self._ordered[norm]
-        position = (self.samples - 1) * probability
-        below = int(position)
-        above = min(below + 1, self.samples - 1)
-        value = ordered[below] + (position - below) * (ordered[above] - ordered[below])
-        return MaximumQuantile(probability, float(value), (float(ordered[ranks[0] - 1]), float(ordered[ranks[1] - 1])))
+        return MaximumQuantile(probability, float(value[0]), (float(low[0]), float(high[0])))
 
     def simultaneous(self, norm: int) -> Band:
         """Return the simultaneous band of |d| (``norm`` 0) or |δ| (1), with its coverage by fresh robots."""
@@ -170,13 +184,9 @@ class PathResult(AnalysisResult):
         results = []
         for one in self.specifications:
             kept = int(np.count_nonzero(self.largest[one.row] <= one.limit))
-            interval = clopper_pearson(kept, self.samples, self.confidence)
-            varies = bool(self.varies[one.row])
-            results.append(
-                SpecificationResult(
-                    one.quantity, one.limit, one.required, kept / self.samples, interval, varies, self.grounds
-                )
-            )
+            share, interval = kept / self.samples, clopper_pearson(kept, self.samples, self.confidence)
+            found = (one.quantity, one.limit, one.required, share, interval, bool(self.varies[one.row]), self.grounds)
+            results.append(SpecificationResult(*found))
         return tuple(results)
 
     @property
@@ -240,22 +250,15 @@ class PathResult(AnalysisResult):
         return [{**of, **entry} for of, entry in zip(self.poses.entries(self.joints), errors, strict=True)]
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the curves as a data frame, m and rad: a row for each pose, with its time where it has one.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
+        """Return the curves as a data frame, m and rad: a row for each pose, with its time where it has one."""
         rows = []
         for pose, label in enumerate(self.poses.labels):
             columns = {} if self.poses.times is None else {"time": float(self.poses.times[pose])}
             for norm, name in enumerate(_NORMS):
-                columns |= {
-                    f"{name}_quantile": float(self.curve[norm, pose]),
-                    f"{name}_quantile_lower": float(self.curve_interval[0, norm, pose]),
-                    f"{name}_quantile_upper": float(self.curve_interval[1, norm, pose]),
-                    f"{name}_band": float(self.band[norm, pose]),
-                    f"{name}_share_of_maximum": float(self.share_of_maximum[norm, pose]),
-                }
+                interval: tuple[float, float] = tuple(self.curve_interval[:, norm, pose].tolist())
+                columns |= interval_columns(f"{name}_quantile", float(self.curve[norm, pose]), interval)
+                columns[f"{name}_band"] = float(self.band[norm, pose])
+                columns[f"{name}_share_of_maximum"] = float(self.share_of_maximum[norm, pose])
             rows.append(((label,), columns))
         return data_frame(["pose"], rows, self.settings())
 
@@ -275,10 +278,8 @@ class PathResult(AnalysisResult):
             band = self.simultaneous(norm)
             quantiles = [milli(self.maximum_quantile(norm, level).value) for level in self.levels]
             factor = "-" if band.factor is None else f"{band.factor:.4g}"
-            unit = ("mm", "mrad")[norm]
-            rows.append(
-                [f"largest {symbol(f'{name}.norm')} [{unit}]", *quantiles, factor, f"{100 * band.coverage:.2f} %"]
-            )
+            largest = f"largest {quantity_label(f'{name}.norm')}"
+            rows.append([largest, *quantiles, factor, f"{100 * band.coverage:.2f} %"])
         levels = [f"{100 * level:.6g} %" for level in self.levels]
         of = self.provenance
         return rendered(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.reliability.strata import FARTHEST, Jump
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 
 Margin = Callable[[Array], Array]
@@ -49,7 +49,7 @@ _BULGE_STARTS: Final = 8
 
 @final
 @dataclass(frozen=True, eq=False)
-class DesignPoint:
+class DesignPoint(Fixed):
     """Point of the failure surface nearest to the origin among its neighbours.
 
     Attributes:
@@ -63,9 +63,6 @@ class DesignPoint:
     beta: float
     importance: Array
     stratum: int = 0
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def probability(self) -> float:

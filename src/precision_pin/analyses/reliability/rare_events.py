@@ -94,14 +94,12 @@ def rare_events(
         parts.append(part)
         found += stratum.probability * max(entry.probability for entry in part.estimates)
     searched = _together(parts, unknown)
-    rare = [
-        summed(method, [(part.stratum.probability, part.estimates[k]) for part in parts], unknown)
-        for k, method in enumerate((IMPORTANCE, SUBSET))
-    ]
-    estimates = (plain, *rare)
+    estimates = [plain]
+    for k, method in enumerate((IMPORTANCE, SUBSET)):
+        estimates.append(summed(method, [(part.stratum.probability, part.estimates[k]) for part in parts], unknown))
     verdict = judged(estimates)
     looked_at = Strata(tuple(part.stratum for part in parts), unknown)
-    return RareEvents(estimates, verdict, searched, looked_at, remarks(verdict, searched))
+    return RareEvents(tuple(estimates), verdict, searched, looked_at, remarks(verdict, searched))
 
 
 def _within(
@@ -126,7 +124,8 @@ def _within(
     first, second = (int(word) for word in seeds.generate_state(2, np.uint64))
     subset = subset_simulation(margin, size, seed=first, samples=SUBSET_SAMPLES, confidence=confidence)
     # known failures lead to design points that the symmetric starts may miss
-    searched = form(margin, size, [*starts, *_some(subset.failures)], stratum.jumps)
+    every = max(1, subset.failures.shape[1] // _STARTS_OF_FAILURES)
+    searched = form(margin, size, [*starts, *subset.failures.T[::every][:_STARTS_OF_FAILURES]], stratum.jumps)
     shifted = importance_sampling(
         margin, size, searched.points, seed=second, samples=IMPORTANCE_SAMPLES, confidence=confidence,
         failures=subset.failures, expected=subset.estimate.probability, jumps=stratum.jumps,
@@ -140,11 +139,6 @@ def _all_fails(points: Array, starts: int = 0) -> Form:
     """Return points ``(d, P)`` as design points of a stratum in which all searched points fail."""
     nothing = np.zeros(points.shape[0])
     return Form(tuple(DesignPoint(u, -FARTHEST, nothing) for u in points.T), starts)
-
-
-def _some(failures: Array) -> list[Array]:
-    step = max(1, failures.shape[1] // _STARTS_OF_FAILURES)
-    return list(failures.T[::step][:_STARTS_OF_FAILURES])
 
 
 def _bound_estimates(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:

@@ -21,7 +21,7 @@ from precision_pin.analyses.reliability.reliability_result import (
     PoseReliability,
     ReliabilityResult,
     SpecificationReliability,
-)
+)  # fmt: skip
 from precision_pin.analyses.reliability.strata import Stratum
 from precision_pin.analyses.result import list_warnings
 from precision_pin.base.arrays import Array
@@ -82,13 +82,14 @@ def reliability(
     listed = listed_specifications(specifications)
     if not listed:
         raise InputError("no specification is given; give at least one, such as '0.5 mm @ 99.73 %'")
-    found, warnings = [], list(map(str, known))
+    found: list[PoseReliability] = []
+    warnings: list[str] = []
     for one in chosen:
         analysis = monte_carlo(
             error_model, one, samples=samples, seed=seed, specifications=listed, confidence=confidence,
             findings=findings, progress=progress,
         )  # fmt: skip
-        warnings += [line for line in analysis.warnings if line not in warnings]
+        warnings += analysis.warnings
         at = error_model.at(one)
         layout = sampler.to_arrays(at)
         results = [
@@ -102,7 +103,7 @@ def reliability(
         confidence=float(confidence),
         poses=tuple(found),
         findings=known,
-        warnings=list_warnings((), warnings),
+        warnings=list_warnings(known, warnings),
     )
 
 
@@ -151,9 +152,7 @@ def _of_specification(
         resolved=found.verdict.resolved,
         reason=found.verdict.reason,
         form=found.form,
-        failures=tuple(
-            _describe_failure(at, layout, point, found.strata.parts) for point in found.form.points[:LISTED]
-        ),
+        failures=tuple(_describe_failure(at, layout, one, found.strata.parts) for one in found.form.points[:LISTED]),
         contradictions=found.verdict.contradictions,
         remarks=found.remarks,
         strata=found.strata,

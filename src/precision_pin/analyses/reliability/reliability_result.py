@@ -17,14 +17,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table
-from precision_pin.render.tables import (
-    absolute,
-    data_frame,
-    interval_columns,
-    number,
-    resting_on,
-    unit,
-)
+from precision_pin.render.tables import absolute, data_frame, interval_columns, number, resting_on, unit
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict, judge
 
 if TYPE_CHECKING:
@@ -151,6 +144,13 @@ class SpecificationReliability(Record):
         return self.verdict == "met"
 
     @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """Probability of failure, its interval, the method that it is by, and the verdict, as text."""
+        probability = f"{self.best.probability:.3g}" if self.resolved else "not resolved"
+        verdict = self.verdict if self.met else self.verdict.upper()
+        return probability, in_words(self.best.interval), self.best.method, verdict
+
+    @property
     def known_reason(self) -> str | None:
         """Reason why it is not resolved, if it is not."""
         return self.reason or None
@@ -225,7 +225,6 @@ class ReliabilityResult(Result):
 
         Raises:
             UnknownNameError: There is no such kind.
-            InputError: pandas is not installed.
         """
         if lines not in ("specifications", "methods"):
             raise UnknownNameError("table of a reliability analysis", lines, ("specifications", "methods"))
@@ -237,11 +236,7 @@ class ReliabilityResult(Result):
         if lines == "specifications":
             rows = [(key, _columns(entry)) for key, entry in entries]
             return data_frame(["pose", "specification"], rows, self.attributes())
-        methods = [
-            ((*key, estimate.method), _method_columns(estimate))
-            for key, entry in entries
-            for estimate in entry.estimates
-        ]
+        methods = [((*key, one.method), _method_columns(one)) for key, entry in entries for one in entry.estimates]
         return data_frame(["pose", "specification", "method"], methods, self.attributes())
 
     @property
@@ -305,12 +300,7 @@ def _method_columns(estimate: Estimate) -> dict[str, Any]:
 def _cells(entry: SpecificationReliability) -> list[str]:
     """Return a row of the table in a notebook."""
     nearest = entry.form.points[0] if entry.form.points else None
-    return [
-        _demand(entry.specification, absolute(entry.specification.quantity)),
-        f"{entry.best.probability:.3g}" if entry.resolved else "not resolved",
-        in_words(entry.best.interval),
-        entry.best.method,
-        "-" if nearest is None else f"{nearest.probability:.3g}",
-        "-" if nearest is None else f"{nearest.beta:.4g}",
-        entry.verdict if entry.met else entry.verdict.upper(),
-    ]
+    estimate, interval, method, verdict = entry.cells
+    form = ("-", "-") if nearest is None else (f"{nearest.probability:.3g}", f"{nearest.beta:.4g}")
+    demand = _demand(entry.specification, absolute(entry.specification.quantity))
+    return [demand, estimate, interval, method, *form, verdict]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
@@ -44,7 +44,7 @@ _LEAST_PROBABILITY: Final = 1e-16
 
 @final
 @dataclass(frozen=True, eq=False)
-class Jump:
+class Jump(Fixed):
     """Normal number whose value has jumps.
 
     Attributes:
@@ -54,9 +54,6 @@ class Jump:
 
     row: int
     edges: Array
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     def pieces(self, normals: Array) -> NDArray[np.intp]:
         """Return the number of the piece between two edges, ``(N,)``, for each sample ``(d, N)``."""
@@ -77,7 +74,7 @@ class Jump:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Stratum:
+class Stratum(Fixed):
     """Stratum: some draws restricted to some of their values, in one or several combinations.
 
     Attributes:
@@ -94,9 +91,6 @@ class Stratum:
     cuts: Mapping[str, tuple[Array, ...]] = field(default_factory=dict)
     combinations: tuple[tuple[int, ...], ...] = ((),)
     shares: Array = field(default_factory=lambda: np.ones(1))
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def rare(self) -> tuple[str, ...]:
@@ -321,10 +315,11 @@ def _cells(law: Law) -> Array | None:
 
 def _pieces(law: Law, cells: Array) -> Array:
     """Return the cells, merged where the law is continuous from one to the next."""
-    if law.lines is None:
-        return cells
-    torn = law.lines[1:, 1] != law.lines[:-1, 3]
-    starts = np.concatenate([[True], torn | (cells[1:, 0] != cells[:-1, 1])])
+    return cells if law.lines is None else _merged(cells, law.lines)
+
+
+def _merged(cells: Array, lines: Array) -> Array:
+    starts = np.concatenate([[True], (lines[1:, 1] != lines[:-1, 3]) | (cells[1:, 0] != cells[:-1, 1])])
     ends = np.append(starts[1:], True)
     return np.column_stack([cells[starts, 0], cells[ends, 1]])
 
@@ -359,9 +354,9 @@ def _groups(space: Space, draw: Draw, columns: slice, cells: Array, margin: Call
         reached[order] = np.cumsum(shares[order])
         decade = np.minimum(np.floor(np.log10(np.maximum(reached, _LEAST_PROBABILITY)) + 1e-9), math.log10(RARE) - 1)
         labels = np.where(reached < RARE, -decade, 0).astype(int)
-    usual = labels == 0
-    found = [_arrange_cells(draw.law, cells[usual], severity[usual], usual)]
-    for label in sorted(set(labels[~usual].tolist())):
+    found = []
+    # the usual cells have the label 0
+    for label in (0, *sorted(set(labels[labels != 0].tolist()))):
         chosen = labels == label
         found.append(_arrange_cells(draw.law, cells[chosen], severity[chosen], chosen))
     return found
@@ -396,7 +391,4 @@ def _arrange_cells(law: Law, cells: Array, severity: Array, chosen: NDArray[np.b
     """Return the chosen cells: values sorted by their margin, lines between quantiles merged where adjacent."""
     if law.lines is None:
         return cells[np.argsort(severity, kind="stable")]
-    lines = law.lines[chosen]
-    starts = np.concatenate([[True], (lines[1:, 1] != lines[:-1, 3]) | (cells[1:, 0] != cells[:-1, 1])])
-    ends = np.append(starts[1:], True)
-    return np.column_stack([cells[starts, 0], cells[ends, 1]])
+    return _merged(cells, law.lines[chosen])

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_number
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Law
@@ -39,14 +39,9 @@ class Body(ABC):
         """Return the support points, ``(N, m)``, for w ``(N, m)``; any point of the set where w is zero."""
 
     @property
-    @abstractmethod
-    def centre(self) -> Array:
-        """Centre of an ellipsoid or box, ``(m,)``; zero for other bodies."""
-
-    @property
-    @abstractmethod
-    def roots(self) -> tuple[Array, ...] | None:
-        """Matrices ``(m, p)`` with h(w) = w·centre + Σ |rootᵀ w|; None if the body has no such form."""
+    def form(self) -> tuple[Array, tuple[Array, ...]] | None:
+        """Centre ``(m,)`` and matrices ``(m, p)`` with h(w) = w·centre + Σ |rootᵀ w|; None if the body has no such form."""
+        return None
 
 
 @final
@@ -66,13 +61,9 @@ class _Box(Body):
         return np.where(directions > 0, self.high, np.where(directions < 0, self.low, self.middle))
 
     @property
-    def centre(self) -> Array:
-        return (self.low + self.high) / 2
-
-    @property
-    def roots(self) -> tuple[Array, ...]:
+    def form(self) -> tuple[Array, tuple[Array, ...]]:
         half = (self.high - self.low) / 2
-        return tuple(column[:, None] for column in np.diag(half))
+        return (self.low + self.high) / 2, tuple(column[:, None] for column in np.diag(half))
 
 
 @final
@@ -94,12 +85,8 @@ class _Ellipsoid(Body):
         return (seen / np.linalg.norm(seen, axis=1, keepdims=True)) @ self.root.T
 
     @property
-    def centre(self) -> Array:
-        return np.zeros(len(self.root))
-
-    @property
-    def roots(self) -> tuple[Array, ...]:
-        return (self.root,)
+    def form(self) -> tuple[Array, tuple[Array, ...]]:
+        return np.zeros(len(self.root)), (self.root,)
 
 
 @final
@@ -114,14 +101,6 @@ class _Points(Body):
 
     def points(self, directions: Array) -> Array:
         return self.places[(directions @ self.places.T).argmax(axis=1)]
-
-    @property
-    def centre(self) -> Array:
-        return np.zeros(self.places.shape[1])
-
-    @property
-    def roots(self) -> None:
-        return None
 
 
 @final
@@ -144,18 +123,10 @@ class _Described(Body):
             result[k] = (upper - lower) / (2 * step)
         return result
 
-    @property
-    def centre(self) -> Array:
-        return np.zeros(self.law.size)
-
-    @property
-    def roots(self) -> None:
-        return None
-
 
 @final
 @dataclass(frozen=True, eq=False)
-class Supports:
+class Supports(Fixed):
     """Supports of all draws of a space, as deviations from the means.
 
     Attributes:
@@ -171,9 +142,6 @@ class Supports:
     columns: tuple[NDArray[np.intp], ...]
     bodies: tuple[Body, ...]
     cut: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def of(cls, space: Space, k: float) -> Supports:

@@ -10,22 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.worst_case.table import listed_contributions
-from precision_pin.analyses.worst_case.worst_case_result import (
-    SEEN_LEVEL,
-    NormBound,
-    PoseWorstCase,
-    WorstCaseResult,
-)
+from precision_pin.analyses.worst_case.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult
 from precision_pin.render.display_units import WrittenUnit
-from precision_pin.render.draw_distribution import (
-    BLACK,
-    BLUE,
-    GREEN,
-    PURPLE,
-    SKY,
-    VERMILION,
-    display_unit,
-)
+from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION, display_unit
 from precision_pin.render.figure_style import (
     DOUBLE_COLUMN,
     LINE_HEIGHT,
@@ -127,13 +114,10 @@ def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) ->
 
 def _lines(bound: NormBound, shown: WrittenUnit) -> list[tuple[float, str, object, float, str]]:
     quantile = bound.seen.quantile(SEEN_LEVEL)
-    lines: list[tuple[float, str, object, float, str]] = [
+    lines: list[tuple[float | None, str, object, float, str]] = [
         (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),
         (bound.found.norm, BLACK, (0, (1.2, 1.2)), 1.0, "largest error of the exact model found"),
         (bound.seen.max, GREEN, (0, (4, 1.5)), 1.0, "largest seen among the samples"),
+        (quantile, PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, f"{100 * SEEN_LEVEL:g} % quantile of the samples"),
     ]
-    if quantile is not None:
-        lines.append(
-            (quantile, PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, f"{100 * SEEN_LEVEL:g} % quantile of the samples")
-        )
-    return [(value * shown.per_si, colour, dashes, width, label) for value, colour, dashes, width, label in lines]
+    return [(value * shown.per_si, *drawn) for value, *drawn in lines if value is not None]

@@ -6,8 +6,8 @@ model gives a lower bound. Reads the term table and the tangent only.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,11 +99,8 @@ def worst_case(
             f"at most {MOST_NUMBERS:,} random numbers are allowed: merge draws"
         )
     supports = Supports.of(error_model.space, k)
-    results, warnings = [], list(map(str, known))
-    for one in chosen:
-        result, found = _at_pose(error_model, one, supports, seed, samples, confidence, progress)
-        results.append(result)
-        warnings += [line for line in found if line not in warnings]
+    sampling = {"samples": samples, "seed": seed, "confidence": confidence, "progress": progress}
+    found = [_at_pose(error_model, one, supports, sampling) for one in chosen]
     return WorstCaseResult(
         provenance=Provenance.of(error_model, seed),
         samples=int(samples),
@@ -111,51 +108,36 @@ def worst_case(
         k=float(k),
         cut=supports.cut,
         draws=len(error_model.space.draws),
-        poses=tuple(results),
+        poses=tuple(result for result, _ in found),
         findings=known,
-        warnings=list_warnings((), warnings),
+        warnings=list_warnings(known, (line for _, lines in found for line in lines)),
     )
 
 
 def _at_pose(
-    error_model: ErrorModel,
-    q: Pose,
-    supports: Supports,
-    seed: int,
-    samples: int,
-    confidence: float,
-    progress: Progress | bool | None,
+    error_model: ErrorModel, q: Pose, supports: Supports, sampling: Mapping[str, Any]
 ) -> tuple[PoseWorstCase, tuple[str, ...]]:
-    analysis = monte_carlo(
-        error_model, q, samples=samples, seed=seed, confidence=confidence, keep_samples=samples <= MOST_KEPT,
-        progress=progress,
-    )  # fmt: skip
+    analysis = monte_carlo(error_model, q, keep_samples=sampling["samples"] <= MOST_KEPT, **sampling)
     at = error_model.at(q)
     variants = side_variants(at)
     tangents = [variant.tangent for variant in variants]
     lows = np.min([error - supports.heights(-jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
     highs = np.max([error + supports.heights(jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
     components = []
-    for row, quantity in enumerate(_COMPONENTS):
+    for quantity, low, high in zip(_COMPONENTS, lows.tolist(), highs.tolist(), strict=True):
         seen = analysis.summary.distribution(quantity)
-        components.append(ComponentBound(quantity, float(lows[row]), float(highs[row]), (seen.min, seen.max)))
+        components.append(ComponentBound(quantity, low, high, (seen.min, seen.max)))
     layout = sampler.to_arrays(at)
     norms = []
     for quantity, rows in _NORMS.items():
         sampled = None
         if analysis.errors is not None:
             largest = int(np.linalg.norm(analysis.errors[rows], axis=0).argmax())
-            sampled = at.space.sample(seed, largest, 1)[:, 0]
+            sampled = at.space.sample(sampling["seed"], largest, 1)[:, 0]
         distribution = analysis.summary.distribution(quantity)
         bounds = [_bound(variant, layout, supports, rows, quantity, distribution, sampled) for variant in variants]
         norms.append(max(bounds, key=lambda bound: bound.first_order.upper))
-    result = PoseWorstCase(
-        pose=PoseLabel.of(error_model, q, at),
-        error_at_means=at.error_at_means,
-        components=tuple(components),
-        position=norms[0],
-        attitude=norms[1],
-    )
+    result = PoseWorstCase(PoseLabel.of(error_model, q, at), at.error_at_means, tuple(components), *norms)
     unbounded = turnover_findings(at) if len(variants) == 1 else ()
     return result, (*analysis.warnings, *map(str, unbounded))
 
@@ -181,28 +163,23 @@ def _bound(
         inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None], at.space.mean)[0]
         starts = np.concatenate([starts, inside[None]])
     place, size = _climb(layout, supports, rows, starts, at.space.mean)
-    values = _written_values(at.space, x)
+    values, names = _written_values(at.space, x), at.space.components
     contributions = [
-        Contribution(
-            name,
-            tuple(at.space.components[column] for column in columns),
-            float(share),
-            ", ".join(values[column] for column in columns),
-        )
-        for name, columns, share in zip(supports.names, supports.columns, shares, strict=True)
+        Contribution(name, tuple(names[k] for k in columns), share, ", ".join(values[k] for k in columns))
+        for name, columns, share in zip(supports.names, supports.columns, shares.tolist(), strict=True)
     ]
     return NormBound(
         quantity=quantity,
         first_order=bound,
         nominal=float(bound.direction @ error),
         contributions=tuple(sorted(contributions, key=lambda entry: -entry.value)),
-        parameters=dict(zip(at.space.components, map(float, x), strict=True)),
+        parameters=dict(zip(names, x.tolist(), strict=True)),
         exact_error=exact,
         exact_norm=float(np.linalg.norm(exact[rows])),
         found=ExactMaximum(
             norm=size,
             error=sampler.errors_at(layout, "exact", place[:, None])[:, 0],
-            parameters=dict(zip(at.space.components, map(float, place), strict=True)),
+            parameters=dict(zip(names, place.tolist(), strict=True)),
             starts=len(starts),
         ),
         seen=seen,
@@ -226,10 +203,11 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
     def bound(direction: Array) -> float:
         centre, roots = error.copy(), []
         for body, columns in zip(supports.bodies, supports.columns, strict=True):
-            if body.roots is None:
+            if body.form is None:
                 return np.inf
-            centre += jacobian[:, columns] @ body.centre
-            roots += [jacobian[:, columns] @ root for root in body.roots]
+            middle, own = body.form
+            centre += jacobian[:, columns] @ middle
+            roots += [jacobian[:, columns] @ root for root in own]
         return quadratic_bound(centre, roots, direction)
 
     return farthest(heights, touch, bound)
