@@ -7,7 +7,7 @@ also give the skewness, and Hall's transformation of Student's ratio (Journal of
 widened by a tenth. Without this widening, intervals of ratios and of nets, whose replicates are not quite the independent
 normal values assumed, covered in 92 to 94 of 100 runs.
 
-Tails that no replicate contains are assessed from the laws, see :mod:`precision_pin.analyses.replicates`.
+Tails that no replicate contains are assessed from the laws.
 
 Test whether samples represent the tails and the rare values of the laws, one number at a time.
 
@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final, final
 
 import numpy as np
@@ -34,6 +34,7 @@ from scipy import special
 
 from precision_pin.base.arrays import Array
 from precision_pin.draws.space import Space
+from precision_pin.statistics import quantile_ranks
 from precision_pin.statistics.intervals import studentised
 
 REPLICATES: Final = 32
@@ -66,11 +67,7 @@ class Estimates:
     def where(self, resolved: Array | NDArray[np.bool_]) -> Estimates:
         """Return the estimates, with NaN where they are not resolved."""
         keep = np.asarray(resolved, dtype=bool)
-        return Estimates(
-            np.where(keep, self.value, np.nan),
-            np.where(keep, self.half_width, np.nan),
-            np.where(keep, self.replicate_variance, np.nan),
-        )
+        return Estimates(*(np.where(keep, getattr(self, one.name), np.nan) for one in fields(self)))
 
 
 def pseudo_values(statistic: Callable[[NDArray[np.bool_]], Array]) -> tuple[Array, Array]:
@@ -98,6 +95,26 @@ def jackknife(statistic: Callable[[NDArray[np.bool_]], Array], confidence: float
 def estimated(value: Array, pseudo: Array, confidence: float) -> Estimates:
     """Return estimates from their pseudo-values ``(REPLICATES, …)``."""
     return Estimates(value, half_widths(pseudo, confidence), pseudo.var(axis=0, ddof=1))
+
+
+def quantile_of(
+    values: Array, probability: float, confidence: float, *, is_sorted: bool = False
+) -> tuple[Array, Array]:
+    """Return a quantile of each row of ``(k, N)`` and its distribution-free interval, ``(k,)`` and ``(2, k)``.
+
+    The order statistics at rank 1 + (N - 1) p are interpolated linearly, as in :class:`precision_pin.statistics.Distribution`.
+    The interval is NaN where the samples are too few for one.
+    """
+    count = values.shape[1]
+    position = (count - 1) * probability
+    below = min(math.floor(position), count - 1)
+    above = min(below + 1, count - 1)
+    ranks = quantile_ranks(count, probability, confidence)
+    ends = () if ranks is None else (ranks[0] - 1, ranks[1] - 1)
+    ordered = values if is_sorted else np.partition(values, sorted({below, above, *ends}), axis=1)
+    quantile: Array = ordered[:, below] + (position - below) * (ordered[:, above] - ordered[:, below])
+    interval = np.full((2, len(values)), np.nan) if ranks is None else np.stack([ordered[:, end] for end in ends])
+    return quantile, interval
 
 
 def half_widths(pseudo: Array, confidence: float) -> Array:
@@ -169,18 +186,13 @@ class Marginals:
             is_net: True if a replicate is a net.
             breaks: Jumps and kinks of each number's law, as from :func:`law_breaks`.
         """
-        rows, shares, columns = [], [], []
-        first = 0
-        for number in range(dimension):
-            u, weights = _line(points, tuple(breaks[number]) if breaks else ())
-            rows.append(u)
-            shares.append(weights)
-            columns.append(slice(first, first + u.size))
-            first += u.size
-        uniforms = np.full((dimension, first), 0.5)
-        for number, (row, where) in enumerate(zip(rows, columns, strict=True)):
-            uniforms[number, where] = row
-        return cls(uniforms, np.concatenate([np.zeros(0), *shares]), tuple(columns), points, is_net)
+        lines = [_line(points, tuple(breaks[number]) if breaks else ()) for number in range(dimension)]
+        ends = np.cumsum([0, *(u.size for u, _ in lines)]).tolist()
+        columns = tuple(map(slice, ends, ends[1:]))
+        uniforms = np.full((dimension, ends[-1]), 0.5)
+        for number, ((u, _), where) in enumerate(zip(lines, columns, strict=True)):
+            uniforms[number, where] = u
+        return cls(uniforms, np.concatenate([np.zeros(0), *(weights for _, weights in lines)]), columns, points, is_net)
 
     def subtract_means(self, values: Array) -> Array:
         """Return values ``(q, M)`` minus their mean along each number."""

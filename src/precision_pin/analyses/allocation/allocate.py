@@ -375,33 +375,28 @@ def _result(
         measure = programme.limits[k].measure(t[:, None])[0]
         worst = int(measure.argmax()) % len(task.poses)
         places.append(int(measure.argmax()))
-        made = AllocatedLimit(
-            kind=programme.limits[k].kind,
-            quantity=_quantity(one),
-            limit=one.limit,
-            required=one.required if isinstance(one, Specification) else None,
-            aimed=None if found.basis == "samples" else programme.limits[k].probability or None,
-            first_order=float(measure.max()),
-            worst_pose=task.poses[worst],
-            shadow_price=None if solution is None else solution.prices[k],
-            probability=None,
-            interval=None,
-            grounds=grounds,
-        )
+        sampled: dict[str, Any] = {}
         if isinstance(one, Specification):
             assert found.judged is not None
-            place = int(found.judged.sampled[1, row].argmin())
-            share, low, high = (float(value) for value in found.judged.sampled[:, row, place])
-            made = replace(
-                made,
-                probability=share,
-                interval=(low, high),
-                varies=bool(found.judged.varies[row, place]),
-                margin=float(judge.aimed[row] - judge.required[row]) if found.is_clear else 0.0,
-                worst_pose=task.poses[place],
-            )
+            worst = int(found.judged.sampled[1, row].argmin())
+            share, low, high = found.judged.sampled[:, row, worst].tolist()
+            margin = float(judge.aimed[row] - judge.required[row]) if found.is_clear else 0.0
+            sampled = {"required": one.required, "probability": share, "interval": (low, high), "margin": margin}
+            sampled["varies"] = bool(found.judged.varies[row, worst])
             row += 1
-        judged.append(made)
+        judged.append(
+            AllocatedLimit(
+                kind=programme.limits[k].kind,
+                quantity=_quantity(one),
+                limit=one.limit,
+                aimed=None if found.basis == "samples" else programme.limits[k].probability or None,
+                first_order=float(measure.max()),
+                worst_pose=task.poses[worst],
+                shadow_price=None if solution is None else solution.prices[k],
+                grounds=grounds,
+                **sampled,
+            )
+        )
     width = np.zeros(len(programme.low)) if solution is None else solution.bound_prices
     graded = np.array([search.choices[own] is not None for own in members])
     cost = np.array([float(one.cost.at(value)) for one, value in zip(task.tolerances, found.chosen, strict=True)])

@@ -55,13 +55,13 @@ class AllocatedLimit(Record):
     kind: str
     quantity: str
     limit: float
-    required: float | None
     aimed: float | None
     first_order: float
     worst_pose: str
     shadow_price: float | None
-    probability: float | None
-    interval: tuple[float, float] | None
+    required: float | None = None
+    probability: float | None = None
+    interval: tuple[float, float] | None = None
     varies: bool = True
     margin: float = 0.0
     grounds: Grounds = NO_GROUNDS

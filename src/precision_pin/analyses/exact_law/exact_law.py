@@ -146,7 +146,8 @@ def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence:
     at = error_model.at(pose)
     error, jacobian = at.tangent
     sampled = error[:, None] + jacobian @ deviations
-    laws, row = {}, 0
+    laws: dict[str, ExactLaw] = {}
+    row = 0
     for name in QUANTITIES:
         if name in _NORMS:
             laws[name] = _norm(at, name, sampled, confidence)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -53,7 +53,13 @@ def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
             axes.plot(place, limit, color=BLACK, marker="_", markersize=9, linestyle="", label="RP of endless cycles")
         found = None if measured is None else measured.figure(pose, name)
         if found is not None:
-            marked = {"color": VERMILION, "marker": "D", "markersize": 4, "linestyle": "", "label": "measured"}
+            marked: dict[str, Any] = {
+                "color": VERMILION,
+                "marker": "D",
+                "markersize": 4,
+                "linestyle": "",
+                "label": "measured",
+            }
             axes.plot(place, found.value * unit.per_si, **marked)
     if name == "RP" and all(float(law.sorted[-1]) == 0 for law in laws):
         axes.text(0.5, 0.5, "0: every cycle is as the first", ha="center", transform=axes.transAxes)

@@ -172,6 +172,7 @@ def iso9283(
         fit_base=setup.fit_base,
         poses=forecasts,
         worst={name: law(getattr(figures, name).max(axis=0)) for name in ("AP", "RP")},
+        measured=None,
         **single,
         cube=cube,
         absent=absent,

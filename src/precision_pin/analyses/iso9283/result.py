@@ -24,6 +24,7 @@ from precision_pin.analyses.iso9283.cube import Cube
 from precision_pin.analyses.iso9283.figures import MeasuredDistance, MeasuredPose, iso9283_distance, iso9283_of
 from precision_pin.analyses.iso9283.simulation import DISTANCE, fit_to
 from precision_pin.analyses.provenance import PoseLabel
+from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_mapping, check_number, check_numbers
@@ -34,7 +35,7 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, number
-from precision_pin.statistics import SpecificationResult, quantile_ranks
+from precision_pin.statistics import SpecificationResult
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -78,13 +79,7 @@ class FigureLaw(Record):
         Raises:
             InputError: The probability is not between 0 and 1.
         """
-        level = _check_probability(probability)
-        if self.quantile_interval(level) is None:
-            return None
-        place = (self.values.size - 1) * level
-        below = int(place)
-        low, high = self.sorted[below], self.sorted[min(below + 1, self.values.size - 1)]
-        return float(low + (place - below) * (high - low))
+        return self._quantile(probability)[0]
 
     def quantile_interval(self, probability: float) -> tuple[float, float] | None:
         """Return the distribution-free interval of a quantile; ``None`` where the robots are too few for one.
@@ -92,10 +87,14 @@ class FigureLaw(Record):
         Raises:
             InputError: The probability is not between 0 and 1.
         """
-        ranks = quantile_ranks(self.values.size, _check_probability(probability), self.confidence)
-        if ranks is None:
-            return None
-        return float(self.sorted[ranks[0] - 1]), float(self.sorted[ranks[1] - 1])
+        return self._quantile(probability)[1]
+
+    def _quantile(self, probability: float) -> tuple[float, tuple[float, float]] | tuple[None, None]:
+        what, allowed = "the probability of a quantile", "above 0 and below 1"
+        level = check_number(what, probability, allowed, lambda p: 0 < p < 1)
+        value, ends = quantile_of(self.sorted[None], level, self.confidence, is_sorted=True)
+        low, high = ends[:, 0].tolist()
+        return (None, None) if math.isnan(low) else (float(value[0]), (low, high))
 
     @cached_property
     @returns_read_only
@@ -112,10 +111,6 @@ class FigureLaw(Record):
     def intervals(self) -> dict[float, tuple[float, float] | None]:
         """Intervals of these quantiles."""
         return {level: self.quantile_interval(level) for level in LEVELS}
-
-
-def _check_probability(probability: float) -> float:
-    return check_number("the probability of a quantile", probability, "above 0 and below 1", lambda p: 0 < p < 1)
 
 
 OF_POSITION: Final = ("AP", "RP", "AP_x", "AP_y", "AP_z")

@@ -26,7 +26,7 @@ the eighth moments, and what products and formulas have beyond first order to dr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Final, final
 
@@ -41,7 +41,7 @@ from precision_pin.analyses.map.normal_norms import (
     norm_tail_quantiles,
     principal_axes,
 )
-from precision_pin.base.array_checks import Fixed, field_names
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
@@ -134,7 +134,9 @@ class LawShapes(Fixed):
                 proxies[columns] = many * np.maximum(spans / np.where(variance > 0, variance, spans + 1e-300), 1.0)
         kept = tuple((columns, block) for columns, block in whole.blocks if (proxies[columns] == 1).all())
         proxy = BlockCovariance(whole.variances * proxies, kept) if (proxies > 1).any() else whole
-        return cls(space, whole.scaled(normal), proxy, *arrays, groups, chaos)
+        third, cumulant, together, replaced_third, replaced_fourth, eighth, farthest = arrays
+        moments = third, cumulant, together, replaced_third, replaced_fourth, eighth, farthest
+        return cls(space, whole.scaled(normal), proxy, *moments, groups, chaos)
 
     @property
     def is_normal(self) -> bool:
@@ -281,12 +283,12 @@ class Vectors(Fixed):
     @classmethod
     def joined(cls, parts: Sequence[Vectors]) -> Vectors:
         """Return the errors at the poses of all parts."""
-        names = field_names(cls)
+        names = [one.name for one in fields(cls)]
         return cls(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
 
     def of(self, part: slice) -> Vectors:
         """Return the errors at some of the poses."""
-        return Vectors(*(getattr(self, name)[..., part] for name in field_names(type(self))))
+        return Vectors(*(getattr(self, one.name)[..., part] for one in fields(self)))
 
     @cached_property
     def axes(self) -> tuple[Array, Array]:

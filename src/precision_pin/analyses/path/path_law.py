@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
-from precision_pin.analyses.path.path_result import PathResult, quantile_of
+from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.replicates import quantile_of
 from precision_pin.base.arguments import check_number, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end

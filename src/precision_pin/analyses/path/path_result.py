@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arrays import Array
 from precision_pin.base.record import Keys, Record
@@ -23,7 +23,6 @@ from precision_pin.statistics import (
     Specification,
     SpecificationResult,
     clopper_pearson,
-    quantile_ranks,
 )
 
 if TYPE_CHECKING:
@@ -33,24 +32,6 @@ LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
 """Probabilities of the quantiles of the largest error, besides that of the bands."""
 
 _NORMS: Final = ("position", "attitude")
-
-
-def quantile_of(values: Array, probability: float, confidence: float) -> tuple[Array, Array]:
-    """Return a quantile of each row of ``(k, N)`` and its distribution-free interval, ``(k,)`` and ``(2, k)``.
-
-    The order statistics at rank 1 + (N - 1) p are interpolated linearly, as in :class:`precision_pin.statistics.Distribution`.
-    The interval is NaN where the samples are too few for one.
-    """
-    count = values.shape[1]
-    position = (count - 1) * probability
-    below = min(math.floor(position), count - 1)
-    above = min(below + 1, count - 1)
-    ranks = quantile_ranks(count, probability, confidence)
-    ends = () if ranks is None else (ranks[0] - 1, ranks[1] - 1)
-    ordered = np.partition(values, sorted({below, above, *ends}), axis=1)
-    quantile: Array = ordered[:, below] + (position - below) * (ordered[:, above] - ordered[:, below])
-    interval = np.full((2, len(values)), np.nan) if ranks is None else np.stack([ordered[:, end] for end in ends])
-    return quantile, interval
 
 
 @final
@@ -154,7 +135,7 @@ class PathResult(AnalysisResult):
 
     def maximum_quantile(self, norm: int, probability: float) -> MaximumQuantile:
         """Return a quantile of the largest |d| (``norm`` 0) or |δ| (1), from its order statistics."""
-        value, (low, high) = quantile_of(self._ordered[norm][None], probability, self.confidence)
+        value, (low, high) = quantile_of(self._ordered[norm][None], probability, self.confidence, is_sorted=True)
         if np.isnan(low[0]):
             return MaximumQuantile(probability, None, None)
         return MaximumQuantile(probability, float(value[0]), (float(low[0]), float(high[0])))

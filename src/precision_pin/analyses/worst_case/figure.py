@@ -11,7 +11,6 @@ from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.worst_case.table import listed_contributions
 from precision_pin.analyses.worst_case.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult
-from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION, display_unit
 from precision_pin.render.figure_style import (
     DOUBLE_COLUMN,
@@ -98,8 +97,15 @@ def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) ->
     axes.set_yticks(range(len(entries)), [name for name, _ in entries])
     axes.set_ylim(max(len(entries), 4) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
-    for value, colour, dashes, width, label in _lines(bound, shown):
-        axes.axvline(value, color=colour, linestyle=dashes, linewidth=width, label=label)
+    quantile = f"{100 * SEEN_LEVEL:g} % quantile of the samples"
+    for size, colour, dashes, width, label in (
+        (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),
+        (bound.found.norm, BLACK, (0, (1.2, 1.2)), 1.0, "largest error of the exact model found"),
+        (bound.seen.max, GREEN, (0, (4, 1.5)), 1.0, "largest seen among the samples"),
+        (bound.seen.quantile(SEEN_LEVEL), PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, quantile),
+    ):
+        if size is not None:
+            axes.axvline(size * shown.per_si, color=colour, linestyle=dashes, linewidth=width, label=label)
     axes.axvline(0, color=BLACK, linewidth=0.6)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 5, 10]))
     axes.ticklabel_format(axis="x", style="plain", useOffset=False)
@@ -110,14 +116,3 @@ def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) ->
         f"{bound.found.norm * shown.per_si:.5g}, largest seen {bound.seen.max * shown.per_si:.5g} {shown.name}",
         fontsize=7.5,
     )
-
-
-def _lines(bound: NormBound, shown: WrittenUnit) -> list[tuple[float, str, object, float, str]]:
-    quantile = bound.seen.quantile(SEEN_LEVEL)
-    lines: list[tuple[float | None, str, object, float, str]] = [
-        (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),
-        (bound.found.norm, BLACK, (0, (1.2, 1.2)), 1.0, "largest error of the exact model found"),
-        (bound.seen.max, GREEN, (0, (4, 1.5)), 1.0, "largest seen among the samples"),
-        (quantile, PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, f"{100 * SEEN_LEVEL:g} % quantile of the samples"),
-    ]
-    return [(value * shown.per_si, *drawn) for value, *drawn in lines if value is not None]
