@@ -68,7 +68,12 @@ class AnalysisResult(Outcome):
     """Result of an analysis as a data frame and a picture.
 
     The keys of its JSON are ``"*head"``, its settings, ``assumptions``, ``warnings``, ``findings`` and what it found.
+
+    Attributes:
+        ASSUMPTIONS: Assumptions that every result of the class has.
     """
+
+    ASSUMPTIONS: ClassVar[tuple[str, ...]] = ()
 
     @property
     def met(self) -> bool | None:
@@ -78,7 +83,7 @@ class AnalysisResult(Outcome):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of the numbers, one sentence each."""
-        return ()
+        return self.ASSUMPTIONS
 
     @property
     def summary(self) -> str:

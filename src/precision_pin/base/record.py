@@ -19,7 +19,8 @@ class Record(Fixed):
 
     Attributes:
         KEYS: Keys of the JSON in their order; the fields where it is empty. ``"key"`` is the attribute of that name,
-            ``"key=attribute"`` another, which may have dots, and ``"*attribute"`` adds all keys of a record or mapping.
+            ``"key=attribute"`` another, which may have dots, ``"key=attribute?"`` null where that is empty, and
+            ``"*attribute"`` adds all keys of a record or mapping.
     """
 
     KEYS: ClassVar[Keys] = ()
@@ -34,7 +35,9 @@ class Record(Fixed):
         found: dict[str, Any] = {}
         for entry in keys:
             key, _, attribute = entry.partition("=")
-            value = encode(attrgetter(attribute or key.lstrip("*"))(self))
+            value = encode(attrgetter(attribute.rstrip("?") or key.lstrip("*"))(self))
+            if attribute.endswith("?"):
+                value = value or None
             found |= value if key.startswith("*") else {key: value}
         return found
 

@@ -151,6 +151,12 @@ def frame(figure: Figure, panels: Iterable[Axes], title: str, caption: str, heig
     set_height(figure, height + (len(lines) + 1 + len(entries) / columns) * LINE_HEIGHT)
 
 
+def end_figure(figure: Figure, panels: Iterable[Axes], lines: Sequence[str], height: float, columns: int = 2) -> None:
+    """Add lines and a legend below, and set the height, mm."""
+    legend_below(figure, labelled(panels), columns, lines)
+    set_height(figure, height)
+
+
 def shortened(name: str, most: int) -> str:
     """Return a name without its middle if it is longer than ``most`` characters."""
     half = (most - 1) // 2

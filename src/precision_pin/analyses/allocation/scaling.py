@@ -143,10 +143,11 @@ def contributions(
             f"allocate: worst_case: {' and '.join(named)} are correlated, so that their largest deviations do not add; "
             "limit rms or a quantile instead, or take the correlation out of the sheet"
         )
+    spreads = (one.spread(whole.deviations.size) for one in moved)
     return Contributions(
         mean=whole.mean,
         covariance=_covariance(rest, rest, whole.correlation),
-        by_tolerance=np.stack([one.with_itself(whole.correlation) for one in moved]),
+        by_tolerance=np.stack([_covariance(one, one, whole.correlation) for one in spreads]),
         pairs=pairs,
         by_pair=by_pair,
         reach=np.maximum(whole.reach - sum(reaches), 0.0),
@@ -175,18 +176,8 @@ class Moved(Fixed):
         """Return rows of the error ``(r, N)`` at a pose for components in standard deviations ``(d, N)``."""
         return np.asarray(self.slopes[list(rows), :, pose] @ numbers[self.columns])
 
-    def with_itself(self, correlation: BlockCovariance) -> Array:
-        """Return its covariance ``(6, 6, P)``."""
-        slopes = self._spread(correlation.variances.size)
-        return _covariance(slopes, slopes, correlation)
-
-    def with_other(self, other: Moved, correlation: BlockCovariance) -> Array:
-        """Return what both add to the covariance by being correlated, ``(6, 6, P)``."""
-        size = correlation.variances.size
-        crossed = _covariance(self._spread(size), other._spread(size), correlation)
-        return crossed + crossed.transpose(1, 0, 2)
-
-    def _spread(self, size: int) -> Array:
+    def spread(self, size: int) -> Array:
+        """Return the slopes by all components, ``(6, d, P)``."""
         slopes = np.zeros((6, size, self.slopes.shape[2]))
         slopes[:, self.columns] = self.slopes
         return slopes
@@ -194,21 +185,23 @@ class Moved(Fixed):
 
 def _products(moved: Sequence[Moved], correlation: BlockCovariance) -> tuple[NDArray[np.intp], Array]:
     """Return the pairs whose draws are correlated, and what their products add to the covariance."""
-    blocks = [set(columns.tolist()) for columns, matrix in correlation.blocks if _is_correlated(matrix)]
+    blocks = [
+        set(columns.tolist())
+        for columns, matrix in correlation.blocks
+        if _differ(matrix, np.diag(np.diag(matrix)), 1e-12)
+    ]
     own = [set(one.columns.tolist()) for one in moved]
     pairs, parts = [], []
     for i, j in itertools.combinations(range(len(moved)), 2):
         if own[i] & own[j] or any(block & own[i] and block & own[j] for block in blocks):
-            part = moved[i].with_other(moved[j], correlation)
+            one, other = (moved[k].spread(correlation.variances.size) for k in (i, j))
+            crossed = _covariance(one, other, correlation)
+            part = crossed + crossed.transpose(1, 0, 2)
             if part.any():
                 pairs.append((i, j))
                 parts.append(part)
     shape = (0, 6, 6, moved[0].slopes.shape[2])
     return np.array(pairs, dtype=np.intp).reshape(-1, 2), np.stack(parts) if parts else np.zeros(shape)
-
-
-def _is_correlated(matrix: Array) -> bool:
-    return bool(np.abs(matrix - np.diag(np.diag(matrix))).max() > 1e-12)
 
 
 def _covariance(one: Array, other: Array, correlation: BlockCovariance) -> Array:

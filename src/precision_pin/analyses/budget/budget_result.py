@@ -21,17 +21,6 @@ if TYPE_CHECKING:
 VECTORS: Final = ("position", "attitude")
 """Quantities of three components together: their variance is E|d - E d|², the trace of the covariance."""
 
-ASSUMPTIONS: Final = (
-    "share: closed form, tangent model at the means; of position and attitude: share of the trace of the covariance",
-    "share of correlated draws or components, and of a source or joint in them: Shapley effects of the linear model",
-    "first, total: Sobol indices of the exact model; intervals are for each number by itself",
-    "a draw that several sources use has its own line among the sources",
-    "joints and links: negative where a number that acts at several of them has opposite effects there",
-    "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach bound_at deviations",
-    "null: does not vary, or is not resolved (too few points for tails or rare values of the laws, a jump at the quantile)",
-    "halved: the draw's deviation from its mean is halved, all else unchanged; std in closed form, quantile sampled",
-)
-
 Shares = Mapping[str, float | None]
 """Shares by quantity: position, attitude, position.x … attitude.z; None where the quantity does not vary."""
 
@@ -226,14 +215,20 @@ class BudgetResult(Result):
         ),
     )
 
+    ASSUMPTIONS: ClassVar[tuple[str, ...]] = (
+        "share: closed form, tangent model at the means; of position and attitude: share of the trace of the covariance",
+        "share of correlated draws or components, and of a source or joint in them: Shapley effects of the linear model",
+        "first, total: Sobol indices of the exact model; intervals are for each number by itself",
+        "a draw that several sources use has its own line among the sources",
+        "joints and links: negative where a number that acts at several of them has opposite effects there",
+        "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach bound_at deviations",
+        "null: does not vary, or is not resolved (too few points for tails or rare values of the laws, a jump at the quantile)",
+        "halved: the draw's deviation from its mean is halved, all else unchanged; std in closed form, quantile sampled",
+    )
+
     k: float
     marked: float
     poses: tuple[PoseBudget, ...]
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """Assumptions of the numbers, one sentence each."""
-        return ASSUMPTIONS
 
     @property
     def bound_at(self) -> float:

@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
 LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973, 0.99865)
-ASSUMPTIONS: Final = (
-    "first-order (tangent) model at the means of the draws",
-    "the norm is available where all draws that matter are normal",
-)
 
 LEVELS_SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
 """Quantiles of the tables; the notebook has no room for the last."""
@@ -160,6 +156,10 @@ class ExactLawResult(Result):
     schema: ClassVar[str] = "precision-pin/exact-law/1"
     KEYS: ClassVar[Keys] = ("*head", "model", "samples", "confidence", "assumptions", "warnings", "findings", "poses")
     model: ClassVar[str] = "tangent"
+    ASSUMPTIONS: ClassVar[tuple[str, ...]] = (
+        "first-order (tangent) model at the means of the draws",
+        "the norm is available where all draws that matter are normal",
+    )
 
     poses: tuple[PoseLaws, ...]
 
@@ -168,11 +168,6 @@ class ExactLawResult(Result):
         """True if every law agrees with its samples."""
         laws = [law for pose in self.poses for law in pose.laws.values()]
         return all(law.agreement.agrees for law in laws if law.agreement is not None)
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """Assumptions of the laws, one sentence each."""
-        return ASSUMPTIONS
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.

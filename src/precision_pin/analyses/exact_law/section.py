@@ -15,7 +15,7 @@ from precision_pin.analyses.exact_law.exact_law_result import LEVELS, LEVELS_SHO
 from precision_pin.analyses.exact_law.table import method_rows
 from precision_pin.analyses.report_cells import MISSING
 from precision_pin.render.draw_distribution import SKY, VERMILION, ticks
-from precision_pin.render.figure_style import DOUBLE_COLUMN, labelled, legend_below, new_figure, set_height, style
+from precision_pin.render.figure_style import DOUBLE_COLUMN, end_figure, new_figure, style
 from precision_pin.render.html import Child, Html, items, paragraph, table
 from precision_pin.render.svg import figure
 from precision_pin.render.tables import milli, quantity_label, symbol, unit
@@ -95,8 +95,7 @@ def _overlay(laws: Sequence[ExactLaw], sampled: Sequence[Distribution]) -> Figur
         for axes in panels[0, :1]:
             axes.set_ylabel(f"density [1/{unit(laws[0].quantity)}]")
         panels[1, 0].set_ylabel("cumulative probability")
-        legend_below(drawn, labelled(panels.flat), 3)
-        set_height(drawn, _HEIGHT)
+        end_figure(drawn, panels.flat, (), _HEIGHT, 3)
     return drawn
 
 

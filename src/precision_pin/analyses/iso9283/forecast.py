@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.analyses.arguments import check_common
-from precision_pin.analyses.iso9283.cube import Cube, standard_poses
+from precision_pin.analyses.iso9283.cube import standard_poses
 from precision_pin.analyses.iso9283.result import OF_ANGLES, OF_POSE, SINGLE, FigureLaw, Iso9283Result, PoseForecast
 from precision_pin.analyses.iso9283.simulation import (
     ROBOTS,
@@ -113,7 +113,11 @@ def iso9283(
     point = _target(target)
     mass = check_quantity("the load", load, MASS, "zero or more and finite", lambda kg: kg >= 0)
     error_model = _loaded(error_model, mass, point)
-    poses, cube = (poses, None) if poses is not None else _in_cube(error_model, point)
+    cube = None
+    if poses is None:
+        if not error_model.poses:
+            raise InputError("the model has no pose to take the tool's orientation from; give the poses of the test")
+        poses, cube = standard_poses(error_model.chain, error_model.configuration(), point)
     values, names, approaches = _poses(error_model, poses)
     count = values.shape[1]
     check_memory(8.0 * robots * (35 * count + 10), f"testing {robots:,} robots at {count} poses", "test fewer of them")
@@ -202,13 +206,6 @@ def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
     loaded = error_model.like(chain, error_model.space)
     loaded.sheet = error_model.sheet
     return loaded
-
-
-def _in_cube(error_model: ErrorModel, target: Array) -> tuple[PoseSet, Cube]:
-    """Return the standard's poses in the largest cube within reach."""
-    if not error_model.poses:
-        raise InputError("the model has no pose to take the tool's orientation from; give the poses of the test")
-    return standard_poses(error_model.chain, error_model.configuration(), target)
 
 
 def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...], NDArray[np.int8] | None]:

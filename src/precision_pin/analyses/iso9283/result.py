@@ -178,18 +178,13 @@ class ComparedFigure(Record):
         probability: Probability that a robot of the sheet has, among all figures compared, one as far out as this.
     """
 
-    KEYS: ClassVar[Keys] = ("pose=named_pose", "figure=name", "value", "share_below=below", "probability", "differs")
+    KEYS: ClassVar[Keys] = ("pose=pose?", "figure=name", "value", "share_below=below", "probability", "differs")
 
     pose: str
     name: str
     value: float
     below: float
     probability: float
-
-    @property
-    def named_pose(self) -> str | None:
-        """The pose; ``None`` for AD and RD."""
-        return self.pose or None
 
     @property
     def differs(self) -> bool:

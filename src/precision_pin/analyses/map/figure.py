@@ -104,7 +104,8 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
         raise InputError(f"level {level!r}: a map has the quantiles {', '.join(map(str, LEVELS))}")
     norm, rank = names.index(quantity), LEVELS.index(level)
     of_nodes = result.poses.best_and_worst(result.quantile[rank, norm])[1]
-    firsts = _first_of_nodes(result.poses)
+    node = result.poses.node
+    firsts = np.arange(len(result.poses)) if node is None else np.unique(node, return_index=True)[1]
     nodes = np.where(of_nodes >= 0, of_nodes, firsts)
     layout = layout_of(result.poses, nodes)
     panels = [("", result.quantile[:, norm][:, nodes])]
@@ -160,10 +161,6 @@ def worst_said(result: MapResult, norm: int, rank: int) -> str:
         if np.isnan(ends).any()
         else f"{said}, sampled {' to '.join(format_interval(ends[0], ends[1], 1e3))} {unit}"
     )
-
-
-def _first_of_nodes(poses: PoseSet) -> NDArray[np.intp]:
-    return np.arange(len(poses)) if poses.node is None else np.unique(poses.node, return_index=True)[1]
 
 
 def _marked(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -121,7 +122,8 @@ def map_poses(
     needed = 8 * (moments + max(moments, 29 * len(given.q) + 22)) + _REST
     check_memory(float(needed * len(given)), f"a map of {len(given):,} poses", "map fewer of them at a time")
     if not given.known.any():
-        raise InputError(f"none of the {len(given):,} poses has joint values: {_count_of(given)}")
+        counts = ", ".join(f"{count:,} {status}" for status, count in Counter(given.status).items())
+        raise InputError(f"none of the {len(given):,} poses has joint values: {counts}")
     reference = None if relative_to is None else error_model.at(relative_to)
     values = given.q[:, given.known]
     names = tuple(line.name for line in lines)
@@ -221,11 +223,6 @@ def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
     if poses.approaches is None:
         return list(poses.q.T)
     return [ApproachedPose(*one) for one in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)]
-
-
-def _count_of(poses: PoseSet) -> str:
-    counts = {status: poses.status.count(status) for status in dict.fromkeys(poses.status)}
-    return ", ".join(f"{count:,} {status}" for status, count in counts.items())
 
 
 def _closed_form(

@@ -53,7 +53,7 @@ class Estimate(Record):
 
     KEYS: ClassVar[Keys] = (
         *("method", "probability", "interval", "coefficient_of_variation=variation", "evaluations", "resolved"),
-        "note=known_note",
+        "note=note?",
     )
 
     method: str
@@ -63,11 +63,6 @@ class Estimate(Record):
     evaluations: int
     resolved: bool
     note: str = ""
-
-    @property
-    def known_note(self) -> str | None:
-        """The remark, if there is one."""
-        return self.note or None
 
 
 @final

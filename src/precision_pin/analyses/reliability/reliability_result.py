@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 
 import numpy as np
 
@@ -22,11 +22,6 @@ from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-
-ASSUMPTIONS: Final = (
-    "exact model: the displaced chain multiplied out",
-    "FORM and importance sampling in independent standard normal numbers; discs without polar angles",
-)
 
 
 @final
@@ -78,7 +73,7 @@ class SpecificationReliability(Record):
 
     KEYS: ClassVar[Keys] = (
         *("quantity=specification.quantity", "limit=specification.limit", "required=specification.required"),
-        *("probability", "interval", "met", "verdict", "*grounds", "resolved", "reason=known_reason", "failure"),
+        *("probability", "interval", "met", "verdict", "*grounds", "resolved", "reason=reason?", "failure"),
         *("methods=estimates", "form=form_entry", "strata=parts", "unexamined=strata.remainder", "disagreements"),
     )
 
@@ -151,11 +146,6 @@ class SpecificationReliability(Record):
         return probability, in_words(self.best.interval), self.best.method, verdict
 
     @property
-    def known_reason(self) -> str | None:
-        """Reason why it is not resolved, if it is not."""
-        return self.reason or None
-
-    @property
     def failure(self) -> dict[str, Any]:
         """Probability of failure by the best estimate, as in the JSON."""
         return {"probability": self.best.probability, "interval": self.best.interval, "method": self.best.method}
@@ -199,6 +189,10 @@ class ReliabilityResult(Result):
     schema: ClassVar[str] = "precision-pin/reliability/1"
     KEYS: ClassVar[Keys] = ("*head", "model", "samples", "confidence", "assumptions", "warnings", "findings", "poses")
     model: ClassVar[str] = "exact"
+    ASSUMPTIONS: ClassVar[tuple[str, ...]] = (
+        "exact model: the displaced chain multiplied out",
+        "FORM and importance sampling in independent standard normal numbers; discs without polar angles",
+    )
 
     poses: tuple[PoseReliability, ...]
 
@@ -206,11 +200,6 @@ class ReliabilityResult(Result):
     def met(self) -> bool:
         """True if every specification is met at every pose."""
         return all(entry.met for pose in self.poses for entry in pose.specifications)
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """Assumptions of the numbers, one sentence each."""
-        return ASSUMPTIONS
 
     def to_pandas(self, lines: Literal["specifications", "methods"] = "specifications") -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and specification, or method.

@@ -16,10 +16,8 @@ from precision_pin.render.figure_style import (
     DOUBLE_COLUMN,
     LINE_HEIGHT,
     caption,
-    labelled,
-    legend_below,
+    end_figure,
     new_figure,
-    set_height,
     shortened,
     style,
 )
@@ -52,8 +50,8 @@ def figure(
         panels = drawn.subplots(2, 1, height_ratios=[max(len(rows), 4) for rows in bars])
         for axes, bound, rows in zip(panels, bounds, bars, strict=True):
             _draw(axes, bound, rows)
-        legend_below(drawn, labelled(panels[:1]), 2, lines)
-        set_height(drawn, 34 + _BAR * sum(max(len(rows), 4) for rows in bars) + LINE_HEIGHT * (len(lines) + 2))
+        height = 34 + _BAR * sum(max(len(rows), 4) for rows in bars) + LINE_HEIGHT * (len(lines) + 2)
+        end_figure(drawn, panels[:1], lines, height)
     return drawn
 
 
