@@ -65,7 +65,6 @@ class Estimate(Record):
     note: str = ""
 
 
-@final
 @dataclass(frozen=True)
 class Verdict:
     """Choice of the estimate to use.

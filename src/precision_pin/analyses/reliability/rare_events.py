@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from scipy import special
@@ -34,21 +34,18 @@ _MARGIN_OF_BOUND: Final = 10.0
 """Ratio of the upper end for a stratum without an estimate to the largest probability of any method."""
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class RareEvents:
-    """Results of all methods.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RareEvents(Verdict):
+    """Results of all methods, and the choice among them.
 
     Attributes:
-        estimates: Estimates, plain sampling first.
-        verdict: Choice of the estimate to use.
+        estimates: Estimates of the probability of failure, plain sampling first.
         form: Design points of all strata, nearest first.
         strata: Evaluated strata; the remainder was not evaluated.
-        remarks: Differences between FORM and the estimate, one line each.
+        remarks: Differences between FORM and the best estimate, one line each. They are common and no contradiction.
     """
 
     estimates: tuple[Estimate, ...]
-    verdict: Verdict
     form: Form
     strata: Strata
     remarks: tuple[str, ...]
@@ -81,8 +78,8 @@ def rare_events(
         seed, confidence: Seed of the sampling, confidence of the intervals.
     """
     if not space.size:
-        verdict, nothing = judged([plain]), Form((), 0)
-        return RareEvents((plain,), verdict, nothing, Strata((Stratum(space),)), ())
+        strata = Strata((Stratum(space),))
+        return RareEvents(estimates=(plain,), **vars(judged([plain])), form=Form((), 0), strata=strata, remarks=())
     strata = stratified(space, margin)
     parts: list[_Part] = []
     unknown, found = strata.remainder, 0.0
@@ -99,7 +96,9 @@ def rare_events(
         estimates.append(summed(method, [(part.stratum.probability, part.estimates[k]) for part in parts], unknown))
     verdict = judged(estimates)
     looked_at = Strata(tuple(part.stratum for part in parts), unknown)
-    return RareEvents(tuple(estimates), verdict, searched, looked_at, remarks(verdict, searched))
+    return RareEvents(
+        **vars(verdict), estimates=tuple(estimates), form=searched, strata=looked_at, remarks=remarks(verdict, searched)
+    )
 
 
 def _within(

@@ -145,17 +145,11 @@ def _of_specification(
     inside = round(counted.probability * samples)
     plain = plain_estimate(samples - inside, samples, confidence)
     found = rare_events(at.space, _margin(layout, specification), _starts(at, specification), plain, seed, confidence)
+    failures = (_describe_failure(at, layout, one, found.strata.parts) for one in found.form.points[:LISTED])
     return SpecificationReliability(
+        **vars(found),
         specification=specification,
-        estimates=found.estimates,
-        best=found.verdict.best,
-        resolved=found.verdict.resolved,
-        reason=found.verdict.reason,
-        form=found.form,
-        failures=tuple(_describe_failure(at, layout, one, found.strata.parts) for one in found.form.points[:LISTED]),
-        contradictions=found.verdict.contradictions,
-        remarks=found.remarks,
-        strata=found.strata,
+        failures=tuple(failures),
         varies=counted.varies,
         grounds=counted.grounds,
     )

@@ -10,8 +10,7 @@ import numpy as np
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.reliability.estimates import Estimate, in_words
-from precision_pin.analyses.reliability.form import Form
-from precision_pin.analyses.reliability.strata import Strata
+from precision_pin.analyses.reliability.rare_events import RareEvents
 from precision_pin.analyses.result import Result, name_pose
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import UnknownNameError
@@ -51,22 +50,13 @@ class LikelyFailure(Record):
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class SpecificationReliability(Record):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpecificationReliability(RareEvents, Record):
     """Reliability for one specification at one pose.
 
     Attributes:
         specification: The specification.
-        estimates: Estimates of the probability of failure, plain sampling first.
-        best: The estimate to use.
-        resolved: True if ``best`` is resolved; otherwise it is plain sampling's, of which only the interval is
-            meaningful.
-        reason: Reason why it is not resolved.
-        form: Design points of FORM.
         failures: The nearest design points in terms of the model's parameters.
-        contradictions: Contradictions between methods, one line each.
-        remarks: Differences between FORM and the best estimate, one line each. They are common and no contradiction.
-        strata: Strata by the rare values of laws with jumps, and the probability outside the strata.
         varies: True if the quantity differs from robot to robot.
         grounds: What keeps it from being judged, and what it takes as exact.
     """
@@ -78,15 +68,7 @@ class SpecificationReliability(Record):
     )
 
     specification: Specification
-    estimates: tuple[Estimate, ...]
-    best: Estimate
-    resolved: bool
-    reason: str
-    form: Form
     failures: tuple[LikelyFailure, ...]
-    contradictions: tuple[str, ...]
-    remarks: tuple[str, ...]
-    strata: Strata
     varies: bool = True
     grounds: Grounds = NO_GROUNDS
 
