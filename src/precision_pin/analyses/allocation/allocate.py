@@ -105,61 +105,49 @@ def allocate(
     check_whole("the samples that a margin is for", for_samples, 0, _MOST_SHOWN)
     task = read_problem(error_model, problem)
     with steps_to(progress, allocation_steps(task, pareto), "steps") as advance:
-        return _allocate(error_model, task, int(seed), (seconds, pareto, int(for_samples)), known, advance)
+        bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
+        try:
+            parts = contributions(error_model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
+        except NoScaleError as error:
+            raise unchosen(error_model, error) from None
+        judge = Judge(error_model, task, int(seed), int(for_samples))
+        search = _Search(task, parts, _members(task.tolerances), judge, monotonic() + seconds)
+        choices, members, end = search.choices, search.members, search.end
+        programme = search.programme(judge.aimed.tolist())
+        walked = walk(programme, choices, members, parts, judge, int(seed), end)
+        if walked is not None and walked.is_complete:
+            found = search.end_of(programme, walked)
+            advance(_ROUNDS)
+        else:
+            rounds = search.rounds(advance)
+            if (rounds[-1].solution is None or not rounds[-1].is_met) and (judge.aimed > judge.required).any():
+                # what can be kept, but not with a margin
+                judge.aimed = judge.required
+                rounds += search.rounds(lambda _: None)
+            found = rounds[-1]
+            bound, basis = search.bound(rounds)
+            if walked is not None:
+                bound, basis = walked.lower_bound, "samples"
+            if found.solution is None:
+                found = replace(found, basis=basis)
+            else:
+                least = None if bound is None else min(bound, found.cost)
+                found = replace(found, solution=replace(found.solution, lower_bound=least), basis=basis)
+                if found.is_clear and (margin := judge.aimed - judge.required).any():
+                    held = [one.probability for one in found.programme.limits if one.kind == "quantile"]
+                    without = search.programme((np.array(held) - margin).tolist())
+                    near = None if found.solution is None else found.solution.t
+                    cheaper = solve(without, choices, end - monotonic(), lambda _: None, near)
+                    found = replace(found, least_met=np.inf if cheaper is None else cheaper.cost)
+        result = _result(search, found, int(seed), known)
+        if not pareto:
+            return result
+        return replace(result, front=pareto_front(found.programme, choices, members, pareto, seconds, advance))
 
 
 def allocation_steps(problem: Problem, pareto: int = 0) -> int:
     """Return the number of steps that ``progress`` is told of."""
     return len(problem.tolerances) + _ROUNDS + pareto
-
-
-def _allocate(
-    model: ErrorModel,
-    task: Problem,
-    seed: int,
-    effort: tuple[float, int, int],
-    findings: tuple[Finding, ...],
-    advance: Callable[[int], None],
-) -> AllocationResult:
-    bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
-    try:
-        parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
-    except NoScaleError as error:
-        raise unchosen(model, error) from None
-    seconds, pareto, for_samples = effort
-    judge = Judge(model, task, seed, for_samples)
-    search = _Search(task, parts, _members(task.tolerances), judge, monotonic() + seconds)
-    choices, members, end = search.choices, search.members, search.end
-    programme = search.programme(judge.aimed.tolist())
-    walked = walk(programme, choices, members, parts, judge, seed, end)
-    if walked is not None and walked.is_complete:
-        found = _walked(programme, members, walked, judge)
-        advance(_ROUNDS)
-    else:
-        rounds = search.rounds(advance)
-        if (rounds[-1].solution is None or not rounds[-1].is_met) and (judge.aimed > judge.required).any():
-            # what can be kept, but not with a margin
-            judge.aimed = judge.required
-            rounds += search.rounds(lambda _: None)
-        found = rounds[-1]
-        bound, basis = search.bound(rounds)
-        if walked is not None:
-            bound, basis = walked.lower_bound, "samples"
-        if found.solution is None:
-            found = replace(found, basis=basis)
-        else:
-            known = None if bound is None else min(bound, found.cost)
-            found = replace(found, solution=replace(found.solution, lower_bound=known), basis=basis)
-            if found.is_clear and (margin := judge.aimed - judge.required).any():
-                held = [one.probability for one in found.programme.limits if one.kind == "quantile"]
-                without = search.programme((np.array(held) - margin).tolist())
-                near = None if found.solution is None else found.solution.t
-                cheaper = solve(without, choices, end - monotonic(), lambda _: None, near)
-                found = replace(found, least_met=np.inf if cheaper is None else cheaper.cost)
-    result = _result(model, search, found, seed, findings)
-    if not pareto:
-        return result
-    return replace(result, front=pareto_front(found.programme, choices, members, pareto, seconds, advance))
 
 
 @final
@@ -185,15 +173,6 @@ class _Attempt:
     @property
     def cost(self) -> float:
         return np.inf if self.solution is None else self.solution.cost
-
-
-def _walked(programme: Programme, members: NDArray[np.intp], walked: Walk, judge: Judge) -> _Attempt:
-    """Return the choice at which the walk ended; the narrowest one where none keeps the limits."""
-    if walked.chosen is None:
-        chosen = programme.least[members]
-        return _Attempt(programme, None, chosen, judge.look(chosen), "samples")
-    solution = replace(programme.priced(walked.chosen), lower_bound=walked.lower_bound)
-    return _Attempt(programme, solution, walked.chosen[members], walked.judged, "samples", walked.least_met)
 
 
 @final
@@ -253,6 +232,15 @@ class _Search:
                 fixed, each, products = parts.covariance[grid], np.stack([part[grid] for part in covariances]), pairs
             limits.append(Limit(kind, one.limit, probability, tuple(rows), parts.mean[rows], fixed, each, products))
         return Programme(costs, low, high, limits)
+
+    def end_of(self, programme: Programme, walked: Walk) -> _Attempt:
+        """Return the choice at which the walk ended; the narrowest one where none keeps the limits."""
+        if walked.chosen is None:
+            chosen = programme.least[self.members]
+            return _Attempt(programme, None, chosen, self.judge.look(chosen), "samples")
+        solution = replace(programme.priced(walked.chosen), lower_bound=walked.lower_bound)
+        chosen = walked.chosen[self.members]
+        return _Attempt(programme, solution, chosen, walked.judged, "samples", walked.least_met)
 
     def rounds(self, advance: Callable[[int], None]) -> list[_Attempt]:
         """Return the rounds by the first order, each aimed at what the samples of the one before say; the best is the last."""
@@ -362,10 +350,8 @@ def _members(tolerances: Sequence[Tolerance]) -> NDArray[np.intp]:
     return np.array([order.index(name) for name in names])
 
 
-def _result(
-    model: ErrorModel, search: _Search, found: _Attempt, seed: int, findings: tuple[Finding, ...]
-) -> AllocationResult:
-    task, members, judge = search.task, search.members, search.judge
+def _result(search: _Search, found: _Attempt, seed: int, findings: tuple[Finding, ...]) -> AllocationResult:
+    task, members, judge, model = search.task, search.members, search.judge, search.judge.model
     values, _ = model.configurations(list(task.poses))
     grounds = grounds_at(model, values, task.poses)
     programme, solution = found.programme, found.solution

@@ -108,11 +108,7 @@ def budget(
 
 
 def check_points(samples: int) -> None:
-    """Check that the number of points is 32 times a power of two from 32 to 2¹³.
-
-    Raises:
-        InputError: The number is another one.
-    """
+    """Check that the number of points is 32 times a power of two from 32 to 2¹³."""
     allowed = [REPLICATES << k for k in range(5, 14)]
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
         raise InputError(
@@ -122,11 +118,7 @@ def check_points(samples: int) -> None:
 
 
 def _check_cost(space: Space, samples: int) -> None:
-    """Reject a budget that would take hours: the time grows with the square of the number of draws.
-
-    Raises:
-        InputError: There are too many draws for the number of samples, or for the memory.
-    """
+    """Reject a budget that would take hours, or more memory than there is: the time grows with the square of the draws."""
     draws, size = len(space.draws), space.size
     evaluations = samples * (2 + 3 * draws)
     if evaluations * size > MOST_NUMBERS:

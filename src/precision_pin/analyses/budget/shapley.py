@@ -95,9 +95,6 @@ def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -
     Args:
         slopes, covariance: As in :func:`explained`.
         groups: Columns of each group.
-
-    Raises:
-        InputError: There are more than twelve groups.
     """
     return values(
         len(groups),
@@ -112,9 +109,6 @@ def effect_forms(covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
 
     Args:
         covariance, groups: As in :func:`effects`; every input is in one group.
-
-    Raises:
-        InputError: There are more than twelve groups.
     """
     slopes = np.eye(len(covariance))
     return values(
@@ -131,9 +125,6 @@ def joined_effect_forms(covariance: Array, groups: Sequence[Sequence[int]], unio
     Args:
         covariance, groups: As in :func:`effect_forms`.
         unions: Numbers of the groups of each union; every group is in one.
-
-    Raises:
-        InputError: There are more than twelve unions, or more than twelve groups in one.
     """
     members = [[k for group in union for k in groups[group]] for union in unions]
     whole = effect_forms(covariance, members)
