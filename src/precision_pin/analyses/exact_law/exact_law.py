@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
@@ -250,7 +250,8 @@ def _component(space: Space, quantity: str, mean: float, weights: Array, sampled
     if isinstance(law, str) or error > LARGEST_ERROR:
         reason = law if isinstance(law, str) else _UNCERTIFIED
         return ExactLaw(quantity, None, reason, mean=mean, std=total, contributors=contributors)
-    return _with_samples(quantity, law, mean, total, contributors, error, sampled, confidence)
+    known = ExactLaw(quantity, law, mean=mean, std=total, contributors=contributors, error=error)
+    return _with_samples(known, sampled, confidence)
 
 
 _UNCERTIFIED: Final = "not certified: too few of its draws have a density (values with a probability of their own)"
@@ -304,33 +305,18 @@ def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> Ex
         return ExactLaw(quantity, None, f"not available: only of normal draws, and these are not: {named}")
     law = NormalNorm(error[rows], covariance)
     mean, std = law.moments
-    sizes = np.linalg.norm(sampled[rows], axis=0)
-    return _with_samples(quantity, law, mean, std, 1, law.error, sizes, confidence)
+    known = ExactLaw(quantity, law, mean=mean, std=std, contributors=1, error=law.error)
+    return _with_samples(known, np.linalg.norm(sampled[rows], axis=0), confidence)
 
 
-def _with_samples(
-    quantity: str,
-    law: NumberLaw,
-    mean: float,
-    std: float,
-    contributors: int,
-    error: float,
-    sampled: Array,
-    confidence: float,
-) -> ExactLaw:
-    quantiles = tuple(law.quantile(p) for p in LEVELS)
-    bounds = quantile_bounds(law, np.array(LEVELS), np.array(quantiles))
-    return ExactLaw(
-        quantity,
-        law,
-        mean=mean,
-        std=std,
-        contributors=contributors,
-        error=error,
-        quantiles=quantiles,
-        quantile_errors=tuple(bounds.tolist()),
-        agreement=agreement_of(law, np.sort(sampled), confidence, std),
-    )
+def _with_samples(known: ExactLaw, sampled: Array, confidence: float) -> ExactLaw:
+    """Return a law with its quantiles, and how far samples lie from it."""
+    assert known.law is not None
+    assert known.std is not None
+    quantiles = tuple(known.law.quantile(p) for p in LEVELS)
+    bounds = quantile_bounds(known.law, np.array(LEVELS), np.array(quantiles))
+    agreement = agreement_of(known.law, np.sort(sampled), confidence, known.std)
+    return replace(known, quantiles=quantiles, quantile_errors=tuple(bounds.tolist()), agreement=agreement)
 
 
 def agreement_of(law: NumberLaw, rising: Array, confidence: float, std: float, effort: float = _EFFORT) -> Agreement:

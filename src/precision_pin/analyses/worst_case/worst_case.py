@@ -134,8 +134,8 @@ def _at_pose(
         if analysis.errors is not None:
             largest = int(np.linalg.norm(analysis.errors[rows], axis=0).argmax())
             sampled = at.space.sample(sampling["seed"], largest, 1)[:, 0]
-        distribution = analysis.summary.distribution(quantity)
-        bounds = [_bound(variant, layout, supports, rows, quantity, distribution, sampled) for variant in variants]
+        seen = analysis.summary.distribution(quantity)
+        bounds = [_bound(variant, layout, supports, rows, seen, sampled) for variant in variants]
         norms.append(max(bounds, key=lambda bound: bound.first_order.upper))
     result = PoseWorstCase(PoseLabel.of(error_model, q, at), at.error_at_means, tuple(components), *norms)
     unbounded = turnover_findings(at) if len(variants) == 1 else ()
@@ -143,13 +143,7 @@ def _at_pose(
 
 
 def _bound(
-    at: PoseModel,
-    layout: SamplerArrays,
-    supports: Supports,
-    rows: slice,
-    quantity: str,
-    seen: Distribution,
-    sampled: Array | None,
+    at: PoseModel, layout: SamplerArrays, supports: Supports, rows: slice, seen: Distribution, sampled: Array | None
 ) -> NormBound:
     error, jacobian = at.tangent[0][rows], at.tangent[1][rows]
     bound = farthest_error(error, jacobian, supports)
@@ -160,16 +154,16 @@ def _bound(
     directions = np.concatenate([bound.direction[None], -bound.direction[None], np.eye(3), -np.eye(3)])
     starts = at.space.mean + supports.points(directions @ jacobian)
     if sampled is not None:
-        inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None], at.space.mean)[0]
+        inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None])[0]
         starts = np.concatenate([starts, inside[None]])
-    place, size = _climb(layout, supports, rows, starts, at.space.mean)
+    place, size = _climb(layout, supports, rows, starts)
     values, names = _written_values(at.space, x), at.space.components
     contributions = [
         Contribution(name, tuple(names[k] for k in columns), share, ", ".join(values[k] for k in columns))
         for name, columns, share in zip(supports.names, supports.columns, shares.tolist(), strict=True)
     ]
     return NormBound(
-        quantity=quantity,
+        quantity=seen.quantity,
         first_order=bound,
         nominal=float(bound.direction @ error),
         contributions=tuple(sorted(contributions, key=lambda entry: -entry.value)),
@@ -213,7 +207,7 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
     return farthest(heights, touch, bound)
 
 
-def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array, mean: Array) -> tuple[Array, float]:
+def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array) -> tuple[Array, float]:
     """Return the best point ``(d,)``, and |error| there, of local ascents of the exact model from ``(S, d)``.
 
     Each step moves the draws to their support points along the gradient (Frank-Wolfe with a full step): all of them, or, if
@@ -222,14 +216,14 @@ def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array
     places, sizes = starts.copy(), _sizes(layout, rows, starts)
     groups = supports.columns
     for _ in range(_EXCHANGES if groups else 0):
-        aims = _toward(layout, supports, rows, places, mean)
+        aims = _toward(layout, supports, rows, places)
         reached = _sizes(layout, rows, aims)
         better = reached > sizes * (1 + _GAIN)
         places[better], sizes[better] = aims[better], reached[better]
         improved = bool(better.any())
         for start in np.flatnonzero(~better):
             tried = np.empty(len(groups))
-            for batch in _batches(len(groups), mean.size):
+            for batch in _batches(len(groups), supports.space.size):
                 single = np.repeat(places[start][None], batch.size, axis=0)
                 for row, group in enumerate(batch.tolist()):
                     single[row, groups[group]] = aims[start, groups[group]]
@@ -244,8 +238,9 @@ def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array
     return places[best], float(sizes[best])
 
 
-def _toward(layout: SamplerArrays, supports: Supports, rows: slice, places: Array, mean: Array) -> Array:
+def _toward(layout: SamplerArrays, supports: Supports, rows: slice, places: Array) -> Array:
     """Return the points of the supports ``(S, d)`` farthest along the gradient of |error| at points ``(S, d)``."""
+    mean = supports.space.mean
     low, high = (mean + end for end in supports.ends)
     # inside the supports, because a formula or a stiffness may be undefined outside
     inside = np.clip(places, low, high)
