@@ -126,7 +126,6 @@ def map_poses(
         raise InputError(f"none of the {len(given):,} poses has joint values: {counts}")
     reference = None if relative_to is None else error_model.at(relative_to)
     values = given.q[:, given.known]
-    names = tuple(line.name for line in lines)
     labels = given.labels
     known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
     approaches = None if given.approaches is None else given.approaches[:, given.known]
@@ -144,15 +143,20 @@ def map_poses(
         # half of the steps for the moments of all poses, half for their quantiles and limits
         halves = [scaled(step, count, steps_of) for steps_of in (count // 2, count - count // 2)]
         closed = first_order(error_model, values, approaches, lines, reference, halves[0], vectors)
-        result = _closed_form(error_model, given, closed, vectors, names, listed, reference, seed, halves[1])
-        doubted = _doubts(closed, known_labels)
-        found = (*found, *doubted)
-        result = replace(
-            result,
+        arrays = _closed_form(given, closed, vectors, listed, reference, halves[1])
+        found = (*found, *_doubts(closed, known_labels))
+        result = MapResult(
+            provenance=Provenance.of(error_model, seed),
+            joints=tuple(error_model.chain.joint_names),
+            poses=given,
+            specifications=listed,
+            judged=Judged.nothing(len(listed), len(given)),
+            sources=tuple(line.name for line in lines),
             grounds=grounds_at(error_model, values, known_labels),
             confidence=confidence,
             findings=known,
             warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
+            **arrays,
         )
 
         def sample(
@@ -226,16 +230,14 @@ def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
 
 
 def _closed_form(
-    error_model: ErrorModel,
     poses: PoseSet,
     closed: FirstOrder,
     vectors: Sequence[tuple[int, ...]],
-    names: tuple[str, ...],
-    specifications: tuple[Specification, ...],
+    specifications: Sequence[Specification],
     reference: PoseModel | None,
-    seed: int,
     step: Progress,
-) -> MapResult:
+) -> dict[str, Any]:
+    """Return the arrays of a map, NaN where no joint values are known."""
     known = poses.known
 
     def spread(array: Array) -> Array:
@@ -268,22 +270,9 @@ def _closed_form(
     if reference is not None:
         moments = spread(closed.relative_mean), spread(closed.relative_covariance)
         relative = Relative(reference.posture.q, *moments, spread(relative_quantiles))
-    return MapResult(
-        provenance=Provenance.of(error_model, seed),
-        joints=tuple(error_model.chain.joint_names),
-        poses=poses,
-        mean=spread(closed.mean),
-        covariance=spread(closed.covariance),
-        quantile=spread(quantiles),
-        quantile_bounds=spread(bounds),
-        specifications=specifications,
-        probability=spread(probabilities),
-        probability_bounds=spread(limits),
-        judged=Judged.nothing(len(specifications), len(poses)),
-        sources=names,
-        shares=spread(closed.shares),
-        relative=relative,
-    )
+    arrays = {"mean": closed.mean, "covariance": closed.covariance, "shares": closed.shares, "quantile": quantiles}
+    arrays |= {"quantile_bounds": bounds, "probability": probabilities, "probability_bounds": limits}
+    return {name: spread(values) for name, values in arrays.items()} | {"relative": relative}
 
 
 def _doubts(closed: FirstOrder, labels: Sequence[str]) -> tuple[Finding, ...]:
