@@ -41,8 +41,8 @@ REPLICATES: Final = 32
 """Number of independent runs, or scrambles of a net."""
 
 _WIDENING: Final = 1.1
+# relative spread of the replicates below which their skewness counts as rounding
 _ROUNDING: Final = 1e-14
-"""Relative spread of the replicates below which their skewness counts as rounding."""
 
 
 @final
@@ -133,17 +133,17 @@ def half_widths(pseudo: Array, confidence: float) -> Array:
 MOST_SKEWNESS: Final = 0.6
 """Largest skewness of the mean of all replicates; a count of 2.8 expected events has as much."""
 
+# exponent of the outermost cell's inner edges, 2⁻⁵⁰ from both ends
 _DEEPEST: Final = -50
-"""Exponent of the outermost cell's inner edges, 2⁻⁵⁰ from both ends."""
 
+# octaves in a cell
 _STEP: Final = 2
-"""Octaves in a cell."""
 
+# expected number of samples below which a region may be without any
 _FEW: Final = 3.0
-"""Expected number of samples below which a region may be without any."""
 
+# laws with more breaks, such as large tables, are treated as smooth: the nodes would be too many
 _MOST_BREAKS: Final = 200
-"""Laws with more breaks, such as large tables, are treated as smooth: the nodes would be too many."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 

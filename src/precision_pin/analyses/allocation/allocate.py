@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import monotonic
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,19 +45,19 @@ from precision_pin.robot.chain import pose_findings
 from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
 
 _ROUNDS: Final = 6
+# share of a limit, first order, from which it may hold the choice
 _HOLDS: Final = 0.9
-"""Share of a limit, first order, from which it may hold the choice."""
 _SAME: Final = 1e-6
+# scores of the normal law by which the aim moves more each round, while the samples do not change their mind
 _STRIDE: Final = 0.4
-"""Scores of the normal law by which the aim moves more each round, while the samples do not change their mind."""
+# probability that may be left between the lower end of an interval and what is required
 _SPARE: Final = 0.002
-"""Probability that may be left between the lower end of an interval and what is required."""
 SHOWN_BY: Final = 100_000
 """Samples that `analyze` takes where nothing else is asked."""
 _MOST_SHOWN: Final = 10**9
 _SHAPE_SAMPLES: Final = 8_192
+# skewness and excess kurtosis (of a uniform law -1.2) up to which a law is about normal
 _MOST_SKEWED, _MOST_CURVED = 0.3, 1.35
-"""Skewness and excess kurtosis (of a uniform law -1.2) up to which a law is about normal."""
 
 
 @warns_at_end
@@ -150,7 +150,6 @@ def allocation_steps(problem: Problem, pareto: int = 0) -> int:
     return len(problem.tolerances) + _ROUNDS + pareto
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Attempt:
     """Tolerances of one round, what the samples say, what the bound of the cost rests on, and the cost without a margin."""
@@ -175,7 +174,6 @@ class _Attempt:
         return np.inf if self.solution is None else self.solution.cost
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Search:
     """Search for the cheapest tolerances by the first order; ``members`` has the group of each tolerance, ``end`` the time."""

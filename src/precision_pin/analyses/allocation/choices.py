@@ -27,26 +27,27 @@ from precision_pin.statistics.intervals import share_to_show, upper_ends
 
 SAMPLES: Final = 50_000
 """Fresh samples of a verification."""
+# how many times as many are drawn, afresh, of a choice of grades of which they do not decide
 _MORE: Final = (4, 16, 64)
-"""How many times as many are drawn, afresh, of a choice of grades of which they do not decide."""
+# robots times poses of a round that no other choice follows; at least `SAMPLES` and at most four times as many robots
 _ROBOTS: Final = 1_000_000
-"""Robots times poses of a round that no other choice follows; at least `SAMPLES` and at most four times as many robots."""
 CONFIDENCE: Final = 0.95
 """Of all statements of one allocation together, and of the intervals of the samples that the margin is for."""
+# with which the samples that the margin is for show every limit at every pose
 _CHANCE: Final = 0.95
-"""With which the samples that the margin is for show every limit at every pose."""
+# probability of a wrong statement that is left to the first-order samples; the rest is left to those of the exact
+# model
 _OF_SCREENS: Final = 0.01
-"""Probability of a wrong statement that is left to the first-order samples; the rest is left to those of the exact model."""
 _MOST_CHOICES: Final = 20_000
+# choices that are looked at together
 _AT_ONCE: Final = 128
-"""Choices that are looked at together."""
+# first-order samples of every choice, and of those that the first do not decide
 _FIRST, _SECOND = 4_096, 32_768
-"""First-order samples of every choice, and of those that the first do not decide."""
 _TIMES_OFF: Final = 2.0
+# the share of the first-order samples may be off by this, and twice what the exact model differs on the same robots
 _LEAST_OFF: Final = 1e-3
-"""The share of the first-order samples may be off by this, and twice what the exact model differs on the same robots."""
+# numbers in memory at once, about
 _NUMBERS: Final = 2**22
-"""Numbers in memory at once, about."""
 
 
 @final
@@ -219,7 +220,6 @@ def walk(
     return stop_at(np.inf, is_complete=True)
 
 
-@final
 class _Screen:
     """Samples of the first-order error with the laws of the sheet, the same robots for every choice."""
 

@@ -29,13 +29,13 @@ from precision_pin.base.arrays import Array
 
 ROUNDING: Final = 1e-9
 """Excess of a limit, relative, that is rounding."""
+# points of a way that are tried together
 _AT_ONCE: Final = 34
-"""Points of a way that are tried together."""
 _HALF: Final = 0.5
+# probability from which on no pair of covariances was found with one between them that does not keep the quantile
 _CONVEX: Final = 0.92
-"""Probability from which on no pair of covariances was found with one between them that does not keep the quantile."""
+# distance from a limit, relative, below which it is active
 _ACTIVE: Final = 1e-5
-"""Distance from a limit, relative, below which it is active."""
 
 
 def last_kept(kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 
+# unit of each number of a cost, of the tolerance's units; empty for a pure number
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "reciprocal": ("{}",),
     "squared": ("{}^2",),
@@ -23,11 +24,10 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "exponential": ("", "1/{}"),
     "logarithmic": ("", "{}"),
 }
-"""Unit of each number of a cost, of the tolerance's units; empty for a pure number."""
 _LISTS: Final = ("grades", "iso286")
 _MOST_POWER: Final = 100.0
+# numbers beyond this, in SI, overflow in slopes and ratios of costs
 _LARGEST: Final = 1e50
-"""Numbers beyond this, in SI, overflow in slopes and ratios of costs."""
 
 
 @final

@@ -29,17 +29,17 @@ from precision_pin.analyses.allocation.convex_program import ROUNDING, Limit, Pr
 from precision_pin.base.arrays import Array
 from precision_pin.base.record import Record
 
+# share of the cost that may be left between the bounds
 _GAP: Final = 1e-6
-"""Share of the cost that may be left between the bounds."""
+# distance from a limit, relative, below which its tangent is added
 _NEAR: Final = 1e-4
-"""Distance from a limit, relative, below which its tangent is added."""
+# factor on tolerances that keep the limits, after which the way to them leaves the limits near by
 _BEYOND: Final = 1.5
-"""Factor on tolerances that keep the limits, after which the way to them leaves the limits near by."""
+# tangents of each tolerance without grades to begin with
 _TANGENTS: Final = 12
-"""Tangents of each tolerance without grades to begin with."""
 _ROUNDS: Final = 1000
+# seconds that the first lower bound has in any case
 _LEAST_TIME: Final = 0.5
-"""Seconds that the first lower bound has in any case."""
 
 
 def solve_with_grades(
@@ -121,7 +121,6 @@ def _widened(programme: Programme, choices: Sequence[Array | None]) -> Array:
         places[steps[chosen]] += 1
 
 
-@final
 class _Relaxation:
     """Mixed-integer linear programme whose least cost is a lower bound; all numbers scaled to about 1."""
 
@@ -287,8 +286,8 @@ def _worthwhile(programme: Programme, k: int, grades: Array) -> Array:
     return np.asarray(grades[prices < np.minimum.accumulate(np.concatenate([[np.inf], prices[:-1]]))])
 
 
+# begin of a line that HiGHS 1.12 (SciPy 1.17) leaves from its development
 _LINE: Final = b"HighsMipSolverData::transformNewIntegerFeasibleSolution"
-"""Begin of a line that HiGHS 1.12 (SciPy 1.17) leaves from its development."""
 _STDOUT: Final = 1
 
 
@@ -323,8 +322,8 @@ def _flush() -> None:
 
 
 MOST_POINTS: Final = 1000
+# largest factor of the limits, and its inverse
 _REACH: Final = 3.0
-"""Largest factor of the limits, and its inverse."""
 _EDGE: Final = 1.001
 
 

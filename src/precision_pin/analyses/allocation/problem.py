@@ -25,8 +25,8 @@ from precision_pin.sheet.settings import TOLERANCE_PATTERN
 from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import specification
 
+# bounds of a tolerance without its own: this much narrower and wider than it is
 _RANGE: Final = 100.0
-"""Bounds of a tolerance without its own: this much narrower and wider than it is."""
 _KEYS: Final = ("path", "cost", "min", "max", "group")
 _BOUNDS: Final = ("rms", "worst_case")
 _SIGN: Final = re.compile(TOLERANCE_PATTERN)
@@ -186,7 +186,6 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
         raise InputError(f"{error.findings[0].message}{beside(model, path)}") from None
 
 
-@final
 class _NoToleranceError(InputError):
     """What a path names is no positive length or angle."""
 

@@ -20,17 +20,17 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 
+# factors of the tolerances by which their parts are found, and checked
 _WIDE: Final = 2.0
 _NARROW: Final = 0.5
-"""Factors of the tolerances by which their parts are found, and checked."""
+# error of a contribution, of the largest, above which it does not scale with its tolerance
 _LEAST: Final = 1e-6
-"""Error of a contribution, of the largest, above which it does not scale with its tolerance."""
+# slope, by the largest, that is rounding
 _ROUNDING: Final = 1e-12
-"""Slope, by the largest, that is rounding."""
+# standard deviations of a normal law at which a worst case ends
 _WIDTH: Final = 3.0
-"""Standard deviations of a normal law at which a worst case ends."""
+# samples that show whether a law keeps its shape
 _FEW: Final = 64
-"""Samples that show whether a law keeps its shape."""
 
 
 @final
@@ -69,7 +69,6 @@ class Contributions(Fixed):
     rest: Moved
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Errors:
     """First-order error of one model: mean ``(6, P)``, slopes by standard deviation ``(6, d, P)``, largest deviations.

@@ -13,8 +13,8 @@ from precision_pin.render.text_table import aligned
 _MOST_LETTERS: Final = 36
 _MOST_NAMED: Final = 3
 _MOST_LINES: Final = 12
+# per cent; less is rounding
 _LEAST_GAP: Final = 1e-4
-"""Per cent; less is rounding."""
 _NO_GAP: Final = 1e-9
 _WORDS: Final = {"quantile": "", "rms": "root mean square ", "worst_case": "worst case "}
 

@@ -22,8 +22,9 @@ MOST_PLAYERS: Final = 12
 DEPENDENT: Final = 1e-12
 """Eigenvalues of a correlation matrix below this belong to linearly dependent numbers."""
 
+# least deviation of a number, as a share of its own, with those before it known, from which no eigenvalue can be so
+# small
 _INDEPENDENT: Final = 1e-4
-"""Least deviation of a number, as a share of its own, with those before it known, from which no eigenvalue can be so small."""
 
 
 def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +62,8 @@ COMPARED: Final = 10_000
 CERTAIN: Final = 1 - 1e-6
 """Confidence at which a deviation of the exact model from the law is reported."""
 
+# samples drawn between two steps of the progress
 _AT_ONCE: Final = 2**16
-"""Samples drawn between two steps of the progress."""
 
 _NEGLIGIBLE: Final = 1e-12
 _BINS: Final = 60
@@ -190,7 +190,6 @@ def _check_copulas(space: Space) -> None:
                 )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Share:
     """Contribution of a draw that is not normal to a component, with its weights."""

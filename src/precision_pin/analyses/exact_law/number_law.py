@@ -262,6 +262,7 @@ UNIT: Final = 0.5**53
 """Relative rounding error of a double."""
 
 MOST_TERMS: Final = 2**20
+# target of the truncation error, largest number of terms, and standard deviations at which unbounded parts end
 _AIMS: Final = (
     (1e-14, 2**15, FARTHEST),
     (1e-12, 2**18, 7.5),
@@ -269,7 +270,6 @@ _AIMS: Final = (
     (1e-8, MOST_TERMS, 6.2),
     (3e-7, MOST_TERMS, 5.5),
 )
-"""Target of the truncation error, largest number of terms, and standard deviations at which unbounded parts end."""
 
 
 @final
@@ -374,7 +374,6 @@ def _sum(table: NDArray[np.complex128], y: Array) -> Array:
     return np.concatenate(parts)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Bounds:
     """Bounds of |φ|, and of the truncation error at K terms."""

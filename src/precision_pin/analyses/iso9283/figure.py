@@ -15,8 +15,8 @@ from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VER
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
 
 _BINS: Final = 30
+# half the width of a law on the axis of poses
 _HALF_WIDTH: Final = 0.4
-"""Half the width of a law on the axis of poses."""
 _MOST_LETTERS: Final = 14
 
 

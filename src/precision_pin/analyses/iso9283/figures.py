@@ -142,8 +142,8 @@ def _norm(vectors: Array, axis: int = 0) -> Array:
     return np.sqrt((vectors * vectors).sum(axis=axis))
 
 
+# E|g| of three independent standard normal numbers
 _MEAN_LENGTH: Final = 2 * math.sqrt(2 / math.pi)
-"""E|g| of three independent standard normal numbers."""
 
 
 def mean_distance(covariances: Array) -> Array:
@@ -166,12 +166,12 @@ def _eigenvalues(covariances: Array) -> Array:
     return np.maximum(np.linalg.eigvalsh(covariances), 0.0)
 
 
+# largest entry of R Rᵀ - 1 of a rotation
 _NOT_A_ROTATION: Final = 1e-6
-"""Largest entry of R Rᵀ - 1 of a rotation."""
+# largest coordinate, m: squares of larger ones leave no digits for errors of nanometres
 _LARGEST: Final = 1e6
-"""Largest coordinate, m: squares of larger ones leave no digits for errors of nanometres."""
+# cosine of b below which a and c of the control are near their singularity: b within 5.7° of ±90°
 _NEAR: Final = 0.1
-"""Cosine of b below which a and c of the control are near their singularity: b within 5.7° of ±90°."""
 
 
 class _Figures(Record):

@@ -48,12 +48,12 @@ CYCLES: Final = 30
 MOST_ROBOTS: Final = 10**8
 MOST_POSES: Final = 100
 """Poses of a test; the standard has five."""
+# robots of which vAP and drift are simulated at most; all their visits are kept at once
 _MOST_FOLLOWED: Final = 10_000
-"""Robots of which vAP and drift are simulated at most; all their visits are kept at once."""
+# robots whose barycentres are compared for E
 _TOGETHER: Final = 5
-"""Robots whose barycentres are compared for E."""
+# m
 _FARTHEST_TARGET: Final = 1e3
-"""m."""
 _AXES: Final = (("x", "y", "z"), ("a", "b", "c"))
 
 

@@ -159,10 +159,10 @@ class PoseForecast(Record):
 
 LEAST: Final = 0.05
 """Probability below which measurement and forecast are said to differ."""
+# m or rad; figures of robots that all have the same differ by less
 _ROUNDING: Final = 1e-9
-"""m or rad; figures of robots that all have the same differ by less."""
+# difference of how far out two figures are, from one up as a share, that is rounding
 _ALIKE: Final = 1e-6
-"""Difference of how far out two figures are, from one up as a share, that is rounding."""
 _DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in DISTANCE)
 
 

@@ -34,10 +34,10 @@ ROBOTS: Final = 512
 """Robots that are tested together: enough for the compiled loops, few enough for the cache."""
 DISTANCE: Final = (1, 3)
 """Numbers of the two poses of AD and RD, P2 and P4."""
+# step of a difference quotient in standard deviations of a visit's draws: inside the support of every law
 _STEP: Final = 0.5
-"""Step of a difference quotient in standard deviations of a visit's draws: inside the support of every law."""
+# visits of the robot at the means, from which the shape of a cloud that is not normal is taken
 _VISITS: Final = 2**14
-"""Visits of the robot at the means, from which the shape of a cloud that is not normal is taken."""
 
 
 @final
@@ -275,8 +275,8 @@ def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]])
 
 HOURS: Final = 8.0
 """Duration of the test; the standard ends it there, or earlier where the drift has become slow."""
+# times at which AP is measured, the first at the start: every half hour
 _TESTS: Final = 17
-"""Times at which AP is measured, the first at the start: every half hour."""
 
 
 def drift_from_cold(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,22 +24,21 @@ from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics.digits import format_interval
 
+# most poses that are drawn as a list, with their names below the axis
 _MOST_NAMED: Final = 24
-"""Most poses that are drawn as a list, with their names below the axis."""
 _MOST_TICKS: Final = 6
 _MOST_LETTERS: Final = 18
 _MOST_LEVEL: Final = 60
+# colour and dashes of each quantile
 _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
-"""Colour and dashes of each quantile."""
+# extent of the places across a plane or a line, by that along it, below which they lie in it
 _FLAT: Final = 1e-6
-"""Extent of the places across a plane or a line, by that along it, below which they lie in it."""
+# cells of a regular grid by places, above which the places are drawn as points
 _MOST_EMPTY: Final = 2.0
-"""Cells of a regular grid by places, above which the places are drawn as points."""
 _COLOURS: Final = "cividis"
 _MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Layout:
     """How the poses of a map are drawn.

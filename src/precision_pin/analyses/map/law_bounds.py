@@ -52,16 +52,16 @@ from precision_pin.terms.table import TermTable
 _SCORES: Final = np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, 4001)
 _WEIGHTS: Final = np.exp(-(_SCORES**2) / 2) / np.exp(-(_SCORES**2) / 2).sum()
 _NORMAL_EIGHTH: Final = 105 ** (1 / 8)
+# c_3/6, rounded up: E|Z³ - 3Z|/2 = (1 + 4 exp(-3/2))/√(2π) = 0.75499
 _THIRD: Final = 0.7549 / 6
-"""c_3/6, rounded up: E|Z³ - 3Z|/2 = (1 + 4 exp(-3/2))/√(2π) = 0.75499."""
 _FOURTH: Final = 1.4008 / 24
+# share of the tail beyond a quantile that is left to remainders
 _OF_TAIL: Final = 0.05
-"""Share of the tail beyond a quantile that is left to remainders."""
 _REMAINDERS: Final = (1e-2, 1e-3, 1e-4)
 _FLAT: Final = 1e-12
 
+# terms, components and the derivative of the product of one with respect to the other
 _Slopes = tuple[NDArray[np.intp], NDArray[np.intp], Array]
-"""Terms, components and the derivative of the product of one with respect to the other."""
 
 
 @final

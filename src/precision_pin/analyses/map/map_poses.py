@@ -43,10 +43,10 @@ VERIFIED: Final = 5
 VERIFYING_SAMPLES: Final = 20_000
 _NORMS: Final = ((0, 1, 2), (3, 4, 5))
 _DOUBTED: Final = 0.1
+# bytes of a pose beside its moments: names, quantiles and their limits
 _REST: Final = 700
-"""Bytes of a pose beside its moments: names, quantiles and their limits."""
+# poses whose quantiles and limits are computed between two steps of progress
 _AT_ONCE: Final = 2048
-"""Poses whose quantiles and limits are computed between two steps of progress."""
 
 PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
 

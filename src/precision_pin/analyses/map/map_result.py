@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _NORMS: Final = ("position", "attitude")
 _MOST_ROWS: Final = 20
+# bytes of a number in the JSON, and of memory while that is made
 _WRITTEN, _ENCODING = 40, 250
-"""Bytes of a number in the JSON, and of memory while that is made."""
 
 
 @final

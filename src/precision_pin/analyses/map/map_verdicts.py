@@ -23,8 +23,8 @@ ROUNDS: Final = (2_000, 20_000, 200_000)
 """Robots at a pose in each round of sampling; the next one samples the poses that are still undecided, the last one only for
 specifications that are met or undecided everywhere."""
 FIRST_ROUND: Final = ROUNDS[0]
+# poses sampled at a time
 _TOGETHER: Final = 20_000
-"""Poses sampled at a time."""
 _WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "undecided", "nothing to judge", "met")
 _UNDECIDED: Final = _WORST_FIRST.index("undecided")
 MET: Final = _WORST_FIRST.index("met")

@@ -23,27 +23,27 @@ from precision_pin.base.arrays import Array
 _NODES: Final = 32
 _STEP: Final = 0.15
 _PARAMETER: Final = (np.arange(_NODES) + 0.5)[:, None] * _STEP
+# distances of the nodes on half of the path from the real axis, ``(nodes, 1)``, in units of 1/√K''
 _ACROSS: Final = np.sinh(_PARAMETER)
-"""Distances of the nodes on half of the path from the real axis, ``(nodes, 1)``, in units of 1/√K''."""
 _WEIGHTS: Final = np.cosh(_PARAMETER) * (_STEP / np.pi)
+# slope to which the parabola flattens: with 1 or more the integrand of a long vector may grow again
 _SLOPE: Final = 0.7
-"""Slope to which the parabola flattens: with 1 or more the integrand of a long vector may grow again."""
+# largest distance from the mean, in standard deviations of the vector, at which a probability is computed
 _FARTHEST: Final = 40.0
-"""Largest distance from the mean, in standard deviations of the vector, at which a probability is computed."""
+# least distance of the path from the pole, in the same units
 _FROM_POLE: Final = 1.0
-"""Least distance of the path from the pole, in the same units."""
+# variance along an axis, of the largest, below which the vector is constant along it
 _FLAT: Final = 1e-14
-"""Variance along an axis, of the largest, below which the vector is constant along it."""
 _ROUNDS: Final = 3
+# relative step after which the next one is at rounding: the steps square
 _CLOSE: Final = 2e-5
-"""Relative step after which the next one is at rounding: the steps square."""
 _ROUNDING: Final = 1e-28
+# largest |s| of an argument of K: there 1 - t/end is exp(-s)
 _FAR: Final = 60.0
-"""Largest |s| of an argument of K: there 1 - t/end is exp(-s)."""
 _MOST_STEPS: Final = 100
 _LAST_STEP: Final = 1e-6
+# vectors whose integrals are computed together; their arrays stay in the processor's cache
 _AT_ONCE: Final = 128
-"""Vectors whose integrals are computed together; their arrays stay in the processor's cache."""
 
 
 def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array]:

@@ -18,14 +18,14 @@ from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import format_share
 from precision_pin.statistics.digits import format_interval
 
+# poses of which all are listed
 _MOST_ROWS: Final = 12
-"""Poses of which all are listed."""
+# poses listed of more than that, the worst first
 _WORST_ROWS: Final = 10
-"""Poses listed of more than that, the worst first."""
 _MOST_LETTERS: Final = 17
 _MOST_SHARES: Final = 4
+# share below which the closed form has no digits: its integral is good to this
 _SMALLEST: Final = 1e-7
-"""Share below which the closed form has no digits: its integral is good to this."""
 _LEVEL: Final = LEVELS.index(0.95)
 _UPPER: Final = tuple(enumerate(LEVELS))[1:]
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from typing import Any, Final, Literal, final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,8 @@ from precision_pin.statistics.summary import NO_SPREAD
 MOST_SAMPLES: Final = 10**9
 MOST_THREADS: Final = 1024
 
+# least height of the curve that the band is scaled from, m or rad: errors below it are rounding
 _ROUNDING: Final = 1e-14
-"""Least height of the curve that the band is scaled from, m or rad: errors below it are rounding."""
 _BYTES_OF_ROBOT: Final = 8 * (8 + 2 + 4)
 _BYTES_OF_TASK: Final = 8 * 2 * (6 + 6 + 8 + 4)
 _BYTES_OF_POSE: Final = 8 * 40
@@ -198,7 +198,6 @@ def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[SamplerArrays]
         yield from sampler.to_arrays_at_poses(together)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _AtPose:
     """What a pose yields.
@@ -220,7 +219,6 @@ class _AtPose:
     varies: NDArray[np.bool_]
 
 
-@final
 @dataclass(frozen=True)
 class _Run:
     """Settings of a run that are the same for all poses."""
@@ -258,7 +256,6 @@ class _Run:
         return _AtPose(pose, sizes, curve, interval, fresh, ratios, varies)
 
 
-@final
 class _Tally:
     """Largest errors and ratios of every robot over the poses so far."""
 

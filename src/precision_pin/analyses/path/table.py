@@ -13,10 +13,10 @@ from precision_pin.statistics import format_inside, format_share
 from precision_pin.statistics.digits import format_interval, round_end
 
 _QUANTITIES: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
+# poses of which all are listed
 _MOST_ROWS: Final = 12
-"""Poses of which all are listed."""
+# poses listed of more than that: those with most of the largest |d|
 _WORST_ROWS: Final = 10
-"""Poses listed of more than that: those with most of the largest |d|."""
 _MOST_LETTERS: Final = 24
 
 

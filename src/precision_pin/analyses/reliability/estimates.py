@@ -32,8 +32,8 @@ WIDENING: Final = 1.1
 SAMPLING: Final = "sampling"
 _FEWEST_DIGITS: Final = 3
 _MOST_DIGITS: Final = 9
+# confidence of the interval of a difference that must contain 0 for two estimates to agree
 _AGREEING: Final = 0.99
-"""Confidence of the interval of a difference that must contain 0 for two estimates to agree."""
 
 
 @final

@@ -28,21 +28,22 @@ _STEP: Final = 1e-4
 _MOST_STEPS: Final = 40
 _MOST_BEYOND: Final = 12
 _LENGTHS: Final = np.array([4.0, 2.0, 1.0, 0.5, 0.25, 2.0**-3, 2.0**-4, 2.0**-6, 2.0**-8, 2.0**-11])
+# required share of the decrease that the slope of the merit predicts (Armijo)
 _SUFFICIENT: Final = 0.1
-"""Required share of the decrease that the slope of the merit predicts (Armijo)."""
 
 _TOLERANCE: Final = 1e-7
 _LOOSE: Final = 3e-4
 _APART: Final = 2e-2
 _AT_ONCE: Final = 16_384
 
+# radius of a bulge and its shift of the surface, as ratios to the point's distance (Der Kiureghian and Dakessian,
+# 1998)
 _BULGE_RADIUS: Final = 1.1
 _BULGE_LIFT: Final = 0.75
-"""Radius of a bulge and its shift of the surface, as ratios to the point's distance (Der Kiureghian and Dakessian, 1998)."""
 
 _MOST_ROUNDS: Final = 8
+# largest number of points; with more, the surface curves around the origin and every point of it is a design point
 _MOST_BULGES: Final = 12
-"""Largest number of points; with more, the surface curves around the origin and every point of it is a design point."""
 
 _BULGE_STARTS: Final = 8
 
@@ -186,7 +187,6 @@ def _with_bulges(search: _Search, points: Array) -> Margin:
     return margin
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Search:
     """Simultaneous searches; margins are judged relative to ``scale``."""

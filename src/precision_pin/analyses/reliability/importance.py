@@ -54,7 +54,6 @@ _STEPS_OF_SHARES: Final = 20
 _FITTED: Final = 0.7
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Proposal:
     """Mixture of the law itself and normal laws about centres; half of the samples keep to the pieces of their centre.
@@ -317,7 +316,6 @@ def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, con
     return Subset(estimate, np.concatenate(kept, axis=1), (run.counted, count), highest)
 
 
-@final
 class _Run:
     """Simultaneous replicates, each with its own levels."""
 

@@ -30,8 +30,8 @@ SMALL: Final = 0.01
 """Ratio of a stratum's probability to the failure probability found so far below which it is not evaluated."""
 
 _STARTS_OF_FAILURES: Final = 12
+# ratio of the upper end for a stratum without an estimate to the largest probability of any method
 _MARGIN_OF_BOUND: Final = 10.0
-"""Ratio of the upper end for a stratum without an estimate to the largest probability of any method."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -38,8 +38,8 @@ from precision_pin.statistics.plan import Specifications, listed_specifications
 LISTED: Final = 3
 """Number of design points that are listed in full."""
 
+# directions to the 26 faces, edges and corners of a cube
 _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
-"""Directions to the 26 faces, edges and corners of a cube."""
 
 _REPEATS: Final = 4
 _ASIDE: Final = 0.3

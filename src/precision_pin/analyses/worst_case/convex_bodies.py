@@ -23,8 +23,8 @@ from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import triangular_root
 from precision_pin.draws.space import Space
 
+# step of the central differences for the support point of a law given by its support function only
 _STEP: Final = 1e-7
-"""Step of the central differences for the support point of a law given by its support function only."""
 
 
 class Body(ABC):
@@ -44,7 +44,6 @@ class Body(ABC):
         return None
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Box(Body):
     """Box between the corners ``low`` and ``high``, ``(m,)``."""
@@ -66,7 +65,6 @@ class _Box(Body):
         return (self.low + self.high) / 2, tuple(column[:, None] for column in np.diag(half))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Ellipsoid(Body):
     """Ellipsoid root·v with |v| ≤ 1, ``root`` ``(m, m)``: a disc, its rim, or a joint normal law that is cut."""
@@ -89,7 +87,6 @@ class _Ellipsoid(Body):
         return np.zeros(len(self.root)), (self.root,)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Points(Body):
     """Finite set of points, ``(n, m)``."""
@@ -103,7 +100,6 @@ class _Points(Body):
         return self.places[(directions @ self.places.T).argmax(axis=1)]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Described(Body):
     """Support of a law of several numbers that is given by its support function only."""

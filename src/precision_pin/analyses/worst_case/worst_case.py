@@ -49,8 +49,8 @@ _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
 _EXCHANGES: Final = 100
 _STEP: Final = 1e-4
 _GAIN: Final = 1e-12
+# largest number of components, 8 bytes each, in one evaluation of the exact model
 _NUMBERS_AT_ONCE: Final = 2**22
-"""Largest number of components, 8 bytes each, in one evaluation of the exact model."""
 
 
 @warns_at_end
