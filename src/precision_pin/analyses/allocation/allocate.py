@@ -198,15 +198,9 @@ class _Search:
     def programme(self, aims: Sequence[float]) -> Programme:
         """Return costs and limits, with specifications held at these probabilities."""
         parts, members, together = self.parts, self.members, self.together
-        low, high = (
-            np.array(
-                [
-                    bound(getattr(one, name) for one in own) if grades is None else grades[end]
-                    for own, grades in zip(together, self.choices, strict=True)
-                ]
-            )
-            for bound, name, end in ((max, "low", 0), (min, "high", -1))
-        )
+        listed = list(zip(together, self.choices, strict=True))
+        low = np.array([max(one.low for one in own) if grades is None else grades[0] for own, grades in listed])
+        high = np.array([min(one.high for one in own) if grades is None else grades[-1] for own, grades in listed])
         costs = [[one.cost for one in own] for own in together]
 
         def grouped(array: Array) -> Array:

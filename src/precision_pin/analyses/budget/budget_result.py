@@ -201,18 +201,8 @@ class BudgetResult(Result):
 
     schema: ClassVar[str] = "precision-pin/budget/1"
     KEYS: ClassVar[Keys] = (
-        *(
-            "*head",
-            "samples",
-            "confidence",
-            "k",
-            "bound_at=k",
-            "marked",
-            "assumptions",
-            "warnings",
-            "findings",
-            "poses",
-        ),
+        *("*head", "samples", "confidence", "k", "bound_at=k", "marked"),
+        *("assumptions", "warnings", "findings", "poses"),
     )
 
     ASSUMPTIONS: ClassVar[tuple[str, ...]] = (

@@ -92,16 +92,9 @@ def _row(pose: PoseBudget, one: CauseShare, vector: str) -> list[Child]:
     if len(one.cause.parts) == 1:
         found = pose.draw(one.cause.names[0]).halved.change[f"{vector}.norm"]
         change = shown(scaled(found, 1e3))
-    return [
-        _name(one.cause, pose, vector),
-        one.cause.tolerance,
-        one.cause.scope,
-        percent(one.share),
-        shown(scaled(one.first, 100, 2)),
-        shown(scaled(one.total, 100, 2)),
-        shown(milli(one.halved, 5)),
-        change,
-    ]
+    cause = one.cause
+    shares = [percent(one.share), *(shown(scaled(index, 100, 2)) for index in (one.first, one.total))]
+    return [_name(cause, pose, vector), cause.tolerance, cause.scope, *shares, shown(milli(one.halved, 5)), change]
 
 
 def _name(cause: Cause, pose: PoseBudget, vector: str) -> Child:

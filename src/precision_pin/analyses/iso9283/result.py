@@ -379,19 +379,8 @@ class Iso9283Result(AnalysisResult):
     schema: ClassVar[str] = "precision-pin/iso9283/1"
 
     KEYS: ClassVar[Keys] = (
-        *(
-            "*head",
-            "model",
-            "cycles",
-            "robots",
-            "confidence",
-            "fit_base",
-            "load=mass",
-            "target",
-            "warnings",
-            "findings",
-        ),
-        *("poses", "worst", *SINGLE, "absent", "spec=specifications", "cube", "measured"),
+        *("*head", "model", "cycles", "robots", "confidence", "fit_base", "load=mass", "target", "warnings"),
+        *("findings", "poses", "worst", *SINGLE, "absent", "spec=specifications", "cube", "measured"),
     )
     model: ClassVar[str] = "exact"
 

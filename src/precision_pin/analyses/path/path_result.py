@@ -216,16 +216,10 @@ class PathResult(AnalysisResult):
     @property
     def curves(self) -> list[dict[str, Any]]:
         """What is known at each pose, as in the JSON."""
+        arrays = {"quantile": self.curve, "quantile_interval": self.curve_interval, "band": self.band}
+        arrays["share_of_maximum"] = self.share_of_maximum
         errors = [
-            {
-                name: {
-                    "quantile": self.curve[norm, pose],
-                    "quantile_interval": self.curve_interval[:, norm, pose],
-                    "band": self.band[norm, pose],
-                    "share_of_maximum": self.share_of_maximum[norm, pose],
-                }
-                for norm, name in enumerate(_NORMS)
-            }
+            {name: {key: of[..., norm, pose] for key, of in arrays.items()} for norm, name in enumerate(_NORMS)}
             for pose in range(len(self.poses))
         ]
         return [{**of, **entry} for of, entry in zip(self.poses.entries(self.joints), errors, strict=True)]
