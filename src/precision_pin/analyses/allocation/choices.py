@@ -22,6 +22,7 @@ from precision_pin.analyses.allocation.scaling import Contributions, changed_mod
 from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
+from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.statistics import Specification
 from precision_pin.statistics.intervals import share_to_show, upper_ends
 
@@ -103,14 +104,7 @@ class Judge:
         self._looks += 1
         wrong = (1 - CONFIDENCE - _OF_SCREENS) / (self._looks * (self._looks + 1))
         seed = (self._seed + self._looks) % 2**64
-        found = sample_poses(
-            changed_model(self.model, self.task.tolerances, chosen),
-            list(self.task.poses),
-            samples=samples,
-            seed=seed,
-            specifications=self.chances,
-            confidence=1 - wrong,
-        )
+        found = self._sample(chosen, seed, samples, confidence=1 - wrong)
         shares, ends = found.probability, np.moveaxis(found.probability_interval, 1, 0)
         # one place is enough to fail, so that a wrong one must be ruled out at all of them
         most = upper_ends(np.round(shares * samples), samples, wrong / (2 * max(shares.size, 1)))
@@ -136,9 +130,13 @@ class Judge:
 
     def same_robots(self, chosen: Array, seed: int, samples: int) -> Array:
         """Return shares inside, ``(limits, poses)``, of the robots of a seed; no statement rests on them."""
-        changed = changed_model(self.model, self.task.tolerances, chosen)
-        found = sample_poses(changed, list(self.task.poses), samples=samples, seed=seed, specifications=self.chances)
-        return found.probability
+        return self._sample(chosen, seed, samples).probability
+
+    def _sample(self, chosen: Array, seed: int, samples: int, confidence: float = CONFIDENCE) -> PosesResult:
+        model, poses = changed_model(self.model, self.task.tolerances, chosen), list(self.task.poses)
+        return sample_poses(
+            model, poses, samples=samples, seed=seed, specifications=self.chances, confidence=confidence
+        )
 
 
 @final

@@ -35,20 +35,17 @@ def content(result: BudgetResult, results: Results) -> list[Child]:
         "Share of the variance of each tolerance, to first order; diamonds are the total Sobol index of the exact model.",
     )
     tables = [_causes(pose, ranked[vector], vector, result.marked) for vector in VECTORS]
-    return [chart, *tables, _explained(result), beside(*_shares(pose))]
-
-
-def _bar(one: CauseShare) -> Bar:
-    return Bar(one.cause.words, one.cause.tolerance, one.share, one.total)
-
-
-def _explained(result: BudgetResult) -> Html:
-    return paragraph(
+    explained = paragraph(
         "Share: of the variance, to first order, in closed form. S1 and ST: first-order and total Sobol index of the exact "
         f"model from {result.samples:,} points a set, seed {result.provenance.seed}, behind ± half of the interval at "
         f"{100 * result.confidence:g} % confidence. Halved: what results if this tolerance alone is halved.",
         class_="note",
     )
+    return [chart, *tables, explained, beside(*_shares(pose))]
+
+
+def _bar(one: CauseShare) -> Bar:
+    return Bar(one.cause.words, one.cause.tolerance, one.share, one.total)
 
 
 def _largest(ranked: Sequence[CauseShare], vector: str) -> str:

@@ -40,20 +40,17 @@ def content(result: ExactLawResult, results: Results) -> list[Child]:
                 )
             )
     absent = [*missing(laws.values()), *result.poses[0].warnings]
-    parts: list[Child] = [_explained(result, results), *pictures, _quantiles(laws.values()), _methods(result)]
-    if absent:
-        parts.append(items(absent, "note"))
-    return parts
-
-
-def _explained(result: ExactLawResult, results: Results) -> Html:
-    return paragraph(
+    explained = paragraph(
         "The law of the first-order model follows from the characteristic functions of the draws, without sampling, tails "
         f"included. The pictures lay it over the {results.analysis.samples:,} samples of the {results.analysis.model} model "
         "above: where the two differ, the arm is not linear over its tolerances. The last table compares it with "
         f"{result.samples:,} samples of the first-order model itself.",
         class_="note",
     )
+    parts: list[Child] = [explained, *pictures, _quantiles(laws.values()), _methods(result)]
+    if absent:
+        parts.append(items(absent, "note"))
+    return parts
 
 
 def _described(law: ExactLaw) -> str:

@@ -36,17 +36,14 @@ def content(result: ReliabilityResult, results: Results) -> list[Child]:
         for entry in entries
         for line in (*([entry.reason] if entry.reason else []), *entry.comments)
     ]
-    parts: list[Child] = [_explained(result), chart, verdicts, *(_methods(entry) for entry in entries)]
-    parts += [_importance(entry, results) for entry in entries if entry.failures]
-    return [*parts, items(lines, "note")] if lines else parts
-
-
-def _explained(result: ReliabilityResult) -> Html:
-    return paragraph(
+    explained = paragraph(
         "Plain sampling, FORM, importance sampling and subset simulation answer the same question on the exact model: "
         f"{result.samples:,} plain samples, seed {result.provenance.seed}.",
         class_="note",
     )
+    parts: list[Child] = [explained, chart, verdicts, *(_methods(entry) for entry in entries)]
+    parts += [_importance(entry, results) for entry in entries if entry.failures]
+    return [*parts, items(lines, "note")] if lines else parts
 
 
 def _described(entry: SpecificationReliability) -> str:
