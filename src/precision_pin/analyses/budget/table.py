@@ -17,7 +17,7 @@ from precision_pin.analyses.budget.budget_result import (
     Shares,
     SourceShare,
     scaled,
-)  # fmt: skip
+)
 from precision_pin.analyses.monte_carlo.table import answer_of, subject
 from precision_pin.base.text_escape import shortened
 from precision_pin.render.tables import percent, plus_minus, symbol, unit

@@ -21,7 +21,7 @@ from precision_pin.analyses.reliability.reliability_result import (
     PoseReliability,
     ReliabilityResult,
     SpecificationReliability,
-)  # fmt: skip
+)
 from precision_pin.analyses.reliability.strata import Stratum
 from precision_pin.analyses.result import list_warnings
 from precision_pin.base.arrays import Array
