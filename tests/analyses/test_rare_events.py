@@ -368,7 +368,7 @@ def test_a_rare_value_correlated_with_a_normal_number():
     found = rare_events(
         space, lambda x: 0.6 - np.abs(x.sum(axis=0)), [np.ones(2)], plain_estimate(3, 100_000, 0.999), 0, 0.999
     )
-    assert found.verdict.resolved
+    assert found.resolved
     for one in found.estimates[1:]:
         assert one.resolved
         assert one.interval[0] <= exact <= one.interval[1]
@@ -399,8 +399,8 @@ def test_a_rare_value_that_always_fails_is_the_most_likely_failure():
     np.testing.assert_allclose(first.importance, [1, 0], atol=1e-6)
     assert found.form.range == pytest.approx((5e-5, 5e-5), rel=1e-3)
     assert found.remarks == ()
-    low, high = found.verdict.best.interval
-    assert found.verdict.resolved
+    low, high = found.best.interval
+    assert found.resolved
     assert low <= 5e-5 + 2 * stats.norm.sf(6) <= high
 
 
@@ -421,7 +421,7 @@ def test_combinations_of_like_probability_make_one_stratum():
     found = rare_events(
         space, lambda x: 0.6 - np.abs(x.sum(axis=0)), [np.ones(11)], plain_estimate(4, 100_000, 0.95), 0, 0.99
     )
-    assert found.verdict.resolved
+    assert found.resolved
     for one in found.estimates[1:]:
         assert one.interval[0] <= exact <= one.interval[1]
         assert one.variation < 0.02
@@ -434,16 +434,16 @@ def test_laws_of_values_only_are_enumerated():
         Space(tuple(draws)), lambda x: 2.5 - x.sum(axis=0), [np.ones(5)], plain_estimate(0, 100_000, 0.95), 0, 0.95
     )
     exact = stats.binom(5, 2e-3).sf(2)
-    assert found.verdict.resolved
-    assert found.verdict.best.probability == pytest.approx(exact, rel=1e-9)
+    assert found.resolved
+    assert found.best.probability == pytest.approx(exact, rel=1e-9)
 
 
 def test_what_does_not_vary_is_certain():
     space = Space((Draw("jump", laws.TwoPoint(0.5, 0.5, 1e-5)), Draw("f", laws.Fixed(0.2))))
     found = rare_events(space, lambda x: 1 - x.sum(axis=0), [np.ones(2)], plain_estimate(0, 1000, 0.95), 0, 0.95)
-    assert found.verdict.resolved
-    assert found.verdict.best.probability == pytest.approx(1e-5, rel=1e-9)
-    assert found.verdict.best.interval == (pytest.approx(1e-5, rel=1e-9), pytest.approx(1e-5, rel=1e-9))
+    assert found.resolved
+    assert found.best.probability == pytest.approx(1e-5, rel=1e-9)
+    assert found.best.interval == (pytest.approx(1e-5, rel=1e-9), pytest.approx(1e-5, rel=1e-9))
 
 
 def test_a_bounded_law_that_cannot_fail_but_for_a_rare_value():
@@ -451,8 +451,8 @@ def test_a_bounded_law_that_cannot_fail_but_for_a_rare_value():
     found = rare_events(
         space, lambda x: 0.6 - np.abs(x.sum(axis=0)), [np.ones(2)], plain_estimate(4, 100_000, 0.95), 0, 0.95
     )
-    assert found.verdict.resolved
-    low, high = found.verdict.best.interval
+    assert found.resolved
+    low, high = found.best.interval
     assert low <= 5e-5 * (1 + 1e-9)
     assert high >= 5e-5 * (1 - 1e-9)
     assert high < 5.1e-5

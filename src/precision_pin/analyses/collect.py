@@ -151,17 +151,8 @@ def collect(
         declaration = declarations()[name]
         arguments = {key: settings[key] for key in declaration.report_settings}
         with step(declaration.heading.lower(), declaration.count_steps(error_model.space, 1, arguments)) as progress:
-            found[name] = _tried(
-                partial(
-                    declaration.run,
-                    error_model,
-                    [pose],
-                    seed=seed,
-                    findings=sheet.findings,
-                    progress=progress,
-                    **arguments,
-                )
-            )
+            common = {"seed": seed, "findings": sheet.findings, "progress": progress}
+            found[name] = _tried(partial(declaration.run, error_model, [pose], **common, **arguments))
     with step("MCPC parameters", 0):
         geometry = _tried(lambda: mcpc.from_chain(error_model.chain))
     x = at.space.sample(seed, 0, min(samples, CLOUD))
@@ -193,9 +184,9 @@ def collect_poses(sheet: Sheet, poses: Sequence[Pose], *, step: Step, **settings
 
     def named(pose: Pose) -> Step:
         label = error_model.pose_name(pose)
-        return (
-            step if len(poses) == 1 or not label else lambda what, count: step(f"{what}, pose {visible(label)}", count)
-        )
+        if len(poses) == 1 or not label:
+            return step
+        return lambda what, count: step(f"{what}, pose {visible(label)}", count)
 
     found = [collect(sheet, pose, step=named(pose), error_model=error_model, **settings) for pose in poses]
     ordered = sorted(found, key=_goodness)
@@ -218,11 +209,8 @@ def count_steps(specifications: Sequence[Specification], poses: int = 1) -> int:
 
 def _asked(specifications: Sequence[Specification]) -> list[str]:
     """Return the names of the analyses that a report shows: without specifications none that judges them."""
-    return [
-        name
-        for name, one in declarations().items()
-        if one.heading and (specifications or "specifications" not in one.report_settings)
-    ]
+    shown = {name: one for name, one in declarations().items() if one.heading}
+    return [name for name, one in shown.items() if specifications or "specifications" not in one.report_settings]
 
 
 def _tried(analysis: Callable[[], Found]) -> Found | Missing:

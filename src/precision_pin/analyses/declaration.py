@@ -227,8 +227,7 @@ class Declaration(NamedTuple):
 
     def table(self, result: Any, **arguments: Any) -> str:
         """Return a result as text."""
-        text: str = load(f"{self.outputs}.table:{self.table_name}")(result, **arguments)
-        return text
+        return load(f"{self.outputs}.table:{self.table_name}")(result, **arguments)
 
     def figure(self, result: Any, *pose: int) -> Any:
         """Return the figure of a result, of one at poses that at a pose, given by its number."""

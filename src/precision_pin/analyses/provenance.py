@@ -66,19 +66,9 @@ class Provenance:
 
     def to_dict(self, schema: str) -> dict[str, Any]:
         """Return the first keys of a result's JSON."""
-        return {
-            "schema": schema,
-            "complete": True,
-            "robot": self.robot,
-            "base": self.base,
-            "tip": self.tip,
-            "axes": "base",
-            "statics": self.statics,
-            "seed": self.seed,
-            "assumed": list(self.assumed),
-            **origins_entry(self.origins),
-            "versions": dict(self.versions),
-        }
+        arm = {"robot": self.robot, "base": self.base, "tip": self.tip, "axes": "base", "statics": self.statics}
+        rest = {"seed": self.seed, "assumed": list(self.assumed), **origins_entry(self.origins)}
+        return {"schema": schema, "complete": True, **arm, **rest, "versions": dict(self.versions)}
 
 
 @final

@@ -7,7 +7,7 @@ also give the skewness, and Hall's transformation of Student's ratio (Journal of
 widened by a tenth. Without this widening, intervals of ratios and of nets, whose replicates are not quite the independent
 normal values assumed, covered in 92 to 94 of 100 runs.
 
-Tails that no replicate contains are assessed from the laws, see :mod:`precision_pin.analyses.replicates`.
+Tails that no replicate contains are assessed from the laws.
 
 Test whether samples represent the tails and the rare values of the laws, one number at a time.
 
@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final, final
 
 import numpy as np
@@ -34,14 +34,15 @@ from scipy import special
 
 from precision_pin.base.arrays import Array
 from precision_pin.draws.space import Space
+from precision_pin.statistics import quantile_ranks
 from precision_pin.statistics.intervals import studentised
 
 REPLICATES: Final = 32
 """Number of independent runs, or scrambles of a net."""
 
 _WIDENING: Final = 1.1
+# relative spread of the replicates below which their skewness counts as rounding
 _ROUNDING: Final = 1e-14
-"""Relative spread of the replicates below which their skewness counts as rounding."""
 
 
 @final
@@ -61,17 +62,12 @@ class Estimates:
     @property
     def standard_error(self) -> Array:
         """Standard error of the values."""
-        result: Array = np.sqrt(self.replicate_variance / REPLICATES)
-        return result
+        return np.sqrt(self.replicate_variance / REPLICATES)
 
     def where(self, resolved: Array | NDArray[np.bool_]) -> Estimates:
         """Return the estimates, with NaN where they are not resolved."""
         keep = np.asarray(resolved, dtype=bool)
-        return Estimates(
-            np.where(keep, self.value, np.nan),
-            np.where(keep, self.half_width, np.nan),
-            np.where(keep, self.replicate_variance, np.nan),
-        )
+        return Estimates(*(np.where(keep, getattr(self, one.name), np.nan) for one in fields(self)))
 
 
 def pseudo_values(statistic: Callable[[NDArray[np.bool_]], Array]) -> tuple[Array, Array]:
@@ -101,6 +97,26 @@ def estimated(value: Array, pseudo: Array, confidence: float) -> Estimates:
     return Estimates(value, half_widths(pseudo, confidence), pseudo.var(axis=0, ddof=1))
 
 
+def quantile_of(
+    values: Array, probability: float, confidence: float, *, is_sorted: bool = False
+) -> tuple[Array, Array]:
+    """Return a quantile of each row of ``(k, N)`` and its distribution-free interval, ``(k,)`` and ``(2, k)``.
+
+    The order statistics at rank 1 + (N - 1) p are interpolated linearly, as in :class:`precision_pin.statistics.Distribution`.
+    The interval is NaN where the samples are too few for one.
+    """
+    count = values.shape[1]
+    position = (count - 1) * probability
+    below = min(math.floor(position), count - 1)
+    above = min(below + 1, count - 1)
+    ranks = quantile_ranks(count, probability, confidence)
+    ends = () if ranks is None else (ranks[0] - 1, ranks[1] - 1)
+    ordered = values if is_sorted else np.partition(values, sorted({below, above, *ends}), axis=1)
+    quantile: Array = ordered[:, below] + (position - below) * (ordered[:, above] - ordered[:, below])
+    interval = np.full((2, len(values)), np.nan) if ranks is None else np.stack([ordered[:, end] for end in ends])
+    return quantile, interval
+
+
 def half_widths(pseudo: Array, confidence: float) -> Array:
     """Return the half-widths of the intervals of means of ``(REPLICATES, …)``, for skewed means those of the longer side."""
     middle, spread = pseudo.mean(axis=0), pseudo.std(axis=0)
@@ -111,24 +127,23 @@ def half_widths(pseudo: Array, confidence: float) -> Array:
     small = np.abs(skewness) / math.sqrt(REPLICATES)
     ends = [studentised(side * student, small) for side in (-1, 1)]
     reach = np.maximum(np.maximum(np.abs(ends[0]), np.abs(ends[1])), student)
-    result: Array = _WIDENING * reach * spread * math.sqrt(1 / (REPLICATES - 1))
-    return result
+    return _WIDENING * reach * spread * math.sqrt(1 / (REPLICATES - 1))
 
 
 MOST_SKEWNESS: Final = 0.6
 """Largest skewness of the mean of all replicates; a count of 2.8 expected events has as much."""
 
+# exponent of the outermost cell's inner edges, 2⁻⁵⁰ from both ends
 _DEEPEST: Final = -50
-"""Exponent of the outermost cell's inner edges, 2⁻⁵⁰ from both ends."""
 
+# octaves in a cell
 _STEP: Final = 2
-"""Octaves in a cell."""
 
+# expected number of samples below which a region may be without any
 _FEW: Final = 3.0
-"""Expected number of samples below which a region may be without any."""
 
+# laws with more breaks, such as large tables, are treated as smooth: the nodes would be too many
 _MOST_BREAKS: Final = 200
-"""Laws with more breaks, such as large tables, are treated as smooth: the nodes would be too many."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
@@ -171,18 +186,13 @@ class Marginals:
             is_net: True if a replicate is a net.
             breaks: Jumps and kinks of each number's law, as from :func:`law_breaks`.
         """
-        rows, shares, columns = [], [], []
-        first = 0
-        for number in range(dimension):
-            u, weights = _line(points, tuple(breaks[number]) if breaks else ())
-            rows.append(u)
-            shares.append(weights)
-            columns.append(slice(first, first + u.size))
-            first += u.size
-        uniforms = np.full((dimension, first), 0.5)
-        for number, (row, where) in enumerate(zip(rows, columns, strict=True)):
-            uniforms[number, where] = row
-        return cls(uniforms, np.concatenate([np.zeros(0), *shares]), tuple(columns), points, is_net)
+        lines = [_line(points, tuple(breaks[number]) if breaks else ()) for number in range(dimension)]
+        ends = np.cumsum([0, *(u.size for u, _ in lines)]).tolist()
+        columns = tuple(map(slice, ends, ends[1:]))
+        uniforms = np.full((dimension, ends[-1]), 0.5)
+        for number, ((u, _), where) in enumerate(zip(lines, columns, strict=True)):
+            uniforms[number, where] = u
+        return cls(uniforms, np.concatenate([np.zeros(0), *(weights for _, weights in lines)]), columns, points, is_net)
 
     def subtract_means(self, values: Array) -> Array:
         """Return values ``(q, M)`` minus their mean along each number."""
@@ -216,8 +226,7 @@ class Marginals:
                 third += factor**3 * (count * (off**3 @ weights / share) / self.points**3)
         variance = np.maximum(second, np.nan_to_num(replicate_variance))
         limit = MOST_SKEWNESS * math.sqrt(REPLICATES) * variance**1.5
-        result: NDArray[np.bool_] = np.abs(third) <= limit
-        return result
+        return np.abs(third) <= limit
 
     def outermost(self, numbers: Sequence[int], samples: int) -> tuple[NDArray[np.intp], Array]:
         """Return the outermost nodes along some numbers, beyond which few of the samples lie, and their weights."""

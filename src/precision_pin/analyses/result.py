@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
@@ -14,7 +14,7 @@ from precision_pin.base.errors import Finding, UnknownNameError
 from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.result_io import JsonResult
-from precision_pin.render.tables import MOST_POSES, UNITS, dataset, joint_text, pose_labels
+from precision_pin.render.tables import MOST_POSES, UNITS, data_frame, dataset, joint_text, pose_labels
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -68,7 +68,12 @@ class AnalysisResult(Outcome):
     """Result of an analysis as a data frame and a picture.
 
     The keys of its JSON are ``"*head"``, its settings, ``assumptions``, ``warnings``, ``findings`` and what it found.
+
+    Attributes:
+        ASSUMPTIONS: Assumptions that every result of the class has.
     """
+
+    ASSUMPTIONS: ClassVar[tuple[str, ...]] = ()
 
     @property
     def met(self) -> bool | None:
@@ -78,7 +83,7 @@ class AnalysisResult(Outcome):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of the numbers, one sentence each."""
-        return ()
+        return self.ASSUMPTIONS
 
     @property
     def summary(self) -> str:
@@ -175,6 +180,15 @@ class Result(AnalysisResult):
         """Return the attributes of a data frame: the JSON with the joint values only of the poses."""
         joints = {label: dict(entry.pose.q) for label, entry in zip(self.labels, self.poses, strict=True)}
         return self.settings() | {"poses": joints}
+
+    def _frame(self, level: str, rows: Callable[[Any], Iterable[tuple[Any, Mapping[str, Any]]]]) -> pandas.DataFrame:
+        """Return the rows of each entry of ``poses``, a label and columns each, as a data frame of poses and ``level``."""
+        made = [
+            ((label, name), columns)
+            for label, pose in zip(self.labels, self.poses, strict=True)
+            for name, columns in rows(pose)
+        ]
+        return data_frame(["pose", level], made, self.attributes())
 
     def _title(self) -> str:
         """Return the heading of the notebook view, without the robot."""

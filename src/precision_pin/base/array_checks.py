@@ -56,6 +56,13 @@ def fix_fields(instance: Any) -> None:
 _MAY_BE_WRITTEN: Final = (np.ndarray, tuple)
 
 
+class Fixed:
+    """Base of frozen data classes whose arrays are read-only."""
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+
 @cache  # models make thousands of instances of a few classes
 def field_names(kind: type[Any]) -> tuple[str, ...]:
     """Return the names of the fields of a data class."""

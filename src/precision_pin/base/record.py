@@ -9,23 +9,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from precision_pin.base.array_checks import field_names, fix_fields
+from precision_pin.base.array_checks import Fixed, field_names
 
 Keys = tuple[str, ...]
 
 
-class Record:
+class Record(Fixed):
     """Frozen data class whose arrays are read-only and whose JSON follows from a declaration.
 
     Attributes:
         KEYS: Keys of the JSON in their order; the fields where it is empty. ``"key"`` is the attribute of that name,
-            ``"key=attribute"`` another, which may have dots, and ``"*attribute"`` adds all keys of a record or mapping.
+            ``"key=attribute"`` another, which may have dots, ``"key=attribute?"`` null where that is empty, and
+            ``"*attribute"`` adds all keys of a record or mapping.
     """
 
     KEYS: ClassVar[Keys] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of the record, SI units; null where a number does not exist or is not resolved."""
@@ -37,7 +35,9 @@ class Record:
         found: dict[str, Any] = {}
         for entry in keys:
             key, _, attribute = entry.partition("=")
-            value = encode(attrgetter(attribute or key.lstrip("*"))(self))
+            value = encode(attrgetter(attribute.rstrip("?") or key.lstrip("*"))(self))
+            if attribute.endswith("?"):
+                value = value or None
             found |= value if key.startswith("*") else {key: value}
         return found
 

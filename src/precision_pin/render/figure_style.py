@@ -143,6 +143,20 @@ def legend_below(figure: Figure, entries: Mapping[str, Any], columns: int, lines
     )
 
 
+def frame(figure: Figure, panels: Iterable[Axes], title: str, caption: str, height: float, columns: int = 4) -> None:
+    """Add a title above, a caption and a legend below, and set the height: so many mm beside the lines of text."""
+    entries, lines = labelled(panels), wrapped(caption, figure)
+    figure.suptitle("\n".join(wrapped(title, figure)))
+    legend_below(figure, entries, columns, lines)
+    set_height(figure, height + (len(lines) + 1 + len(entries) / columns) * LINE_HEIGHT)
+
+
+def end_figure(figure: Figure, panels: Iterable[Axes], lines: Sequence[str], height: float, columns: int = 2) -> None:
+    """Add lines and a legend below, and set the height, mm."""
+    legend_below(figure, labelled(panels), columns, lines)
+    set_height(figure, height)
+
+
 def shortened(name: str, most: int) -> str:
     """Return a name without its middle if it is longer than ``most`` characters."""
     half = (most - 1) // 2

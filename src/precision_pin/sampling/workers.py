@@ -7,17 +7,19 @@ import multiprocessing
 import os
 import signal
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from typing import Any, Final, Protocol, final
+from typing import Any, Final, Protocol, TypeVar, final
 
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.errors import InputError, PrecisionPinError
 
+Found = TypeVar("Found")
 MOST_WORKERS: Final = 1024
 MOST_LOSSES: Final = 3
 """Number of processes that may die during one task."""
@@ -327,6 +329,21 @@ def _connect_client(connect: Callable[..., Any], address: str) -> Any:
         return connect(address, timeout=PATIENCE, set_as_default=False)
     except AssertionError:
         return connect(address, timeout=PATIENCE, set_as_default=False)
+
+
+def in_order(tasks: Iterable[Callable[[], Found]], threads: int) -> Iterator[Found]:
+    """Yield the results of tasks in their order; threads run a few of them ahead."""
+    with ExitStack() as stack:
+        pool = ThreadPoolExecutor(threads)
+        # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
+        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
+        under_way: deque[Future[Found]] = deque()
+        for task in tasks:
+            under_way.append(pool.submit(task))
+            if len(under_way) >= 2 * threads:
+                yield under_way.popleft().result()
+        while under_way:
+            yield under_way.popleft().result()
 
 
 @contextmanager

@@ -22,12 +22,12 @@ def prepare(asked: Asked) -> Job:
         return ("no sheet is written: no tolerances within their bounds keep the limits",) * is_missed
 
     def files(result: Any) -> Files:
+        from precision_pin.analyses.allocation.allocation_result import allocated_sheet
         from precision_pin.analyses.allocation.figure import figure
-        from precision_pin.analyses.allocation.sheet import allocated_sheet
 
-        written = (
-            {"allocated.errors.yaml": allocated_sheet(model, result, Path(options["out"]))} if result.feasible else {}
-        )
+        written = {}
+        if result.feasible:
+            written = {"allocated.errors.yaml": allocated_sheet(model, result, Path(options["out"]))}
         return Files({"allocation": figure(result)}, written)
 
     return Job(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from time import monotonic
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +23,8 @@ from precision_pin.analyses.allocation.allocation_result import (
 from precision_pin.analyses.allocation.choices import Judge, Judged, Walk, walk
 from precision_pin.analyses.allocation.convex_program import Limit, Programme, Solution
 from precision_pin.analyses.allocation.costs import Tolerance
-from precision_pin.analyses.allocation.pareto_front import MOST_POINTS, pareto_front, solve
-from precision_pin.analyses.allocation.problem import (
-    Bound,
-    Problem,
-    common_grades,
-    read_problem,
-    unchosen,
-)
+from precision_pin.analyses.allocation.grades import MOST_POINTS, pareto_front, solve
+from precision_pin.analyses.allocation.problem import Bound, Problem, common_grades, read_problem, unchosen
 from precision_pin.analyses.allocation.scaling import (
     Contributions,
     NoScaleError,
@@ -37,32 +32,32 @@ from precision_pin.analyses.allocation.scaling import (
     contributions,
     in_deviations,
 )
+from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.base.arguments import check_instance, check_items, check_number, check_whole
+from precision_pin.base.arguments import check_number, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import warns_at_end
 from precision_pin.base.errors import Finding
 from precision_pin.base.progress import steps_to
-from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.chain import pose_findings
 from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
 
 _ROUNDS: Final = 6
+# share of a limit, first order, from which it may hold the choice
 _HOLDS: Final = 0.9
-"""Share of a limit, first order, from which it may hold the choice."""
 _SAME: Final = 1e-6
+# scores of the normal law by which the aim moves more each round, while the samples do not change their mind
 _STRIDE: Final = 0.4
-"""Scores of the normal law by which the aim moves more each round, while the samples do not change their mind."""
+# probability that may be left between the lower end of an interval and what is required
 _SPARE: Final = 0.002
-"""Probability that may be left between the lower end of an interval and what is required."""
 SHOWN_BY: Final = 100_000
 """Samples that `analyze` takes where nothing else is asked."""
 _MOST_SHOWN: Final = 10**9
 _SHAPE_SAMPLES: Final = 8_192
+# skewness and excess kurtosis (of a uniform law -1.2) up to which a law is about normal
 _MOST_SKEWED, _MOST_CURVED = 0.3, 1.35
-"""Skewness and excess kurtosis (of a uniform law -1.2) up to which a law is about normal."""
 
 
 @warns_at_end
@@ -103,16 +98,51 @@ def allocate(
         InputError: A wrong problem, or a tolerance with which the error does not scale.
         UnknownNameError: No such pose, source or key.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    check_seed(seed)
+    known = check_common(error_model, seed=seed, findings=findings, progress=progress)
     check_number("the seconds of an allocation", seconds, "a number above zero", lambda value: value > 0)
     if isinstance(pareto, bool) or not isinstance(pareto, int) or pareto != 0:
         check_whole("the number of points of the front", pareto, 2, MOST_POINTS, f"of 0, or from 2 to {MOST_POINTS}")
     check_whole("the samples that a margin is for", for_samples, 0, _MOST_SHOWN)
-    known = check_items("findings", findings, Finding)
     task = read_problem(error_model, problem)
     with steps_to(progress, allocation_steps(task, pareto), "steps") as advance:
-        return _allocate(error_model, task, int(seed), (seconds, pareto, int(for_samples)), known, advance)
+        bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
+        try:
+            parts = contributions(error_model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
+        except NoScaleError as error:
+            raise unchosen(error_model, error) from None
+        judge = Judge(error_model, task, int(seed), int(for_samples))
+        search = _Search(task, parts, _members(task.tolerances), judge, monotonic() + seconds)
+        choices, members, end = search.choices, search.members, search.end
+        programme = search.programme(judge.aimed.tolist())
+        walked = walk(programme, choices, members, parts, judge, int(seed), end)
+        if walked is not None and walked.is_complete:
+            found = search.end_of(programme, walked)
+            advance(_ROUNDS)
+        else:
+            rounds = search.rounds(advance)
+            if (rounds[-1].solution is None or not rounds[-1].is_met) and (judge.aimed > judge.required).any():
+                # what can be kept, but not with a margin
+                judge.aimed = judge.required
+                rounds += search.rounds(lambda _: None)
+            found = rounds[-1]
+            bound, basis = search.bound(rounds)
+            if walked is not None:
+                bound, basis = walked.lower_bound, "samples"
+            if found.solution is None:
+                found = replace(found, basis=basis)
+            else:
+                least = None if bound is None else min(bound, found.cost)
+                found = replace(found, solution=replace(found.solution, lower_bound=least), basis=basis)
+                if found.is_clear and (margin := judge.aimed - judge.required).any():
+                    held = [one.probability for one in found.programme.limits if one.kind == "quantile"]
+                    without = search.programme((np.array(held) - margin).tolist())
+                    near = None if found.solution is None else found.solution.t
+                    cheaper = solve(without, choices, end - monotonic(), lambda _: None, near)
+                    found = replace(found, least_met=np.inf if cheaper is None else cheaper.cost)
+        result = _result(search, found, int(seed), known)
+        if not pareto:
+            return result
+        return replace(result, front=pareto_front(found.programme, choices, members, pareto, seconds, advance))
 
 
 def allocation_steps(problem: Problem, pareto: int = 0) -> int:
@@ -120,57 +150,6 @@ def allocation_steps(problem: Problem, pareto: int = 0) -> int:
     return len(problem.tolerances) + _ROUNDS + pareto
 
 
-def _allocate(
-    model: ErrorModel,
-    task: Problem,
-    seed: int,
-    effort: tuple[float, int, int],
-    findings: tuple[Finding, ...],
-    advance: Callable[[int], None],
-) -> AllocationResult:
-    bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
-    try:
-        parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
-    except NoScaleError as error:
-        raise unchosen(model, error) from None
-    members = _members(task.tolerances)
-    choices = [common_grades(_own(task, members, g)) for g in range(int(members.max()) + 1)]
-    seconds, pareto, for_samples = effort
-    judge = Judge(model, task, seed, for_samples)
-    end = monotonic() + seconds
-    programme = _programme(task, parts, members, judge.aimed.tolist())
-    walked = walk(programme, choices, members, parts, judge, seed, end)
-    if walked is not None and walked.is_complete:
-        found = _walked(programme, members, walked, judge)
-        advance(_ROUNDS)
-    else:
-        rounds = _rounds(task, parts, members, choices, judge, end, advance)
-        if (rounds[-1].solution is None or not rounds[-1].is_met) and (judge.aimed > judge.required).any():
-            # what can be kept, but not with a margin
-            judge.aimed = judge.required
-            rounds += _rounds(task, parts, members, choices, judge, end, lambda _: None)
-        found = rounds[-1]
-        bound, basis = _bound(task, parts, members, choices, rounds, judge, end)
-        if walked is not None:
-            bound, basis = walked.lower_bound, "samples"
-        if found.solution is None:
-            found = replace(found, basis=basis)
-        else:
-            known = None if bound is None else min(bound, found.cost)
-            found = replace(found, solution=replace(found.solution, lower_bound=known), basis=basis)
-            if found.is_clear and (margin := judge.aimed - judge.required).any():
-                held = [one.probability for one in found.programme.limits if one.kind == "quantile"]
-                without = _programme(task, parts, members, (np.array(held) - margin).tolist())
-                near = None if found.solution is None else found.solution.t
-                cheaper = solve(without, choices, end - monotonic(), lambda _: None, near)
-                found = replace(found, least_met=np.inf if cheaper is None else cheaper.cost)
-    result = _result(model, task, found, judge, seed, findings)
-    if not pareto:
-        return result
-    return replace(result, front=pareto_front(found.programme, choices, members, pareto, seconds, advance))
-
-
-@final
 @dataclass(frozen=True, eq=False)
 class _Attempt:
     """Tolerances of one round, what the samples say, what the bound of the cost rests on, and the cost without a margin."""
@@ -195,102 +174,138 @@ class _Attempt:
         return np.inf if self.solution is None else self.solution.cost
 
 
-def _walked(programme: Programme, members: NDArray[np.intp], walked: Walk, judge: Judge) -> _Attempt:
-    """Return the choice at which the walk ended; the narrowest one where none keeps the limits."""
-    if walked.chosen is None:
-        chosen = programme.least[members]
-        return _Attempt(programme, None, chosen, judge.look(chosen), "samples")
-    solution = replace(programme.priced(walked.chosen), lower_bound=walked.lower_bound)
-    return _Attempt(programme, solution, walked.chosen[members], walked.judged, "samples", walked.least_met)
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Search for the cheapest tolerances by the first order; ``members`` has the group of each tolerance, ``end`` the time."""
 
+    task: Problem
+    parts: Contributions
+    members: NDArray[np.intp]
+    judge: Judge
+    end: float
 
-def _rounds(
-    task: Problem,
-    parts: Contributions,
-    members: NDArray[np.intp],
-    choices: Sequence[Array | None],
-    judge: Judge,
-    end: float,
-    advance: Callable[[int], None],
-) -> list[_Attempt]:
-    """Return the rounds by the first order, each aimed at what the samples of the one before say; the best is the last."""
-    aims = judge.aimed.tolist()
-    rounds: list[_Attempt] = []
-    found: _Attempt | None = None
-    tried: list[tuple[list[float], Array]] = []
-    for _ in range(_ROUNDS):
-        programme = _programme(task, parts, members, aims)
-        near = None if found is None or found.solution is None else found.solution.t
-        solution = solve(programme, choices, end - monotonic(), advance, near)
-        # what cannot be met is verified with the tolerances that exceed it least
-        chosen = (programme.least if solution is None else solution.t)[members]
-        made = _Attempt(programme, solution, chosen)
-        known = found.judged if found is not None and np.allclose(chosen, found.chosen, rtol=_SAME, atol=0) else None
-        if not judge.chances or (known is not None and known.is_clear and solution is not None):
-            rounds += [] if judge.chances else [made]
-            found = found or made
-            break
-        # the narrowest ones again, where the first order still refuses what the samples show to be kept
-        is_known = known is not None and known.is_clear
-        made = replace(made, judged=known if is_known else judge.look(chosen, judge.many))
-        rounds.append(made)
-        advance(1)
-        assert made.judged is not None
-        spare = made.judged.sampled[1].min(axis=1) - judge.aimed
-        # with the margin before without, then the cheaper; the last one where none is met
-        better = found is not None and (made.is_clear, -made.cost) > (found.is_clear, -found.cost)
-        if found is None or not found.is_met or (made.is_met and better):
-            found = made
-        # of several limits only those that hold the choice have something to give back
-        holds = [
-            one.measure(programme.least[:, None] if solution is None else solution.t[:, None]).max()
-            > _HOLDS * one.limit
-            for one in programme.limits
-            if one.kind == "quantile"
-        ]
-        # the first order may refuse what the samples show to be kept
-        if (solution is None and not made.is_clear) or (made.is_clear and not (holds & (spare > _SPARE)).any()):
-            break
-        tried.append((aims, spare))
-        history = [np.array(one).T for one in zip(*tried, strict=True)]
-        aims = [
-            _next_aim(*own) if (held if made.is_clear else own[1][-1] < 0) else float(own[0][-1])
-            for *own, held in zip(*history, holds, strict=True)
-        ]
-    assert found is not None
-    advance(_ROUNDS - len(rounds) if judge.chances else _ROUNDS)
-    return [*(one for one in rounds if one is not found), found]
+    @cached_property
+    def together(self) -> list[list[Tolerance]]:
+        """Tolerances of each group."""
+        groups = range(int(self.members.max()) + 1)
+        return [[one for one, own in zip(self.task.tolerances, self.members, strict=True) if own == g] for g in groups]
 
+    @cached_property
+    def choices(self) -> list[Array | None]:
+        """Grades of each group."""
+        return [common_grades(own) for own in self.together]
 
-def _bound(
-    task: Problem,
-    parts: Contributions,
-    members: NDArray[np.intp],
-    choices: Sequence[Array | None],
-    rounds: Sequence[_Attempt],
-    judge: Judge,
-    end: float,
-) -> tuple[float | None, Basis]:
-    """Return a lower bound of the cost of all that keeps the limits as they are stated, not as they were aimed at.
+    def programme(self, aims: Sequence[float]) -> Programme:
+        """Return costs and limits, with specifications held at these probabilities."""
+        parts, members, together = self.parts, self.members, self.together
+        listed = list(zip(together, self.choices, strict=True))
+        low = np.array([max(one.low for one in own) if grades is None else grades[0] for own, grades in listed])
+        high = np.array([min(one.high for one in own) if grades is None else grades[-1] for own, grades in listed])
+        costs = [[one.cost for one in own] for own in together]
 
-    With specifications it is the bound of the first order, whose probability is lowered by as much as the samples of any round
-    may exceed it. Of laws that are far from a normal one that says nothing about other tolerances, and there is no bound.
-    """
-    found = rounds[-1]
-    if not judge.chances:
-        return None if found.solution is None else found.solution.lower_bound, "proof"
-    if found.solution is None or not _near_normal(judge, parts):
-        return None, "normal law"
-    excess = np.zeros(len(judge.chances))
-    for one in rounds:
-        t = one.programme.least if one.solution is None else one.solution.t
-        limits = [limit for limit in one.programme.limits if limit.kind == "quantile"]
-        normal = np.array([limit.probabilities(t) for limit in limits])
-        assert one.judged is not None
-        excess = np.maximum(excess, (one.judged.sampled[2] - normal).max(axis=1))
-    programme = _programme(task, parts, members, (judge.required - excess).tolist())
-    wider = solve(programme, choices, max(end - monotonic(), 0.0), lambda _: None, found.solution.t)
-    return (None if wider is None else wider.lower_bound), "normal law"
+        def grouped(array: Array) -> Array:
+            return np.stack([array[members == g].sum(axis=0) for g in range(len(together))])
+
+        squares, reaches = grouped(parts.by_tolerance), grouped(parts.reach_by_tolerance)
+        # correlated tolerances of one group are one square
+        of = np.append(members, len(costs))[parts.pairs]
+        for group, part in zip(of[:, 0][of[:, 0] == of[:, 1]], parts.by_pair[of[:, 0] == of[:, 1]], strict=True):
+            squares[group] += part
+        pairs = of[of[:, 0] != of[:, 1]]
+        covariances = np.concatenate([squares, parts.by_pair[of[:, 0] != of[:, 1]]])
+        limits, left = [], iter(aims)
+        for one in self.task.limits:
+            rows = list(one.components)
+            kind, probability = (one.kind, 0.0) if isinstance(one, Bound) else ("quantile", next(left))
+            grid = np.ix_(rows, rows)
+            if kind == "worst_case":
+                fixed, each, products = parts.reach[rows][:, None], reaches[:, rows][:, :, None], pairs[:0]
+            else:
+                fixed, each, products = parts.covariance[grid], np.stack([part[grid] for part in covariances]), pairs
+            limits.append(Limit(kind, one.limit, probability, tuple(rows), parts.mean[rows], fixed, each, products))
+        return Programme(costs, low, high, limits)
+
+    def end_of(self, programme: Programme, walked: Walk) -> _Attempt:
+        """Return the choice at which the walk ended; the narrowest one where none keeps the limits."""
+        if walked.chosen is None:
+            chosen = programme.least[self.members]
+            return _Attempt(programme, None, chosen, self.judge.look(chosen), "samples")
+        solution = replace(programme.priced(walked.chosen), lower_bound=walked.lower_bound)
+        chosen = walked.chosen[self.members]
+        return _Attempt(programme, solution, chosen, walked.judged, "samples", walked.least_met)
+
+    def rounds(self, advance: Callable[[int], None]) -> list[_Attempt]:
+        """Return the rounds by the first order, each aimed at what the samples of the one before say; the best is the last."""
+        aims = self.judge.aimed.tolist()
+        rounds: list[_Attempt] = []
+        found: _Attempt | None = None
+        tried: list[tuple[list[float], Array]] = []
+        for _ in range(_ROUNDS):
+            programme = self.programme(aims)
+            near = None if found is None or found.solution is None else found.solution.t
+            solution = solve(programme, self.choices, self.end - monotonic(), advance, near)
+            # what cannot be met is verified with the tolerances that exceed it least
+            chosen = (programme.least if solution is None else solution.t)[self.members]
+            made = _Attempt(programme, solution, chosen)
+            known = (
+                found.judged if found is not None and np.allclose(chosen, found.chosen, rtol=_SAME, atol=0) else None
+            )
+            if not self.judge.chances or (known is not None and known.is_clear and solution is not None):
+                rounds += [] if self.judge.chances else [made]
+                found = found or made
+                break
+            # the narrowest ones again, where the first order still refuses what the samples show to be kept
+            is_known = known is not None and known.is_clear
+            made = replace(made, judged=known if is_known else self.judge.look(chosen, self.judge.many))
+            rounds.append(made)
+            advance(1)
+            assert made.judged is not None
+            spare = made.judged.sampled[1].min(axis=1) - self.judge.aimed
+            # with the margin before without, then the cheaper; the last one where none is met
+            better = found is not None and (made.is_clear, -made.cost) > (found.is_clear, -found.cost)
+            if found is None or not found.is_met or (made.is_met and better):
+                found = made
+            # of several limits only those that hold the choice have something to give back
+            holds = [
+                one.measure(programme.least[:, None] if solution is None else solution.t[:, None]).max()
+                > _HOLDS * one.limit
+                for one in programme.limits
+                if one.kind == "quantile"
+            ]
+            # the first order may refuse what the samples show to be kept
+            if (solution is None and not made.is_clear) or (made.is_clear and not (holds & (spare > _SPARE)).any()):
+                break
+            tried.append((aims, spare))
+            history = [np.array(one).T for one in zip(*tried, strict=True)]
+            aims = [
+                _next_aim(*own) if (held if made.is_clear else own[1][-1] < 0) else float(own[0][-1])
+                for *own, held in zip(*history, holds, strict=True)
+            ]
+        assert found is not None
+        advance(_ROUNDS - len(rounds) if self.judge.chances else _ROUNDS)
+        return [*(one for one in rounds if one is not found), found]
+
+    def bound(self, rounds: Sequence[_Attempt]) -> tuple[float | None, Basis]:
+        """Return a lower bound of the cost of all that keeps the limits as they are stated, not as they were aimed at.
+
+        With specifications it is the bound of the first order, whose probability is lowered by as much as the samples of any
+        round may exceed it. Of laws that are far from a normal one that says nothing about other tolerances: no bound.
+        """
+        found = rounds[-1]
+        if not self.judge.chances:
+            return None if found.solution is None else found.solution.lower_bound, "proof"
+        if found.solution is None or not _near_normal(self.judge, self.parts):
+            return None, "normal law"
+        excess = np.zeros(len(self.judge.chances))
+        for one in rounds:
+            t = one.programme.least if one.solution is None else one.solution.t
+            limits = [limit for limit in one.programme.limits if limit.kind == "quantile"]
+            normal = np.array([limit.probabilities(t) for limit in limits])
+            assert one.judged is not None
+            excess = np.maximum(excess, (one.judged.sampled[2] - normal).max(axis=1))
+        programme = self.programme((self.judge.required - excess).tolist())
+        wider = solve(programme, self.choices, max(self.end - monotonic(), 0.0), lambda _: None, found.solution.t)
+        return (None if wider is None else wider.lower_bound), "normal law"
 
 
 def _near_normal(judge: Judge, parts: Contributions) -> bool:
@@ -320,10 +335,6 @@ def _next_aim(aims: Array, spares: Array) -> float:
     return min(step, float(special.ndtr(special.ndtri(aim) - stride)))
 
 
-def _own(task: Problem, members: NDArray[np.intp], group: int) -> list[Tolerance]:
-    return [one for one, own in zip(task.tolerances, members, strict=True) if own == group]
-
-
 def _members(tolerances: Sequence[Tolerance]) -> NDArray[np.intp]:
     """Return the number of the group of each tolerance; one without a group has its own."""
     names = [one.group or f"\0{k}" for k, one in enumerate(tolerances)]
@@ -331,50 +342,10 @@ def _members(tolerances: Sequence[Tolerance]) -> NDArray[np.intp]:
     return np.array([order.index(name) for name in names])
 
 
-def _programme(task: Problem, parts: Contributions, members: NDArray[np.intp], aims: Sequence[float]) -> Programme:
-    groups = range(int(members.max()) + 1)
-    together = [_own(task, members, g) for g in groups]
-    listed = [common_grades(own) for own in together]
-    low, high = (
-        np.array(
-            [
-                bound(getattr(one, name) for one in own) if grades is None else grades[end]
-                for own, grades in zip(together, listed, strict=True)
-            ]
-        )
-        for bound, name, end in ((max, "low", 0), (min, "high", -1))
-    )
-    costs = [[one.cost for one in own] for own in together]
-
-    def grouped(array: Array) -> Array:
-        return np.stack([array[members == g].sum(axis=0) for g in groups])
-
-    squares, reaches = grouped(parts.by_tolerance), grouped(parts.reach_by_tolerance)
-    # correlated tolerances of one group are one square
-    of = np.append(members, len(costs))[parts.pairs]
-    for group, part in zip(of[:, 0][of[:, 0] == of[:, 1]], parts.by_pair[of[:, 0] == of[:, 1]], strict=True):
-        squares[group] += part
-    pairs = of[of[:, 0] != of[:, 1]]
-    covariances = np.concatenate([squares, parts.by_pair[of[:, 0] != of[:, 1]]])
-    limits, left = [], iter(aims)
-    for one in task.limits:
-        rows = list(one.components)
-        kind, probability = (one.kind, 0.0) if isinstance(one, Bound) else ("quantile", next(left))
-        grid = np.ix_(rows, rows)
-        if kind == "worst_case":
-            fixed, each, products = parts.reach[rows][:, None], reaches[:, rows][:, :, None], pairs[:0]
-        else:
-            fixed, each, products = parts.covariance[grid], np.stack([part[grid] for part in covariances]), pairs
-        limits.append(Limit(kind, one.limit, probability, tuple(rows), parts.mean[rows], fixed, each, products))
-    return Programme(costs, low, high, limits)
-
-
-def _result(
-    model: ErrorModel, task: Problem, found: _Attempt, judge: Judge, seed: int, findings: tuple[Finding, ...]
-) -> AllocationResult:
+def _result(search: _Search, found: _Attempt, seed: int, findings: tuple[Finding, ...]) -> AllocationResult:
+    task, members, judge, model = search.task, search.members, search.judge, search.judge.model
     values, _ = model.configurations(list(task.poses))
     grounds = grounds_at(model, values, task.poses)
-    members = _members(task.tolerances)
     programme, solution = found.programme, found.solution
     judged, places, row = [], [], 0
     t = programme.least if solution is None else solution.t
@@ -382,38 +353,31 @@ def _result(
         measure = programme.limits[k].measure(t[:, None])[0]
         worst = int(measure.argmax()) % len(task.poses)
         places.append(int(measure.argmax()))
-        made = AllocatedLimit(
-            kind=programme.limits[k].kind,
-            quantity=_quantity(one),
-            limit=one.limit,
-            required=one.required if isinstance(one, Specification) else None,
-            aimed=None if found.basis == "samples" else programme.limits[k].probability or None,
-            first_order=float(measure.max()),
-            worst_pose=task.poses[worst],
-            shadow_price=None if solution is None else solution.prices[k],
-            probability=None,
-            interval=None,
-            grounds=grounds,
-        )
+        sampled: dict[str, Any] = {}
         if isinstance(one, Specification):
             assert found.judged is not None
-            place = int(found.judged.sampled[1, row].argmin())
-            share, low, high = (float(value) for value in found.judged.sampled[:, row, place])
-            made = replace(
-                made,
-                probability=share,
-                interval=(low, high),
-                varies=bool(found.judged.varies[row, place]),
-                margin=float(judge.aimed[row] - judge.required[row]) if found.is_clear else 0.0,
-                worst_pose=task.poses[place],
-            )
+            worst = int(found.judged.sampled[1, row].argmin())
+            share, low, high = found.judged.sampled[:, row, worst].tolist()
+            margin = float(judge.aimed[row] - judge.required[row]) if found.is_clear else 0.0
+            sampled = {"required": one.required, "probability": share, "interval": (low, high), "margin": margin}
+            sampled["varies"] = bool(found.judged.varies[row, worst])
             row += 1
-        judged.append(made)
+        judged.append(
+            AllocatedLimit(
+                kind=programme.limits[k].kind,
+                quantity=_quantity(one),
+                limit=one.limit,
+                aimed=None if found.basis == "samples" else programme.limits[k].probability or None,
+                first_order=float(measure.max()),
+                worst_pose=task.poses[worst],
+                shadow_price=None if solution is None else solution.prices[k],
+                grounds=grounds,
+                **sampled,
+            )
+        )
     width = np.zeros(len(programme.low)) if solution is None else solution.bound_prices
-    graded = np.array([common_grades(_own(task, members, own)) is not None for own in members])
-    cost = np.array(
-        [float(one.cost.at(np.array(value))) for one, value in zip(task.tolerances, found.chosen, strict=True)]
-    )
+    graded = np.array([search.choices[own] is not None for own in members])
+    cost = np.array([float(one.cost.at(value)) for one, value in zip(task.tolerances, found.chosen, strict=True)])
     return AllocationResult(
         provenance=Provenance.of(model, seed),
         tolerances=task.tolerances,

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
 
 from precision_pin.analyses.allocation.costs import Tolerance
-from precision_pin.analyses.allocation.pareto_front import FrontPoint
+from precision_pin.analyses.allocation.grades import FrontPoint
 from precision_pin.analyses.budget.shares import by_draw, reaches
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.base.record import Keys, Record
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.render.notebook import preformatted
@@ -53,13 +55,13 @@ class AllocatedLimit(Record):
     kind: str
     quantity: str
     limit: float
-    required: float | None
     aimed: float | None
     first_order: float
     worst_pose: str
     shadow_price: float | None
-    probability: float | None
-    interval: tuple[float, float] | None
+    required: float | None = None
+    probability: float | None = None
+    interval: tuple[float, float] | None = None
     varies: bool = True
     margin: float = 0.0
     grounds: Grounds = NO_GROUNDS
@@ -126,17 +128,8 @@ class AllocationResult(AnalysisResult):
 
     KEYS: ClassVar[Keys] = (
         *("*head", "tolerances=tolerance_entries", "cost", "cost_before", "lower_bound", "lower_bound_is_proven"),
-        *(
-            "lower_bound_basis=bound_basis",
-            "gap",
-            "for_samples",
-            "margin_cost",
-            "specs=limits",
-            "parts",
-            "poses",
-            "feasible",
-        ),
-        *("met", "*grounds", "pareto=front", "findings"),
+        *("lower_bound_basis=bound_basis", "gap", "for_samples", "margin_cost", "specs=limits", "parts", "poses"),
+        *("feasible", "met", "*grounds", "pareto=front", "findings"),
     )
 
     tolerances: tuple[Tolerance, ...]
@@ -194,18 +187,11 @@ class AllocationResult(AnalysisResult):
     @property
     def tolerance_entries(self) -> list[dict[str, Any]]:
         """The tolerances as in the JSON."""
+        rows = zip(self.after.tolist(), self.costs.tolist(), self.shadow_prices.tolist(), strict=True)
         return [
-            {
-                "path": one.path,
-                "before": one.before,
-                "after": after,
-                "grade": one.grade(after) or None,
-                "cost": cost,
-                "shadow_price": price,
-            }
-            for one, after, cost, price in zip(
-                self.tolerances, self.after.tolist(), self.costs.tolist(), self.shadow_prices.tolist(), strict=True
-            )
+            {"path": one.path, "before": one.before, "after": after, "grade": one.grade(after) or None}
+            | {"cost": cost, "shadow_price": price}
+            for one, (after, cost, price) in zip(self.tolerances, rows, strict=True)
         ]
 
     def _repr_html_(self) -> str:
@@ -216,6 +202,22 @@ class AllocationResult(AnalysisResult):
     def summary(self) -> str:
         """What `repr` says of the result, beside the arm."""
         return f"{len(self.tolerances)} tolerances, cost {self.cost:.6g}"
+
+
+def allocated_sheet(model: ErrorModel, result: AllocationResult, folder: Path) -> str:
+    """Return the sheet of a model with the chosen tolerances, without its comments.
+
+    Args:
+        model, result: The model that was allocated, and the result.
+        folder: Where the sheet will lie; the robot's file is named from there.
+
+    Raises:
+        InputError: The model was not read from a sheet.
+    """
+    changed = model.with_(result.changes).sheet
+    if changed is None or changed.contents is None:
+        raise InputError("the model was not read from a sheet or a dictionary")
+    return changed.contents.written(folder)
 
 
 MEAN: Final = "constant part"

@@ -22,31 +22,33 @@ from precision_pin.analyses.allocation.scaling import Contributions, changed_mod
 from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
+from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.statistics import Specification
 from precision_pin.statistics.intervals import share_to_show, upper_ends
 
 SAMPLES: Final = 50_000
 """Fresh samples of a verification."""
+# how many times as many are drawn, afresh, of a choice of grades of which they do not decide
 _MORE: Final = (4, 16, 64)
-"""How many times as many are drawn, afresh, of a choice of grades of which they do not decide."""
+# robots times poses of a round that no other choice follows; at least `SAMPLES` and at most four times as many robots
 _ROBOTS: Final = 1_000_000
-"""Robots times poses of a round that no other choice follows; at least `SAMPLES` and at most four times as many robots."""
 CONFIDENCE: Final = 0.95
 """Of all statements of one allocation together, and of the intervals of the samples that the margin is for."""
+# with which the samples that the margin is for show every limit at every pose
 _CHANCE: Final = 0.95
-"""With which the samples that the margin is for show every limit at every pose."""
+# probability of a wrong statement that is left to the first-order samples; the rest is left to those of the exact
+# model
 _OF_SCREENS: Final = 0.01
-"""Probability of a wrong statement that is left to the first-order samples; the rest is left to those of the exact model."""
 _MOST_CHOICES: Final = 20_000
+# choices that are looked at together
 _AT_ONCE: Final = 128
-"""Choices that are looked at together."""
+# first-order samples of every choice, and of those that the first do not decide
 _FIRST, _SECOND = 4_096, 32_768
-"""First-order samples of every choice, and of those that the first do not decide."""
 _TIMES_OFF: Final = 2.0
+# the share of the first-order samples may be off by this, and twice what the exact model differs on the same robots
 _LEAST_OFF: Final = 1e-3
-"""The share of the first-order samples may be off by this, and twice what the exact model differs on the same robots."""
+# numbers in memory at once, about
 _NUMBERS: Final = 2**22
-"""Numbers in memory at once, about."""
 
 
 @final
@@ -102,14 +104,7 @@ class Judge:
         self._looks += 1
         wrong = (1 - CONFIDENCE - _OF_SCREENS) / (self._looks * (self._looks + 1))
         seed = (self._seed + self._looks) % 2**64
-        found = sample_poses(
-            changed_model(self.model, self.task.tolerances, chosen),
-            list(self.task.poses),
-            samples=samples,
-            seed=seed,
-            specifications=self.chances,
-            confidence=1 - wrong,
-        )
+        found = self._sample(chosen, seed, samples, confidence=1 - wrong)
         shares, ends = found.probability, np.moveaxis(found.probability_interval, 1, 0)
         # one place is enough to fail, so that a wrong one must be ruled out at all of them
         most = upper_ends(np.round(shares * samples), samples, wrong / (2 * max(shares.size, 1)))
@@ -135,9 +130,13 @@ class Judge:
 
     def same_robots(self, chosen: Array, seed: int, samples: int) -> Array:
         """Return shares inside, ``(limits, poses)``, of the robots of a seed; no statement rests on them."""
-        changed = changed_model(self.model, self.task.tolerances, chosen)
-        found = sample_poses(changed, list(self.task.poses), samples=samples, seed=seed, specifications=self.chances)
-        return found.probability
+        return self._sample(chosen, seed, samples).probability
+
+    def _sample(self, chosen: Array, seed: int, samples: int, confidence: float = CONFIDENCE) -> PosesResult:
+        model, poses = changed_model(self.model, self.task.tolerances, chosen), list(self.task.poses)
+        return sample_poses(
+            model, poses, samples=samples, seed=seed, specifications=self.chances, confidence=confidence
+        )
 
 
 @final
@@ -219,7 +218,6 @@ def walk(
     return stop_at(np.inf, is_complete=True)
 
 
-@final
 class _Screen:
     """Samples of the first-order error with the laws of the sheet, the same robots for every choice."""
 

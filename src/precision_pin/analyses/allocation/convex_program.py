@@ -24,18 +24,18 @@ from precision_pin.analyses.map.normal_norms import (
     norm_quantiles,
     principal_axes,
 )
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 
 ROUNDING: Final = 1e-9
 """Excess of a limit, relative, that is rounding."""
+# points of a way that are tried together
 _AT_ONCE: Final = 34
-"""Points of a way that are tried together."""
 _HALF: Final = 0.5
+# probability from which on no pair of covariances was found with one between them that does not keep the quantile
 _CONVEX: Final = 0.92
-"""Probability from which on no pair of covariances was found with one between them that does not keep the quantile."""
+# distance from a limit, relative, below which it is active
 _ACTIVE: Final = 1e-5
-"""Distance from a limit, relative, below which it is active."""
 
 
 def last_kept(kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]:
@@ -50,7 +50,7 @@ def last_kept(kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]
 
 @final
 @dataclass(frozen=True, eq=False)
-class Limit:
+class Limit(Fixed):
     """A limit at every pose.
 
     Attributes:
@@ -72,9 +72,6 @@ class Limit:
     fixed: Array
     parts: Array
     pairs: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def is_convex(self) -> bool:
@@ -155,7 +152,7 @@ class Limit:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Fixed):
     """Cheapest tolerances.
 
     Attributes:
@@ -173,9 +170,6 @@ class Solution:
     lower_bound: float | None
     prices: tuple[float, ...]
     bound_prices: Array
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 @final

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -11,10 +12,11 @@ import numpy as np
 
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 
+# unit of each number of a cost, of the tolerance's units; empty for a pure number
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "reciprocal": ("{}",),
     "squared": ("{}^2",),
@@ -22,11 +24,10 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "exponential": ("", "1/{}"),
     "logarithmic": ("", "{}"),
 }
-"""Unit of each number of a cost, of the tolerance's units; empty for a pure number."""
 _LISTS: Final = ("grades", "iso286")
 _MOST_POWER: Final = 100.0
+# numbers beyond this, in SI, overflow in slopes and ratios of costs
 _LARGEST: Final = 1e50
-"""Numbers beyond this, in SI, overflow in slopes and ratios of costs."""
 
 
 @final
@@ -47,23 +48,19 @@ class Cost:
         """Return the cost of tolerances."""
         first = self.numbers[0]
         if self.kind == "exponential":
-            result: Array = first * np.exp(-self.numbers[1] * t)
-        elif self.kind == "logarithmic":
-            result = first * np.log(self.numbers[1] / t)
-        else:
-            result = first * t**-self._power
-        return result
+            return first * np.exp(-self.numbers[1] * t)
+        if self.kind == "logarithmic":
+            return first * np.log(self.numbers[1] / t)
+        return first * t**-self._power
 
     def slope(self, t: Array) -> Array:
         """Return its derivative with respect to the tolerance, which is negative."""
         first = self.numbers[0]
         if self.kind == "exponential":
-            result: Array = -first * self.numbers[1] * np.exp(-self.numbers[1] * t)
-        elif self.kind == "logarithmic":
-            result = -first / t
-        else:
-            result = -first * self._power * t ** (-self._power - 1)
-        return result
+            return -first * self.numbers[1] * np.exp(-self.numbers[1] * t)
+        if self.kind == "logarithmic":
+            return -first / t
+        return -first * self._power * t ** (-self._power - 1)
 
     @property
     def _power(self) -> float:
@@ -72,7 +69,7 @@ class Cost:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Grades:
+class Grades(Fixed):
     """Tolerances that can be had, with their prices.
 
     Attributes:
@@ -83,9 +80,6 @@ class Grades:
     names: tuple[str, ...]
     widths: Array
     prices: Array
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     def at(self, t: Array) -> Array:
         """Return the price of the widest grade that is not wider than each tolerance, else of the narrowest."""
@@ -147,6 +141,15 @@ class Tolerance:
         return self.sign + self.number(value)
 
 
+@contextmanager
+def said_of(where: str, kind: type[InputError] = InputError) -> Iterator[None]:
+    """Begin the message of an error with where it is."""
+    try:
+        yield
+    except InputError as error:
+        raise kind(f"{where}: {error.findings[0].message}") from None
+
+
 def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> Cost | Grades:
     """Return the cost that a mapping of one kind to its numbers, or its grades, states.
 
@@ -187,10 +190,8 @@ def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> 
 
 def _number(given: object, form: str, where: str, quantity: units.Quantity) -> float:
     """Return a positive number in SI; ``form`` is its unit, of a unit of the tolerance. Without a unit it is in SI."""
-    try:
+    with said_of(where):
         numbers, unit = units.split(str(given))
-    except InputError as error:
-        raise InputError(f"{where}: {error.findings[0].message}") from None
     factors = {form.format(one): _factor(form, factor) for one, factor in quantity.units.items()} if form else {}
     if unit and unit not in factors:
         allowed = f"a unit such as {form.format('mm' if quantity is units.LENGTH else 'mrad')}" if form else "no unit"
@@ -226,13 +227,11 @@ def _iso_grades(given: object, where: str, quantity: units.Quantity, key: str) -
         raise InputError(f"{where}: iso286 has a size and prices by grade, got {shown(given)}")
     size = _width(given["size"], where, quantity)
     share = 1.0 if key == "diameter" else 0.5
-    try:
+    with said_of(where):
         return [
             (str(name), grade_width(str(name), size) * share, _price(price, where))
             for name, price in given["prices"].items()
         ]
-    except InputError as error:
-        raise InputError(f"{where}: {error.findings[0].message}") from None
 
 
 def _grades(entries: list[tuple[str, float, float]], where: str) -> Grades:
@@ -246,10 +245,8 @@ def _grades(entries: list[tuple[str, float, float]], where: str) -> Grades:
 
 
 def _width(given: object, where: str, quantity: units.Quantity) -> float:
-    try:
+    with said_of(where):
         value = units.parse(str(given), quantity)
-    except InputError as error:
-        raise InputError(f"{where}: {error.findings[0].message}") from None
     if not value > 0:
         raise InputError(f"{where}: a tolerance and a size must be positive, got {shown(given)}")
     return value

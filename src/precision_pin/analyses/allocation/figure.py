@@ -14,17 +14,7 @@ from precision_pin.analyses.allocation.table import pose_count
 from precision_pin.base.text_escape import visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, VERMILION
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-    wrapped,
-)
+from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
 from precision_pin.render.tables import symbol
 
 _MOST_BARS: Final = 12
@@ -43,14 +33,11 @@ def figure(result: AllocationResult) -> Figure:
             _draw_front(panels[1], result)
         chosen = "cheapest tolerances" if result.feasible else "narrowest tolerances, which do not keep the limits"
         title = f"{chosen}: {visible(result.provenance.robot, 60)} at {pose_count(result)}"
-        made.suptitle("\n".join(wrapped(title, made)))
         parts = result.parts
         caption = f"{_WORDS[parts.kind]} at pose {visible(parts.pose)}, first order"
         if result.front:
             caption += "; cost: all limits wider or narrower by one factor, first order"
-        entries, below = labelled(panels), wrapped(caption, made)
-        legend_below(made, entries, 4, below)
-        set_height(made, max(28 + 6.5 * bars, 62) + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT)
+        frame(made, panels, title, caption, max(28 + 6.5 * bars, 62))
     return made
 
 
@@ -63,11 +50,9 @@ def _draw_parts(axes: Axes, result: AllocationResult) -> int:
     hidden = len(parts.sources) - len(entries)
     unit = WrittenUnit.of_axis(parts.quantity, largest)
     places = np.arange(len(entries))
-    for shift, values, colour, label in (
-        (-0.19, [one.before for one in entries], VERMILION, "before"),
-        (0.19, [one.after for one in entries], BLUE, "after"),
-    ):
-        axes.barh(places + shift, np.array(values) * unit.per_si, 0.36, color=colour, label=label, linewidth=0)
+    for shift, colour, label in ((-0.19, VERMILION, "before"), (0.19, BLUE, "after")):
+        lengths = np.array([getattr(one, label) for one in entries]) * unit.per_si
+        axes.barh(places + shift, lengths, 0.36, color=colour, label=label, linewidth=0)
     names = [shortened(visible(one.source), _MOST_LETTERS) + ("" if one.is_chosen else " *") for one in entries]
     axes.set_yticks(places, names)
     axes.invert_yaxis()
@@ -84,9 +69,8 @@ def _draw_front(axes: Axes, result: AllocationResult) -> None:
     factors = np.array([point.factor for point in result.front])
     unit = WrittenUnit.of_axis(one.quantity, one.limit * float(factors.max()))
     limits = factors * one.limit * unit.per_si
-    axes.plot(
-        limits, [point.cost for point in result.front], color=BLUE, marker="o", markersize=2.5, label="least cost"
-    )
+    costs = [point.cost for point in result.front]
+    axes.plot(limits, costs, color=BLUE, marker="o", markersize=2.5, label="least cost")
     if result.feasible:
         place = one.limit * unit.per_si
         axes.plot([place], [result.cost], color=BLUE, marker="D", markersize=5.5, linestyle="", label="chosen")

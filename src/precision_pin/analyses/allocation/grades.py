@@ -5,6 +5,8 @@ quantile is a row tangent to the set of variances that keep it, added where it i
 t² and its cost as variables, bounded by tangents. The mixed-integer linear programme, solved by branch and bound (HiGHS), is a
 lower bound of the cost; with its grades the others are chosen by the exact programme, which is an upper bound. Both are repeated
 with more tangents until they meet (Duran, Grossmann, Mathematical Programming 36, 307, 1986).
+
+Pareto front: the least cost against limits that are all wider or narrower by a factor.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import monotonic
 from typing import Any, Final, final
 
@@ -25,18 +27,19 @@ from scipy import optimize
 
 from precision_pin.analyses.allocation.convex_program import ROUNDING, Limit, Programme, Solution, last_kept
 from precision_pin.base.arrays import Array
+from precision_pin.base.record import Record
 
+# share of the cost that may be left between the bounds
 _GAP: Final = 1e-6
-"""Share of the cost that may be left between the bounds."""
+# distance from a limit, relative, below which its tangent is added
 _NEAR: Final = 1e-4
-"""Distance from a limit, relative, below which its tangent is added."""
+# factor on tolerances that keep the limits, after which the way to them leaves the limits near by
 _BEYOND: Final = 1.5
-"""Factor on tolerances that keep the limits, after which the way to them leaves the limits near by."""
+# tangents of each tolerance without grades to begin with
 _TANGENTS: Final = 12
-"""Tangents of each tolerance without grades to begin with."""
 _ROUNDS: Final = 1000
+# seconds that the first lower bound has in any case
 _LEAST_TIME: Final = 0.5
-"""Seconds that the first lower bound has in any case."""
 
 
 def solve_with_grades(
@@ -118,7 +121,6 @@ def _widened(programme: Programme, choices: Sequence[Array | None]) -> Array:
         places[steps[chosen]] += 1
 
 
-@final
 class _Relaxation:
     """Mixed-integer linear programme whose least cost is a lower bound; all numbers scaled to about 1."""
 
@@ -284,8 +286,8 @@ def _worthwhile(programme: Programme, k: int, grades: Array) -> Array:
     return np.asarray(grades[prices < np.minimum.accumulate(np.concatenate([[np.inf], prices[:-1]]))])
 
 
+# begin of a line that HiGHS 1.12 (SciPy 1.17) leaves from its development
 _LINE: Final = b"HighsMipSolverData::transformNewIntegerFeasibleSolution"
-"""Begin of a line that HiGHS 1.12 (SciPy 1.17) leaves from its development."""
 _STDOUT: Final = 1
 
 
@@ -317,3 +319,75 @@ def _flush() -> None:
     with suppress(OSError, ValueError, AttributeError):
         sys.stdout.flush()
     ctypes.CDLL(None).fflush(None)
+
+
+MOST_POINTS: Final = 1000
+# largest factor of the limits, and its inverse
+_REACH: Final = 3.0
+_EDGE: Final = 1.001
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FrontPoint(Record):
+    """The cheapest tolerances of the first-order model for limits that are multiplied by a factor.
+
+    Attributes:
+        factor, cost: Factor of every limit, and the least cost.
+        lower_bound: Of the cost; ``None`` where it was not found in time.
+        tolerances: The tolerances, m or rad, ``(n,)``.
+    """
+
+    factor: float
+    cost: float
+    lower_bound: float | None
+    tolerances: Array
+
+
+def solve(
+    programme: Programme,
+    choices: Sequence[Array | None],
+    seconds: float,
+    advance: Callable[[int], None],
+    near: Array | None = None,
+) -> Solution | None:
+    """Return the cheapest tolerances, with or without grades, as :func:`solve_with_grades` does; ``near`` is where to begin."""
+    if all(one is None for one in choices):
+        return programme.solve(near)
+    return solve_with_grades(programme, choices, max(seconds, 0.0), lambda _: advance(0))
+
+
+def pareto_front(
+    programme: Programme,
+    choices: Sequence[Array | None],
+    members: NDArray[np.intp],
+    count: int,
+    seconds: float,
+    advance: Callable[[int], None],
+) -> tuple[FrontPoint, ...]:
+    """Return points from the narrowest limits that can be kept, or a third, to those that cost the least, or threefold.
+
+    Args:
+        programme, choices: What is solved.
+        members: Number of the group of each tolerance.
+        count: How many points; their factors have equal ratios, but for the one nearest to 1, which is 1.
+        seconds: For all points together, where there are grades.
+        advance: Called with 1 after each point.
+    """
+    least = float(programme.shares(programme.low[:, None]).max()) * _EDGE
+    most = float(programme.shares(programme.high[:, None]).max())
+    first = max(least, 1 / _REACH)
+    end = monotonic() + seconds
+    points, near = [], None
+    factors = np.geomspace(first, max(min(most, _REACH), first * _EDGE), count)
+    if factors[0] < 1 < factors[-1]:
+        factors[1 + np.abs(np.log(factors[1:-1])).argmin() if count > 2 else 0] = 1.0
+    for k, factor in enumerate(factors):
+        limits = [replace(one, limit=one.limit * factor) for one in programme.limits]
+        share = (end - monotonic()) / (count - k)
+        found = solve(replace(programme, limits=limits), choices, share, advance, near)
+        advance(1)
+        if found is not None:
+            near = found.t
+            points.append(FrontPoint(float(factor), found.cost, found.lower_bound, found.t[members]))
+    return tuple(points)

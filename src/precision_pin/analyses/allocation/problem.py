@@ -10,7 +10,7 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin.analyses.allocation.costs import Cost, Grades, Tolerance, read_cost
+from precision_pin.analyses.allocation.costs import Cost, Grades, Tolerance, read_cost, said_of
 from precision_pin.analyses.allocation.scaling import NoScaleError, contributions
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
@@ -25,8 +25,8 @@ from precision_pin.sheet.settings import TOLERANCE_PATTERN
 from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import specification
 
+# bounds of a tolerance without its own: this much narrower and wider than it is
 _RANGE: Final = 100.0
-"""Bounds of a tolerance without its own: this much narrower and wider than it is."""
 _KEYS: Final = ("path", "cost", "min", "max", "group")
 _BOUNDS: Final = ("rms", "worst_case")
 _SIGN: Final = re.compile(TOLERANCE_PATTERN)
@@ -186,7 +186,6 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
         raise InputError(f"{error.findings[0].message}{beside(model, path)}") from None
 
 
-@final
 class _NoToleranceError(InputError):
     """What a path names is no positive length or angle."""
 
@@ -194,16 +193,12 @@ class _NoToleranceError(InputError):
 def _read(entry: Mapping[str, Any], path: str, text: str) -> Tolerance:
     """Return the tolerance of an entry, whose path and text in the sheet are known."""
     sign, number = _split(text)
-    try:
+    with said_of(f"allocate: {path}", _NoToleranceError):
         before = units.parse(number, units.LENGTH, units.ANGLE)
-    except InputError as error:
-        raise _NoToleranceError(f"allocate: {path}: {error.findings[0].message}") from None
     unit = units.split(number)[1]
     quantity = units.LENGTH if unit in units.LENGTH.units else units.ANGLE
-    try:
+    with said_of(f"allocate: {path}"):
         low, high = (units.parse(str(entry[key]), quantity) if key in entry else None for key in ("min", "max"))
-    except InputError as error:
-        raise InputError(f"allocate: {path}: {error.findings[0].message}") from None
     if not before > 0:
         raise _NoToleranceError(
             f"allocate: {path} is {shown(text)} in the sheet; give it a positive value to begin with"
@@ -344,10 +339,8 @@ def _limit(entry: object, where: str) -> Specification | Bound:
         raise InputError(f"allocate: {where}: a text such as '0.5 mm @ 95 %', or rms: or worst_case: with a limit")
     kind, given = next(iter(entry.items()))
     text = str(given)
-    try:
+    with said_of(f"allocate: {where}"):
         limit = units.parse(text, units.LENGTH, units.ANGLE)
-    except InputError as error:
-        raise InputError(f"allocate: {where}: {error.findings[0].message}") from None
     if not limit > 0:
         raise InputError(f"allocate: {where}: the limit must be positive")
     return Bound(kind, limit, units.split(text)[1] in units.LENGTH.units)

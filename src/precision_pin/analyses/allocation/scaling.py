@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.costs import Tolerance
 from precision_pin.analyses.worst_case.convex_bodies import Supports
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import BlockCovariance
@@ -20,17 +20,17 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 
+# factors of the tolerances by which their parts are found, and checked
 _WIDE: Final = 2.0
 _NARROW: Final = 0.5
-"""Factors of the tolerances by which their parts are found, and checked."""
+# error of a contribution, of the largest, above which it does not scale with its tolerance
 _LEAST: Final = 1e-6
-"""Error of a contribution, of the largest, above which it does not scale with its tolerance."""
+# slope, by the largest, that is rounding
 _ROUNDING: Final = 1e-12
-"""Slope, by the largest, that is rounding."""
+# standard deviations of a normal law at which a worst case ends
 _WIDTH: Final = 3.0
-"""Standard deviations of a normal law at which a worst case ends."""
+# samples that show whether a law keeps its shape
 _FEW: Final = 64
-"""Samples that show whether a law keeps its shape."""
 
 
 @final
@@ -44,7 +44,7 @@ class NoScaleError(InputError):
 
 @final
 @dataclass(frozen=True, eq=False)
-class Contributions:
+class Contributions(Fixed):
     """First-order error at P poses, in parts: ``mean + rest z + Σ t_i moved_i z``, z the components in standard deviations.
 
     Attributes:
@@ -68,11 +68,7 @@ class Contributions:
     moved: tuple[Moved, ...]
     rest: Moved
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
-
-@final
 @dataclass(frozen=True, eq=False)
 class _Errors:
     """First-order error of one model: mean ``(6, P)``, slopes by standard deviation ``(6, d, P)``, largest deviations.
@@ -128,10 +124,8 @@ def contributions(
         for one, part in zip(tolerances, parts, strict=True):
             own = max(float(np.abs(part).max(initial=0.0)), 1e-300)
             if not _follows(_at_factor(model, [one], _NARROW, poses, worst_case), whole, part, own):
-                raise NoScaleError(
-                    one.path,
-                    f"the error does not scale with {one.path}; its law has other numbers, or it is no tolerance",
-                )
+                reason = f"the error does not scale with {one.path}; its law has other numbers, or it is no tolerance"
+                raise NoScaleError(one.path, reason)
         raise InputError("allocate: tolerances change one random number together; choose one of them")
     rest = _without_rounding(whole.slopes - sum(parts), scale)
     before = np.array([one.before for one in tolerances])
@@ -142,17 +136,17 @@ def contributions(
             alone = _at_factor(model, [one], _NARROW, poses, worst_case).reach
             if _differ(alone, whole.reach + (_NARROW - 1) * reached, _LEAST * largest) and not len(pairs):
                 raise InputError(f"allocate: the largest deviation does not scale with {one.path}")
-        named = [
-            tolerances[k].path if k < len(tolerances) else "what is not chosen" for k in pairs[:1].ravel().tolist()
-        ]
+        paths = [*(one.path for one in tolerances), "what is not chosen"]
+        named = [paths[k] for k in pairs[:1].ravel().tolist()]
         raise InputError(
             f"allocate: worst_case: {' and '.join(named)} are correlated, so that their largest deviations do not add; "
             "limit rms or a quantile instead, or take the correlation out of the sheet"
         )
+    spreads = (one.spread(whole.deviations.size) for one in moved)
     return Contributions(
         mean=whole.mean,
         covariance=_covariance(rest, rest, whole.correlation),
-        by_tolerance=np.stack([one.with_itself(whole.correlation) for one in moved]),
+        by_tolerance=np.stack([_covariance(one, one, whole.correlation) for one in spreads]),
         pairs=pairs,
         by_pair=by_pair,
         reach=np.maximum(whole.reach - sum(reaches), 0.0),
@@ -164,14 +158,11 @@ def contributions(
 
 @final
 @dataclass(frozen=True, eq=False)
-class Moved:
+class Moved(Fixed):
     """Columns ``(c,)`` of components, and the slopes of the error by them in standard deviations, ``(6, c, P)``."""
 
     columns: NDArray[np.intp]
     slopes: Array
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def of(cls, slopes: Array) -> Moved:
@@ -184,18 +175,8 @@ class Moved:
         """Return rows of the error ``(r, N)`` at a pose for components in standard deviations ``(d, N)``."""
         return np.asarray(self.slopes[list(rows), :, pose] @ numbers[self.columns])
 
-    def with_itself(self, correlation: BlockCovariance) -> Array:
-        """Return its covariance ``(6, 6, P)``."""
-        slopes = self._spread(correlation.variances.size)
-        return _covariance(slopes, slopes, correlation)
-
-    def with_other(self, other: Moved, correlation: BlockCovariance) -> Array:
-        """Return what both add to the covariance by being correlated, ``(6, 6, P)``."""
-        size = correlation.variances.size
-        crossed = _covariance(self._spread(size), other._spread(size), correlation)
-        return crossed + crossed.transpose(1, 0, 2)
-
-    def _spread(self, size: int) -> Array:
+    def spread(self, size: int) -> Array:
+        """Return the slopes by all components, ``(6, d, P)``."""
         slopes = np.zeros((6, size, self.slopes.shape[2]))
         slopes[:, self.columns] = self.slopes
         return slopes
@@ -203,21 +184,23 @@ class Moved:
 
 def _products(moved: Sequence[Moved], correlation: BlockCovariance) -> tuple[NDArray[np.intp], Array]:
     """Return the pairs whose draws are correlated, and what their products add to the covariance."""
-    blocks = [set(columns.tolist()) for columns, matrix in correlation.blocks if _is_correlated(matrix)]
+    blocks = [
+        set(columns.tolist())
+        for columns, matrix in correlation.blocks
+        if _differ(matrix, np.diag(np.diag(matrix)), 1e-12)
+    ]
     own = [set(one.columns.tolist()) for one in moved]
     pairs, parts = [], []
     for i, j in itertools.combinations(range(len(moved)), 2):
         if own[i] & own[j] or any(block & own[i] and block & own[j] for block in blocks):
-            part = moved[i].with_other(moved[j], correlation)
+            one, other = (moved[k].spread(correlation.variances.size) for k in (i, j))
+            crossed = _covariance(one, other, correlation)
+            part = crossed + crossed.transpose(1, 0, 2)
             if part.any():
                 pairs.append((i, j))
                 parts.append(part)
     shape = (0, 6, 6, moved[0].slopes.shape[2])
     return np.array(pairs, dtype=np.intp).reshape(-1, 2), np.stack(parts) if parts else np.zeros(shape)
-
-
-def _is_correlated(matrix: Array) -> bool:
-    return bool(np.abs(matrix - np.diag(np.diag(matrix))).max() > 1e-12)
 
 
 def _covariance(one: Array, other: Array, correlation: BlockCovariance) -> Array:
@@ -239,7 +222,9 @@ def _follows(narrow: _Errors, whole: _Errors, part: Array, scale: float) -> bool
 def _at_factor(
     model: ErrorModel, tolerances: Sequence[Tolerance], factor: float, poses: Sequence[str], worst_case: bool
 ) -> _Errors:
-    return _errors(_changed(model, {one: factor * one.before for one in tolerances}), poses, worst_case)
+    return _errors(
+        changed_model(model, tolerances, np.array([factor * one.before for one in tolerances])), poses, worst_case
+    )
 
 
 def _without_rounding(slopes: Array, scale: float) -> Array:
@@ -252,11 +237,7 @@ def _differ(one: Array, other: Array, most: float) -> bool:
 
 def changed_model(model: ErrorModel, tolerances: Sequence[Tolerance], values: Array) -> ErrorModel:
     """Return the model with other tolerances."""
-    return _changed(model, dict(zip(tolerances, values.tolist(), strict=True)))
-
-
-def _changed(model: ErrorModel, values: Mapping[Tolerance, float]) -> ErrorModel:
-    return model.with_({one.path: one.written(value) for one, value in values.items()})
+    return model.with_({one.path: one.written(value) for one, value in zip(tolerances, values.tolist(), strict=True)})
 
 
 def in_deviations(space: Space, seed: int, count: int, pose: int = 0) -> Array:

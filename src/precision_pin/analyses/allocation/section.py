@@ -34,17 +34,13 @@ def _section(result: AllocationResult) -> Html:
         f"Sources before and after: {_answer(result)}",
         "What causes the error at the worst pose, before and after, and the least cost for other limits.",
     )
-    tables = [
-        table("Tolerances before and after", *_split(tolerance_rows(result)), words=(4,)),
-        table(_capital(parts_in_words(result)), *_split(part_rows(result)), words=(4,)),
+    listed = [
+        ("Tolerances before and after", tolerance_rows(result), (4,)),
+        (_capital(parts_in_words(result)), part_rows(result), (4,)),
+        *([(_capital(front_in_words(result)), front_rows(result), ())] if result.front else []),
     ]
-    if result.front:
-        tables.append(table(_capital(front_in_words(result)), *_split(front_rows(result))))
+    tables = [table(caption, rows[0], rows[1:], words=words) for caption, rows, words in listed]
     return section("allocation", "Allocation", items([_answer(result), *limit_lines(result)]), picture, *tables)
-
-
-def _split(rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
-    return rows[0], rows[1:]
 
 
 def _capital(text: str) -> str:

@@ -7,14 +7,14 @@ from typing import Final
 from precision_pin.analyses.allocation.allocation_result import MEAN, AllocatedLimit, AllocationResult, SourcePart
 from precision_pin.base.text_escape import shortened, visible
 from precision_pin.base.units import LENGTH
-from precision_pin.render.tables import resting_on
+from precision_pin.render.tables import resting_on, unit
 from precision_pin.render.text_table import aligned
 
 _MOST_LETTERS: Final = 36
 _MOST_NAMED: Final = 3
 _MOST_LINES: Final = 12
+# per cent; less is rounding
 _LEAST_GAP: Final = 1e-4
-"""Per cent; less is rounding."""
 _NO_GAP: Final = 1e-9
 _WORDS: Final = {"quantile": "", "rms": "root mean square ", "worst_case": "worst case "}
 
@@ -54,9 +54,9 @@ def tolerance_rows(result: AllocationResult) -> list[list[str]]:
             held += f", {abs(price) / 1e3:.3g} per {'mm' if one.unit in LENGTH.units else 'mrad'}"
         if one.grades is not None:
             held = f"grade {one.grade(after)}".rstrip()
-        number, unit = one.number(after).split(" ", 1)
+        number, written = one.number(after).split(" ", 1)
         path = shortened(visible(one.path), _MOST_LETTERS)
-        rows.append([path, before, f"{float(number):.4g} {unit}", f"{cost:.4g}", held])
+        rows.append([path, before, f"{float(number):.4g} {written}", f"{cost:.4g}", held])
     return rows
 
 
@@ -115,12 +115,12 @@ def pose_count(result: AllocationResult) -> str:
 def _in_words(one: AllocatedLimit) -> str:
     """Return a limit such as ``position.norm 0.5 mm @ 95 %``."""
     required = "" if one.required is None else f" @ {100 * one.required:.6g} %"
-    return f"{_WORDS[one.kind]}{one.quantity} {1e3 * one.limit:.4g} {_unit(one)}{required}"
+    return f"{_WORDS[one.kind]}{one.quantity} {1e3 * one.limit:.4g} {unit(one.quantity)}{required}"
 
 
 def _reached(one: AllocatedLimit) -> str:
     if one.probability is None or one.interval is None:
-        return f"it is {1e3 * one.first_order:.4g} {_unit(one)} at {visible(one.worst_pose)}"
+        return f"it is {1e3 * one.first_order:.4g} {unit(one.quantity)} at {visible(one.worst_pose)}"
     low, high = (100 * end for end in one.interval)
     return f"{100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) keep it at {visible(one.worst_pose)}"
 
@@ -128,13 +128,13 @@ def _reached(one: AllocatedLimit) -> str:
 def _obstacles(result: AllocationResult) -> str:
     """Return the largest parts that are left with every tolerance at its least: the constant one, then those that scatter."""
     parts = result.parts
-    unit = "mm" if parts.quantity.startswith("position") else "mrad"
+    size = unit(parts.quantity)
     scattered = [one for one in parts.sources if one.source != MEAN]
     most = max((one.after for one in scattered), default=0.0)
     mean = [one for one in parts.sources if one.source == MEAN and one.after > most / 2]
     named = [*mean, *(one for one in scattered[:_MOST_NAMED] if one.after > most / 2)]
     words = [
-        f"{shortened(visible(one.source), _MOST_LETTERS)} {1e3 * one.after:.3g} {unit} ({_state(one)}"
+        f"{shortened(visible(one.source), _MOST_LETTERS)} {1e3 * one.after:.3g} {size} ({_state(one)}"
         + ("; compensate or calibrate removes it)" if one.source == MEAN else ")")
         for one in named
     ]
@@ -154,18 +154,11 @@ def parts_in_words(result: AllocationResult) -> str:
 def part_rows(result: AllocationResult) -> list[list[str]]:
     """Return a heading, then a row for each of the largest parts before and after."""
     parts = result.parts
-    unit = "mm" if parts.quantity.startswith("position") else "mrad"
-    rows = [["source", f"before [{unit}]", f"after [{unit}]", "share after", "note"]]
-    rows += [
-        [
-            shortened(visible(one.source), _MOST_LETTERS),
-            f"{1e3 * one.before:.4g}",
-            f"{1e3 * one.after:.4g}",
-            f"{100 * share:.1f} %",
-            "" if one.is_chosen else _state(one),
-        ]
-        for one, share in list(zip(parts.sources, parts.shares(), strict=True))[:_MOST_LINES]
-    ]
+    size = unit(parts.quantity)
+    rows = [["source", f"before [{size}]", f"after [{size}]", "share after", "note"]]
+    for one, share in list(zip(parts.sources, parts.shares(), strict=True))[:_MOST_LINES]:
+        numbers = f"{1e3 * one.before:.4g}", f"{1e3 * one.after:.4g}", f"{100 * share:.1f} %"
+        rows.append([shortened(visible(one.source), _MOST_LETTERS), *numbers, "" if one.is_chosen else _state(one)])
     return rows
 
 
@@ -178,12 +171,8 @@ def front_in_words(result: AllocationResult) -> str:
 def front_rows(result: AllocationResult) -> list[list[str]]:
     """Return a heading, then a row for each point of the front; the limit is the tightest one."""
     one = result.tightest
-    rows = [[f"{one.quantity} limit [{_unit(one)}]", "least cost"]]
+    rows = [[f"{one.quantity} limit [{unit(one.quantity)}]", "least cost"]]
     return rows + [[f"{1e3 * one.limit * point.factor:.4g}", f"{point.cost:.4g}"] for point in result.front]
-
-
-def _unit(one: AllocatedLimit) -> str:
-    return "mm" if one.quantity.startswith("position") else "mrad"
 
 
 def limit_lines(result: AllocationResult) -> list[str]:
@@ -192,15 +181,15 @@ def limit_lines(result: AllocationResult) -> list[str]:
 
 
 def _limit(one: AllocatedLimit) -> str:
-    unit = _unit(one)
-    price = f", {one.shadow_price / 1e3:.4g} saved for each {unit} more" if one.shadow_price else ""
+    size = unit(one.quantity)
+    price = f", {one.shadow_price / 1e3:.4g} saved for each {size} more" if one.shadow_price else ""
     if one.interval is None or one.required is None or one.probability is None:
         return (
-            f"{one.quantity} {_WORDS[one.kind]}{1e3 * one.first_order:.4g} of {1e3 * one.limit:.4g} {unit} at "
+            f"{one.quantity} {_WORDS[one.kind]}{1e3 * one.first_order:.4g} of {1e3 * one.limit:.4g} {size} at "
             f"{visible(one.worst_pose)}, first order{price}"
         )
     low, high = (100 * end for end in one.interval)
     return (
-        f"{one.quantity} within {1e3 * one.limit:.4g} {unit}: {100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) of "
+        f"{one.quantity} within {1e3 * one.limit:.4g} {size}: {100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) of "
         f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {one.verdict.upper()}{price}"
     )

@@ -12,12 +12,7 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.arguments import check_request
-from precision_pin.analyses.budget.budget_result import (
-    BudgetResult,
-    DrawShare,
-    PlaceShare,
-    PoseBudget,
-)
+from precision_pin.analyses.budget.budget_result import BudgetResult, DrawShare, PlaceShare, PoseBudget
 from precision_pin.analyses.budget.sampled_budget import MARKED, NORMS, SAMPLED, SampledBudget, list_random_draws
 from precision_pin.analyses.budget.shares import (
     COMPONENTS,
@@ -113,11 +108,7 @@ def budget(
 
 
 def check_points(samples: int) -> None:
-    """Check that the number of points is 32 times a power of two from 32 to 2¹³.
-
-    Raises:
-        InputError: The number is another one.
-    """
+    """Check that the number of points is 32 times a power of two from 32 to 2¹³."""
     allowed = [REPLICATES << k for k in range(5, 14)]
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
         raise InputError(
@@ -127,11 +118,7 @@ def check_points(samples: int) -> None:
 
 
 def _check_cost(space: Space, samples: int) -> None:
-    """Reject a budget that would take hours: the time grows with the square of the number of draws.
-
-    Raises:
-        InputError: There are too many draws for the number of samples, or for the memory.
-    """
+    """Reject a budget that would take hours, or more memory than there is: the time grows with the square of the draws."""
     draws, size = len(space.draws), space.size
     evaluations = samples * (2 + 3 * draws)
     if evaluations * size > MOST_NUMBERS:
@@ -189,12 +176,10 @@ def _at_pose(
         raise InputError(
             "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
         ) from None
-    groups = correlated_groups(at.space)
-    shares = by_draw(at)
-    sampled = SampledBudget(at, groups, seed, samples, confidence, step)
-    names = [draw.name for draw in at.space.draws]
+    shares, reach = by_draw(at), reaches(at, k)
+    sampled = SampledBudget(at, correlated_groups(at.space), seed, samples, confidence, step)
     halved = sampled.halve_each()
-    reach = reaches(at, k)
+    found = *at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at)
     return PoseBudget(
         pose=PoseLabel.of(error_model, pose, at),
         nominal=tuple(map(float, at.tangent[0])),
@@ -203,20 +188,18 @@ def _at_pose(
         reach=dict(zip(COMPONENTS, map(float, reach.sum(axis=0)), strict=True)),
         draws=tuple(
             DrawShare(
-                name=name,
-                scope=at.space.draws[k].scope.value,
-                unbounded=not np.isfinite(
-                    [at.space.draws[k].law.support(w) for w in at.jacobian[:, at.space.slices[k]]]
-                ).all(),
+                name=draw.name,
+                scope=draw.scope.value,
+                unbounded=not np.isfinite([draw.law.support(w) for w in at.jacobian[:, columns]]).all(),
                 share=shares_of(shares[k], variances),
                 components=component_shares(at, k, variances),
-                reach=dict(zip(COMPONENTS, map(float, reach[k]), strict=True)),
+                reach=dict(zip(COMPONENTS, reach[k].tolist(), strict=True)),
                 worst_case=worst_case_shares(reach[k], reach.sum(axis=0)),
                 halved=halved[k],
                 words=error_model.draw_words[k],
-                tolerance=at.space.draws[k].tolerance,
+                tolerance=draw.tolerance,
             )
-            for k, name in enumerate(names)
+            for k, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True))
         ),
         groups=sampled.groups(shares, variances),
         sources=source_shares(at, lines, shares, variances),
@@ -224,13 +207,5 @@ def _at_pose(
             PlaceShare(name, shares_of(part, variances)) for name, part in by_place(at, error_model.chain).items()
         ),
         sums=sampled.sums(shares, variances),
-        warnings=tuple(
-            str(finding)
-            for finding in (
-                *at.findings("exact"),
-                *error_model.statics_findings(at),
-                *turnover_findings(at),
-                *exact_findings_at(error_model, at),
-            )
-        ),
+        warnings=tuple(map(str, (*found, *exact_findings_at(error_model, at)))),
     )

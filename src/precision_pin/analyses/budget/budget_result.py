@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
@@ -12,12 +12,7 @@ from precision_pin.analyses.result import Result, name_pose
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.base.record import Keys
 from precision_pin.render.notebook import Table
-from precision_pin.render.tables import (
-    data_frame,
-    interval_columns,
-    number,
-    plus_minus,
-)
+from precision_pin.render.tables import data_frame, interval_columns, number, plus_minus
 from precision_pin.statistics import QUANTITIES
 
 if TYPE_CHECKING:
@@ -25,17 +20,6 @@ if TYPE_CHECKING:
 
 VECTORS: Final = ("position", "attitude")
 """Quantities of three components together: their variance is E|d - E d|², the trace of the covariance."""
-
-ASSUMPTIONS: Final = (
-    "share: closed form, tangent model at the means; of position and attitude: share of the trace of the covariance",
-    "share of correlated draws or components, and of a source or joint in them: Shapley effects of the linear model",
-    "first, total: Sobol indices of the exact model; intervals are for each number by itself",
-    "a draw that several sources use has its own line among the sources",
-    "joints and links: negative where a number that acts at several of them has opposite effects there",
-    "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach bound_at deviations",
-    "null: does not vary, or is not resolved (too few points for tails or rare values of the laws, a jump at the quantile)",
-    "halved: the draw's deviation from its mean is halved, all else unchanged; std in closed form, quantile sampled",
-)
 
 Shares = Mapping[str, float | None]
 """Shares by quantity: position, attitude, position.x … attitude.z; None where the quantity does not vary."""
@@ -217,26 +201,24 @@ class BudgetResult(Result):
 
     schema: ClassVar[str] = "precision-pin/budget/1"
     KEYS: ClassVar[Keys] = (
-        "*head",
-        "samples",
-        "confidence",
-        "k",
-        "bound_at=k",
-        "marked",
-        "assumptions",
-        "warnings",
-        "findings",
-        "poses",
+        *("*head", "samples", "confidence", "k", "bound_at=k", "marked"),
+        *("assumptions", "warnings", "findings", "poses"),
+    )
+
+    ASSUMPTIONS: ClassVar[tuple[str, ...]] = (
+        "share: closed form, tangent model at the means; of position and attitude: share of the trace of the covariance",
+        "share of correlated draws or components, and of a source or joint in them: Shapley effects of the linear model",
+        "first, total: Sobol indices of the exact model; intervals are for each number by itself",
+        "a draw that several sources use has its own line among the sources",
+        "joints and links: negative where a number that acts at several of them has opposite effects there",
+        "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach bound_at deviations",
+        "null: does not vary, or is not resolved (too few points for tails or rare values of the laws, a jump at the quantile)",
+        "halved: the draw's deviation from its mean is halved, all else unchanged; std in closed form, quantile sampled",
     )
 
     k: float
     marked: float
     poses: tuple[PoseBudget, ...]
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """Assumptions of the numbers, one sentence each."""
-        return ASSUMPTIONS
 
     @property
     def bound_at(self) -> float:
@@ -256,15 +238,14 @@ class BudgetResult(Result):
 
         Raises:
             UnknownNameError: There is no such kind.
-            InputError: pandas is not installed.
         """
         if lines not in ("draws", "sources", "places"):
             raise UnknownNameError("table of a budget", lines, ("draws", "sources", "places"))
-        found = {"draws": _draw_rows, "sources": _source_rows, "places": _place_rows}[lines]
+        rows_of = _draw_rows if lines == "draws" else lambda pose: _share_rows(getattr(pose, lines))
         rows = [
             ((label, *key), columns)
             for label, pose in zip(self.labels, self.poses, strict=True)
-            for key, columns in found(pose)
+            for key, columns in rows_of(pose)
         ]
         return data_frame(["pose", lines.removesuffix("s"), "quantity"], rows, self.attributes())
 
@@ -312,14 +293,8 @@ def _draw_rows(pose: PoseBudget) -> _Rows:
             yield (draw.name, quantity), row
 
 
-def _source_rows(pose: PoseBudget) -> _Rows:
-    for line in pose.sources:
-        for quantity, share in line.share.items():
-            yield (line.name, quantity), {"share": number(share)}
-
-
-def _place_rows(pose: PoseBudget) -> _Rows:
-    for line in pose.places:
+def _share_rows(lines: Sequence[SourceShare | PlaceShare]) -> _Rows:
+    for line in lines:
         for quantity, share in line.share.items():
             yield (line.name, quantity), {"share": number(share)}
 
@@ -331,25 +306,24 @@ def _estimate_columns(name: str, estimate: Estimate | None) -> dict[str, float]:
 def _cells(pose: PoseBudget, draw: DrawShare) -> list[str]:
     """Return a row of the table in a notebook."""
     group = pose.group(draw.name)
-    alone = len(group.draws) == 1
-
-    def index(sampled: Mapping[str, Estimate | None], vector: str) -> str:
-        return _format_scaled(sampled[vector] if alone else None, 100)
-
     shares = {vector: draw.share.get(vector) for vector in VECTORS}
     position, attitude = ("-" if share is None else f"{100 * share + 0.0:.2f}" for share in shares.values())
-    indices = [index(group.first, "position"), index(group.total, "position")]
-    halved = _format_scaled(draw.halved.change["position.norm"], 1e3)
-    return [draw.name, draw.scope, position, *indices, attitude, index(group.total, "attitude"), halved]
+    indices = [group.first["position"], group.total["position"], group.total["attitude"]]
+    first, total, turned = (scaled(index if len(group.draws) == 1 else None, 100) for index in indices)
+    halved = scaled(draw.halved.change["position.norm"], 1e3)
+    return [draw.name, draw.scope, position, first, total, attitude, turned, halved]
 
 
-def _format_scaled(estimate: Estimate | None, factor: float) -> str:
-    return "-" if estimate is None else plus_minus(factor * estimate.value, factor * estimate.half_width, decimals=3)
+def scaled(estimate: Estimate | None, factor: float, decimals: int = 3, *, signed: bool = False) -> str:
+    """Return an estimate times a factor, as text with half its interval behind ±; ``-`` for none."""
+    if estimate is None:
+        return "-"
+    return plus_minus(factor * estimate.value, factor * estimate.half_width, decimals=decimals, signed=signed)
 
 
 def _pose_heading(pose: PoseBudget, marked: float) -> str:
     quantiles = "; ".join(
-        f"{100 * marked:g} % of {symbol} within {_format_scaled(pose.quantile[f'{vector}.norm'], 1e3)} {unit}"
+        f"{100 * marked:g} % of {symbol} within {scaled(pose.quantile[f'{vector}.norm'], 1e3)} {unit}"
         for vector, symbol, unit in zip(VECTORS, ("|d|", "|δ|"), ("mm", "mrad"), strict=True)
     )
     return f"{name_pose(pose.pose)}; {quantiles}"

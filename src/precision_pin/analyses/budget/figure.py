@@ -10,23 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-from precision_pin.analyses.budget.budget_result import (
-    VECTORS,
-    BudgetResult,
-    Estimate,
-    PoseBudget,
-)
+from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, Estimate, PoseBudget
 from precision_pin.base.text_escape import shortened
 from precision_pin.render.draw_distribution import BLACK, SKY
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    caption,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    style,
-)
+from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, end_figure, new_figure, style
 
 MOST_BARS: Final = 12
 MOST_CHARACTERS: Final = 48
@@ -87,8 +74,7 @@ def draw_bars(result: BudgetResult, pose: int, bars: Mapping[str, Sequence[Bar]]
             f"N = {result.samples:,} points, seed {result.provenance.seed}, exact model; whiskers: intervals at "
             f"{100 * result.confidence:g} % confidence",
         ]
-        legend_below(made, labelled(panels[:1]), 2, [_shown(line) for line in lines])
-        set_height(made, 42 + 2 * 6.0 * rows)
+        end_figure(made, panels[:1], [_shown(line) for line in lines], 42 + 2 * 6.0 * rows)
     return made
 
 

@@ -8,7 +8,6 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin.analyses.budget import sobol
-from precision_pin.analyses.budget import sobol as smooth_quantiles
 from precision_pin.analyses.budget.budget_result import VECTORS, Estimate, Group, Halved, Sums
 from precision_pin.analyses.budget.shares import COMPONENTS, ROUNDING, deviations_of, group_part, shares_of
 from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, law_breaks
@@ -28,6 +27,7 @@ NONLINEAR: Final = 0.01
 NORMS: Final = tuple(QUANTITIES[row] for row in NORM_ROWS)
 
 SAMPLED: Final = (*VECTORS, *QUANTITIES)
+_NOTHING: Final = Estimate(0.0, (0.0, 0.0))
 _TOGETHER: Final = np.array(
     [[float(quantity in COMPONENTS and quantity.startswith(vector)) for quantity in QUANTITIES] for vector in VECTORS]
     + [[float(quantity == other) for other in QUANTITIES] for quantity in QUANTITIES]
@@ -80,7 +80,7 @@ class SampledBudget:
         self.norms = self._norms(self.x)
         self.marginals = Marginals.of(size, samples // REPLICATES, is_net=True, breaks=law_breaks(at.space))
         self.nodes = at.space.inverse(self.marginals.uniforms)
-        self.known = smooth_quantiles.found_quantiles(self.norms, MARKED)
+        self.known = sobol.found_quantiles(self.norms, MARKED)
         self.quantiles = _estimates(self.known.estimates(confidence))
 
     def _errors(self, x: Array) -> Array:
@@ -100,24 +100,13 @@ class SampledBudget:
         rows = self.at.space.slices[draw]
         factors = np.ones(self.at.space.size)
         factors[rows] = 0.5
-        variances = self.at.space.block_covariance.variances_of(self.at.jacobian * factors)
+        std = deviations_of(self.at.space.block_covariance.variances_of(self.at.jacobian * factors))
         if not self.random[draw]:
-            none = Estimate(0.0, (0.0, 0.0))
-            return Halved(
-                deviations_of(variances), dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, none)
-            )
-        values, changes = smooth_quantiles.quantile_changes(
-            self._norms(self._with_half(self.x, rows)),
-            self.known,
-            MARKED,
-            self.confidence,
-            self._estimate_unseen_change(rows),
-        )
-        return Halved(
-            deviations_of(variances),
-            dict(zip(NORMS, _estimates(values), strict=True)),
-            dict(zip(NORMS, _estimates(changes), strict=True)),
-        )
+            return Halved(std, dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, _NOTHING))
+        halved, unseen = self._norms(self._with_half(self.x, rows)), self._estimate_unseen_change(rows)
+        found = sobol.quantile_changes(halved, self.known, MARKED, self.confidence, unseen)
+        values, changes = (dict(zip(NORMS, _estimates(one), strict=True)) for one in found)
+        return Halved(std, values, changes)
 
     def _with_half(self, x: Array, rows: slice) -> Array:
         """Return the samples with half the deviation in some rows."""
@@ -130,30 +119,20 @@ class SampledBudget:
         """Return the possible change of the norms by halving in regions without points."""
         nodes, weights = self.marginals.outermost(range(rows.start, rows.stop), self.x.shape[1])
         x = self.nodes[:, nodes]
-        change: Array = np.abs(self._norms(self._with_half(x, rows)) - self._norms(x)) @ weights
-        return change
+        return np.abs(self._norms(self._with_half(x, rows)) - self._norms(x)) @ weights
 
     def groups(self, shares: Array, variances: Array) -> tuple[Group, ...]:
         """Return indices and closed-form share of every group."""
         names = [draw.name for draw in self.at.space.draws]
-        nothing = Estimate(0.0, (0.0, 0.0))
-        none = {quantity: nothing if spread else None for quantity, spread in self._spreads().items()}
+        spreads = zip(SAMPLED, self.indices.varies.tolist(), strict=True)
+        none = {quantity: _NOTHING if spread else None for quantity, spread in spreads}
         result = []
         for k, group in enumerate(self.group_draws):
             closed = shares_of(group_part(self.at, group, shares), variances)
             first = self._row(self.indices.first, k) if k in self.sampled else none
             total = self._row(self.indices.total, k) if k in self.sampled else none
-            result.append(
-                Group(
-                    draws=tuple(names[draw] for draw in group),
-                    share=closed,
-                    first=first,
-                    total=total,
-                    nonlinear=tuple(
-                        quantity for quantity in closed if _differs(closed[quantity], first[quantity], total[quantity])
-                    ),
-                )
-            )
+            nonlinear = tuple(one for one in closed if _differs(closed[one], first[one], total[one]))
+            result.append(Group(tuple(names[draw] for draw in group), closed, first, total, nonlinear))
         return tuple(result)
 
     def sums(self, shares: Array, variances: Array) -> dict[str, Sums]:
@@ -163,17 +142,11 @@ class SampledBudget:
         deviations = deviations_of(variances)
         first = _by_quantity(self.indices.first_sum)
         variance = _by_quantity(self.indices.variance)
-        result = {}
-        for quantity in SAMPLED:
-            result[quantity] = Sums(closed.get(quantity), first[quantity], deviations.get(quantity), variance[quantity])
-        return result
+        return {one: Sums(closed.get(one), first[one], deviations.get(one), variance[one]) for one in SAMPLED}
 
     def _row(self, estimates: Estimates, group: int) -> dict[str, Estimate | None]:
         k = self.sampled.index(group)
         return _by_quantity(Estimates(estimates.value[k], estimates.half_width[k], estimates.replicate_variance[k]))
-
-    def _spreads(self) -> dict[str, bool]:
-        return dict(zip(SAMPLED, self.indices.varies.tolist(), strict=True))
 
 
 def _differs(closed: float | None, first: Estimate | None, total: Estimate | None) -> bool:

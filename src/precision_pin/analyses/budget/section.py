@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
-from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, Estimate, PoseBudget
+from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, PoseBudget, Shares, scaled
 from precision_pin.analyses.budget.figure import Bar, draw_bars
 from precision_pin.analyses.budget.table import source_name
 from precision_pin.analyses.causes import Cause, CauseShare, rank_causes
@@ -14,7 +14,7 @@ from precision_pin.analyses.collect import Results
 from precision_pin.analyses.report_cells import MISSING, percent, shown
 from precision_pin.render.html import Child, Html, beside, element, items, joined, paragraph, table
 from precision_pin.render.svg import figure
-from precision_pin.render.tables import milli, plus_minus, quantity_label, unit
+from precision_pin.render.tables import milli, quantity_label, unit
 
 _NAMED: Final = 5
 # causes of less than this share of the variance are folded
@@ -35,20 +35,17 @@ def content(result: BudgetResult, results: Results) -> list[Child]:
         "Share of the variance of each tolerance, to first order; diamonds are the total Sobol index of the exact model.",
     )
     tables = [_causes(pose, ranked[vector], vector, result.marked) for vector in VECTORS]
-    return [chart, *tables, _explained(result), beside(*_shares(pose))]
-
-
-def _bar(one: CauseShare) -> Bar:
-    return Bar(one.cause.words, one.cause.tolerance, one.share, one.total)
-
-
-def _explained(result: BudgetResult) -> Html:
-    return paragraph(
+    explained = paragraph(
         "Share: of the variance, to first order, in closed form. S1 and ST: first-order and total Sobol index of the exact "
         f"model from {result.samples:,} points a set, seed {result.provenance.seed}, behind ± half of the interval at "
         f"{100 * result.confidence:g} % confidence. Halved: what results if this tolerance alone is halved.",
         class_="note",
     )
+    return [chart, *tables, explained, beside(*_shares(pose))]
+
+
+def _bar(one: CauseShare) -> Bar:
+    return Bar(one.cause.words, one.cause.tolerance, one.share, one.total)
 
 
 def _largest(ranked: Sequence[CauseShare], vector: str) -> str:
@@ -72,12 +69,12 @@ def _causes(pose: PoseBudget, ranked: Sequence[CauseShare], vector: str, marked:
         rows.append([f"{len(small)} more, below", "", "", percent(_sum(small)), *empty])
     for group in pose.groups:
         if len(group.draws) > 1:
-            indices = [shown(_percent(group.first[vector])), shown(_percent(group.total[vector]))]
+            indices = [shown(scaled(group.first[vector], 100, 2)), shown(scaled(group.total[vector], 100, 2))]
             rows.append(
                 [f"correlated: {' + '.join(group.draws)}", "", "", percent(group.share.get(vector)), *indices, "", ""]
             )
     sums = pose.sums[vector]
-    rows.append(["sum", "", "", percent(sums.closed), shown(_percent(sums.first)), *empty[1:]])
+    rows.append(["sum", "", "", percent(sums.closed), shown(scaled(sums.first, 100, 2)), *empty[1:]])
     now = f"std {milli(pose.std[vector], 5)} {unit(norm)} now"
     whole = table(f"Causes of the {vector} error ({now})", header, rows, words=(1, 2), last=True)
     if not small:
@@ -91,17 +88,10 @@ def _row(pose: PoseBudget, one: CauseShare, vector: str) -> list[Child]:
     change = MISSING
     if len(one.cause.parts) == 1:
         found = pose.draw(one.cause.names[0]).halved.change[f"{vector}.norm"]
-        change = MISSING if found is None else plus_minus(1e3 * found.value, 1e3 * found.half_width, decimals=3)
-    return [
-        _name(one.cause, pose, vector),
-        one.cause.tolerance,
-        one.cause.scope,
-        percent(one.share),
-        shown(_percent(one.first)),
-        shown(_percent(one.total)),
-        MISSING if one.halved is None else milli(one.halved, 5),
-        change,
-    ]
+        change = shown(scaled(found, 1e3))
+    cause = one.cause
+    shares = [percent(one.share), *(shown(scaled(index, 100, 2)) for index in (one.first, one.total))]
+    return [_name(cause, pose, vector), cause.tolerance, cause.scope, *shares, shown(milli(one.halved, 5)), change]
 
 
 def _name(cause: Cause, pose: PoseBudget, vector: str) -> Child:
@@ -121,27 +111,16 @@ def _sum(small: Sequence[CauseShare]) -> float | None:
     return None if None in shares else math.fsum(share for share in shares if share is not None)
 
 
-def _percent(estimate: Estimate | None) -> str:
-    return "-" if estimate is None else plus_minus(100 * estimate.value, 100 * estimate.half_width, decimals=2)
-
-
 def _shares(pose: PoseBudget) -> list[Html]:
     sources = [(source_name(line), line.share) for line in pose.sources]
     places = [(place.name, place.share) for place in pose.places]
-    return [
-        _ranked(
-            "Sources: shares of the variance; a draw that several sources name has its own line", "source", sources
-        ),
-        _ranked(
-            "Joints and links: shares of the variance, negative where one cancels the effect of another's same number",
-            "joint or link",
-            places,
-        ),
-    ]
+    named = "Sources: shares of the variance; a draw that several sources name has its own line"
+    placed = "Joints and links: shares of the variance, negative where one cancels the effect of another's same number"
+    return [_ranked(named, "source", sources), _ranked(placed, "joint or link", places)]
 
 
-def _ranked(caption: str, heading: str, lines: Iterable[tuple[str, Mapping[str, float | None]]]) -> Html:
-    def size(line: tuple[str, Mapping[str, float | None]]) -> float:
+def _ranked(caption: str, heading: str, lines: Iterable[tuple[str, Shares]]) -> Html:
+    def size(line: tuple[str, Shares]) -> float:
         return max(abs(line[1][vector] or 0.0) for vector in VECTORS)
 
     largest = sorted(lines, key=lambda line: max(line[1][vector] or 0.0 for vector in VECTORS), reverse=True)
@@ -149,7 +128,7 @@ def _ranked(caption: str, heading: str, lines: Iterable[tuple[str, Mapping[str, 
     large = [line for line in largest if size(line) >= _NOTHING] if len(small) > _FEW else largest
     header = [heading, *(f"{vector} %" for vector in VECTORS)]
 
-    def rows(some: Iterable[tuple[str, Mapping[str, float | None]]]) -> list[list[Child]]:
+    def rows(some: Iterable[tuple[str, Shares]]) -> list[list[Child]]:
         return [[name, *(percent(share[vector]) for vector in VECTORS)] for name, share in some]
 
     whole = table(caption, header, rows(large))

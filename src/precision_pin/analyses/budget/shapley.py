@@ -22,8 +22,9 @@ MOST_PLAYERS: Final = 12
 DEPENDENT: Final = 1e-12
 """Eigenvalues of a correlation matrix below this belong to linearly dependent numbers."""
 
+# least deviation of a number, as a share of its own, with those before it known, from which no eigenvalue can be so
+# small
 _INDEPENDENT: Final = 1e-4
-"""Least deviation of a number, as a share of its own, with those before it known, from which no eigenvalue can be so small."""
 
 
 def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
@@ -84,8 +85,7 @@ def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
         half = np.linalg.solve(factor, cross.T)  # a tenth of the time of the pseudo-inverse
         return np.asarray(half.T @ half)
     inverse = np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
-    result: Array = cross @ inverse @ cross.T
-    return result
+    return cross @ inverse @ cross.T
 
 
 def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
@@ -96,9 +96,6 @@ def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -
     Args:
         slopes, covariance: As in :func:`explained`.
         groups: Columns of each group.
-
-    Raises:
-        InputError: There are more than twelve groups.
     """
     return values(
         len(groups),
@@ -113,9 +110,6 @@ def effect_forms(covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
 
     Args:
         covariance, groups: As in :func:`effects`; every input is in one group.
-
-    Raises:
-        InputError: There are more than twelve groups.
     """
     slopes = np.eye(len(covariance))
     return values(
@@ -132,9 +126,6 @@ def joined_effect_forms(covariance: Array, groups: Sequence[Sequence[int]], unio
     Args:
         covariance, groups: As in :func:`effect_forms`.
         unions: Numbers of the groups of each union; every group is in one.
-
-    Raises:
-        InputError: There are more than twelve unions, or more than twelve groups in one.
     """
     members = [[k for group in union for k in groups[group]] for union in unions]
     whole = effect_forms(covariance, members)

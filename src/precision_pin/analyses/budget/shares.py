@@ -194,8 +194,7 @@ def group_part(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
         return part
     columns = np.concatenate([np.arange(at.space.size)[at.space.slices[draw]] for draw in group])
     jacobian = at.jacobian[:, columns]
-    whole: Array = np.einsum("ij,jk,ik->i", jacobian, at.space.block_covariance.within(columns), jacobian)
-    return whole
+    return np.einsum("ij,jk,ik->i", jacobian, at.space.block_covariance.within(columns), jacobian)
 
 
 def shares_of(parts: Array, variances: Array) -> Shares:

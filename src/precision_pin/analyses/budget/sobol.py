@@ -120,8 +120,7 @@ def sobol_indices(
         def statistic(used: NDArray[np.bool_]) -> Array:
             below = variances[:, used].mean(axis=1)
             below = np.where(below > smallest, below, np.nan)
-            result: Array = numerators[..., used].mean(axis=-1) / below
-            return result
+            return numerators[..., used].mean(axis=-1) / below
 
         found = jackknife(statistic, confidence)
         return found.where(known & _are_ratios_resolved(marginals, squares / variance.value[:, None], found, members))

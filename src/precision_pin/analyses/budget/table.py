@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from precision_pin.analyses.budget.budget import check_quantities
@@ -12,10 +12,11 @@ from precision_pin.analyses.budget.budget_result import (
     VECTORS,
     BudgetResult,
     DrawShare,
-    Estimate,
     Group,
     PoseBudget,
+    Shares,
     SourceShare,
+    scaled,
 )
 from precision_pin.analyses.monte_carlo.table import answer_of, subject
 from precision_pin.base.text_escape import shortened
@@ -24,7 +25,6 @@ from precision_pin.render.text_table import aligned
 
 MOST_LINES: Final = 10
 MOST_OF_NAME: Final = 40
-MOST_DECIMALS: Final = 3
 
 
 def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: bool = False) -> str:
@@ -89,86 +89,47 @@ def _headline(result: BudgetResult, pose: PoseBudget, quantity: str) -> str:
     if sums.variance is None:
         parts.append("std not resolved by sampling")
     elif sums.variance.value > 0:
-        low, sampled, high = (math.sqrt(max(end, 0.0)) for end in _three(sums.variance))
+        below, above = sums.variance.interval
+        low, sampled, high = (math.sqrt(max(end, 0.0)) for end in (below, sums.variance.value, above))
         half = max(high - sampled, sampled - low)
         parts.append(f"std {plus_minus(1e3 * sampled, 1e3 * half, decimals=6)} {unit(quantity)} sampled")
     norm = f"{quantity.partition('.')[0]}.norm"
     if quantity in (*VECTORS, norm):
         marked = pose.quantile[norm]
-        within = "not resolved" if marked is None else f"within {_milli(marked, decimals=6)} {unit(norm)}"
+        within = "not resolved" if marked is None else f"within {scaled(marked, 1e3, 6)} {unit(norm)}"
         parts.append(f"{100 * result.marked:g} % of {symbol(norm)} {within}")
     return f"{quantity}: {'; '.join(parts)}"
 
 
 def _draw_rows(pose: PoseBudget, quantity: str, most: int) -> list[list[str]]:
+    """Return the shares of draws, the largest first, of those beyond ``most`` together, of correlated groups, the sum."""
     norm = f"{quantity.partition('.')[0]}.norm"
     component = quantity not in (*VECTORS, norm)
-    header = ["draw", "tolerance", "share %", "ST %"]
-    header += ["worst case %", f"halved: std {unit(quantity)}"] if component else [f"halved: {unit(quantity)}"]
-    tolerances = {draw.name: draw.tolerance for draw in pose.draws}
+    rows = [["draw", "tolerance", "share %", "ST %"]]
+    rows[0] += ["worst case %", f"halved: std {unit(quantity)}"] if component else [f"halved: {unit(quantity)}"]
+    empty = [""] * (len(rows[0]) - 4)
 
-    def further(draw: DrawShare) -> list[str]:
-        if not component:
-            return [_milli(draw.halved.change[norm], decimals=MOST_DECIMALS, signed=True)]
-        return [percent(draw.worst_case.get(quantity)), f"{1e3 * draw.halved.std[quantity]:.5g}"]
+    def total(group: Group) -> str:
+        return scaled(group.total[quantity], 100) + "*" * (quantity in group.nonlinear)
 
-    rows = draw_rows(pose, quantity, most, further, len(header) - 4, nonlinear="*")
-    return [
-        header,
-        *(
-            [
-                shortened(name, MOST_OF_NAME) if name in tolerances else name,
-                tolerances.get(name, ""),
-                share,
-                total,
-                *others,
-            ]
-            for name, _, share, _, total, *others in rows
-        ),
-    ]
-
-
-def draw_rows(
-    pose: PoseBudget,
-    quantity: str,
-    most: int,
-    further: Callable[[DrawShare], list[str]],
-    columns: int,
-    *,
-    nonlinear: str = "",
-) -> list[list[str]]:
-    """Return the shares of draws, the largest first, of those beyond ``most`` together, of correlated groups, the sum.
-
-    Args:
-        pose: The budget.
-        quantity: Shares of what.
-        most: How many draws have a row of their own.
-        further: Returns the cells after a draw's name, scope, share, S1 and ST, all in per cent.
-        columns: How many cells that is.
-        nonlinear: Mark after ST where the exact model is not linear.
-    """
-
-    def indices(group: Group) -> list[str]:
-        mark = nonlinear if quantity in group.nonlinear else ""
-        return [_percent(group.first[quantity]), _percent(group.total[quantity]) + mark]
-
-    empty = [""] * columns
     draws = ranked(pose, quantity)
-    rows = []
     for draw in draws[:most]:
         group = pose.group(draw.name)
-        alone = indices(group) if len(group.draws) == 1 else ["-", "-"]
-        rows.append([draw.name, draw.scope, percent(draw.share.get(quantity)), *alone, *further(draw)])
+        further = [scaled(draw.halved.change.get(norm), 1e3, signed=True)]
+        if component:
+            further = [percent(draw.worst_case.get(quantity)), f"{1e3 * draw.halved.std[quantity]:.5g}"]
+        alone = total(group) if len(group.draws) == 1 else "-"
+        name = shortened(draw.name, MOST_OF_NAME)
+        rows.append([name, draw.tolerance, percent(draw.share.get(quantity)), alone, *further])
     if len(draws) > most:
         rest = [draw.share.get(quantity) for draw in draws[most:]]
         together = None if None in rest else math.fsum(share for share in rest if share is not None)
-        rows.append([f"and {len(rest)} more: --all", "", percent(together), "", "", *empty])
+        rows.append([f"and {len(rest)} more: --all", "", percent(together), "", *empty])
     for group in pose.groups:
         if len(group.draws) > 1:
             name = f"correlated: {' + '.join(group.draws)}"
-            rows.append([name, "", percent(group.share.get(quantity)), *indices(group), *empty])
-    sums = pose.sums[quantity]
-    return [*rows, ["sum", "", percent(sums.closed), _percent(sums.first), "", *empty]]
+            rows.append([name, "", percent(group.share.get(quantity)), total(group), *empty])
+    return [*rows, ["sum", "", percent(pose.sums[quantity].closed), "", *empty]]
 
 
 def ranked(pose: PoseBudget, quantity: str) -> list[DrawShare]:
@@ -183,7 +144,7 @@ def ranked(pose: PoseBudget, quantity: str) -> list[DrawShare]:
 
 
 def _share_rows(
-    heading: str, quantities: Sequence[str], lines: Iterable[tuple[str, Mapping[str, float | None]]], most: int
+    heading: str, quantities: Sequence[str], lines: Iterable[tuple[str, Shares]], most: int
 ) -> list[list[str]]:
     sorted_lines = sorted(lines, key=lambda line: line[1][quantities[0]] or 0.0, reverse=True)
     rows = [[heading, "", *(f"{quantity} %" for quantity in quantities)]]
@@ -215,23 +176,5 @@ def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) ->
 
 
 def _first_order(pose: PoseBudget, quantity: str) -> str:
-    found = _percent(pose.sums[quantity].first)
+    found = scaled(pose.sums[quantity].first, 100)
     return f"{quantity} sum to {found} %" if found != "-" else f"{quantity} not resolved"
-
-
-def _three(estimate: Estimate) -> tuple[float, float, float]:
-    low, high = estimate.interval
-    return low, estimate.value, high
-
-
-def _milli(estimate: Estimate | None, *, decimals: int, signed: bool = False) -> str:
-    """Return an estimate in mm or mrad."""
-    if estimate is None:
-        return "-"
-    return plus_minus(1e3 * estimate.value, 1e3 * estimate.half_width, decimals=decimals, signed=signed)
-
-
-def _percent(estimate: Estimate | None) -> str:
-    return (
-        "-" if estimate is None else plus_minus(100 * estimate.value, 100 * estimate.half_width, decimals=MOST_DECIMALS)
-    )

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final, final
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +62,8 @@ COMPARED: Final = 10_000
 CERTAIN: Final = 1 - 1e-6
 """Confidence at which a deviation of the exact model from the law is reported."""
 
+# samples drawn between two steps of the progress
 _AT_ONCE: Final = 2**16
-"""Samples drawn between two steps of the progress."""
 
 _NEGLIGIBLE: Final = 1e-12
 _BINS: Final = 60
@@ -146,14 +146,17 @@ def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence:
     at = error_model.at(pose)
     error, jacobian = at.tangent
     sampled = error[:, None] + jacobian @ deviations
-    laws = {name: _norm(at, name, sampled, confidence) for name in _NORMS}
-    for row, name in enumerate(name for name in QUANTITIES if name not in _NORMS):
-        laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
-    ordered = {name: laws[name] for name in QUANTITIES}
-    turned = tuple(str(finding) for finding in turnover_findings(at))
-    warnings = (*turned, *_find_nonlinear(at, ordered, deviations[:, :COMPARED]))
+    laws: dict[str, ExactLaw] = {}
+    row = 0
+    for name in QUANTITIES:
+        if name in _NORMS:
+            laws[name] = _norm(at, name, sampled, confidence)
+        else:
+            laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
+            row += 1
+    warnings = (*map(str, turnover_findings(at)), *_find_nonlinear(at, laws, deviations[:, :COMPARED]))
     add(warnings)
-    return PoseLaws(PoseLabel.of(error_model, pose, at), ordered, warnings)
+    return PoseLaws(PoseLabel.of(error_model, pose, at), laws, warnings)
 
 
 def _find_nonlinear(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
@@ -187,7 +190,6 @@ def _check_copulas(space: Space) -> None:
                 )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Share:
     """Contribution of a draw that is not normal to a component, with its weights."""
@@ -217,8 +219,7 @@ class _Share:
     def _characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         """Return E exp(i ω w·(x - mean))."""
         turn = np.exp(-1j * frequency * float(self.weights @ self.law.mean_vector))
-        value: NDArray[np.complex128] = self.law.characteristic(self.weights[:, None] * frequency) * turn
-        return value
+        return self.law.characteristic(self.weights[:, None] * frequency) * turn
 
 
 def _component(space: Space, quantity: str, mean: float, weights: Array, sampled: Array, confidence: float) -> ExactLaw:
@@ -248,7 +249,8 @@ def _component(space: Space, quantity: str, mean: float, weights: Array, sampled
     if isinstance(law, str) or error > LARGEST_ERROR:
         reason = law if isinstance(law, str) else _UNCERTIFIED
         return ExactLaw(quantity, None, reason, mean=mean, std=total, contributors=contributors)
-    return _with_samples(quantity, law, mean, total, contributors, error, sampled, confidence)
+    known = ExactLaw(quantity, law, mean=mean, std=total, contributors=contributors, error=error)
+    return _with_samples(known, sampled, confidence)
 
 
 _UNCERTIFIED: Final = "not certified: too few of its draws have a density (values with a probability of their own)"
@@ -302,54 +304,28 @@ def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> Ex
         return ExactLaw(quantity, None, f"not available: only of normal draws, and these are not: {named}")
     law = NormalNorm(error[rows], covariance)
     mean, std = law.moments
-    sizes = np.linalg.norm(sampled[rows], axis=0)
-    return _with_samples(quantity, law, mean, std, 1, law.error, sizes, confidence)
+    known = ExactLaw(quantity, law, mean=mean, std=std, contributors=1, error=law.error)
+    return _with_samples(known, np.linalg.norm(sampled[rows], axis=0), confidence)
 
 
-def _with_samples(
-    quantity: str,
-    law: NumberLaw | NormalNorm,
-    mean: float,
-    std: float,
-    contributors: int,
-    error: float,
-    sampled: Array,
-    confidence: float,
-) -> ExactLaw:
-    quantiles = tuple(law.quantile(p) for p in LEVELS)
-    bounds = quantile_bounds(law, np.array(LEVELS), np.array(quantiles))
-    return ExactLaw(
-        quantity,
-        law,
-        mean=mean,
-        std=std,
-        contributors=contributors,
-        error=error,
-        quantiles=quantiles,
-        quantile_errors=tuple(bounds.tolist()),
-        agreement=agreement_of(law, np.sort(sampled), confidence, std),
-    )
+def _with_samples(known: ExactLaw, sampled: Array, confidence: float) -> ExactLaw:
+    """Return a law with its quantiles, and how far samples lie from it."""
+    assert known.law is not None
+    assert known.std is not None
+    quantiles = tuple(known.law.quantile(p) for p in LEVELS)
+    bounds = quantile_bounds(known.law, np.array(LEVELS), np.array(quantiles))
+    agreement = agreement_of(known.law, np.sort(sampled), confidence, known.std)
+    return replace(known, quantiles=quantiles, quantile_errors=tuple(bounds.tolist()), agreement=agreement)
 
 
-def agreement_of(
-    law: NumberLaw | NormalNorm, rising: Array, confidence: float, std: float, effort: float = _EFFORT
-) -> Agreement:
+def agreement_of(law: NumberLaw, rising: Array, confidence: float, std: float, effort: float = _EFFORT) -> Agreement:
     """Return the distance of sorted samples ``(N,)`` from a law with this standard deviation.
 
     Only every m-th sample is compared, with m chosen by the evaluation time of the law. Both cumulative laws are monotone,
     so that the distance between two compared samples is larger by at most m/N.
     """
-    match law:
-        case SeriesLaw():
-            cost = 100 + law.terms / 4
-        case ConvolvedLaw():
-            cost = 105.0 * law.pieces
-        case NormalNorm():
-            cost = 2e5
-        case _:
-            cost = 100.0
     count = rising.size
-    step = max(1, math.ceil(2 * count * cost / effort))
+    step = max(1, math.ceil(2 * count * law.cost / effort))
     looked = np.unique(np.append(np.arange(0, count, step), count - 1))
     x = rising[looked]
     # at a value with a finite probability, samples deviate by rounding; compare on both sides of it

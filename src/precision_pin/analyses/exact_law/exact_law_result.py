@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.exact_law.number_law import NormalNorm, NumberLaw
+from precision_pin.analyses.exact_law.number_law import NumberLaw
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
 from precision_pin.base.arrays import Array
 from precision_pin.base.record import Keys, Record, encode
 from precision_pin.render.notebook import Table
-from precision_pin.render.tables import MOST_POSES, data_frame, milli, number, symbol, unit
+from precision_pin.render.tables import MOST_POSES, milli, number, symbol, unit
 from precision_pin.statistics.digits import round_end
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
 LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973, 0.99865)
-ASSUMPTIONS: Final = (
-    "first-order (tangent) model at the means of the draws",
-    "the norm is available where all draws that matter are normal",
-)
 
+LEVELS_SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
+"""Quantiles of the tables; the notebook has no room for the last."""
 _CURVE: Final = 241
 
 
@@ -61,6 +60,11 @@ class Agreement(Record):
         """True if the distance is within the band."""
         return self.distance - self.slack <= self.band
 
+    @property
+    def said(self) -> str:
+        """The same in words."""
+        return "within the band" if self.agrees else "BEYOND THE BAND"
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -79,7 +83,7 @@ class ExactLaw:
     """
 
     quantity: str
-    law: NumberLaw | NormalNorm | None
+    law: NumberLaw | None
     reason: str = ""
     mean: float | None = None
     std: float | None = None
@@ -152,6 +156,10 @@ class ExactLawResult(Result):
     schema: ClassVar[str] = "precision-pin/exact-law/1"
     KEYS: ClassVar[Keys] = ("*head", "model", "samples", "confidence", "assumptions", "warnings", "findings", "poses")
     model: ClassVar[str] = "tangent"
+    ASSUMPTIONS: ClassVar[tuple[str, ...]] = (
+        "first-order (tangent) model at the means of the draws",
+        "the norm is available where all draws that matter are normal",
+    )
 
     poses: tuple[PoseLaws, ...]
 
@@ -161,26 +169,13 @@ class ExactLawResult(Result):
         laws = [law for pose in self.poses for law in pose.laws.values()]
         return all(law.agreement.agrees for law in laws if law.agreement is not None)
 
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """Assumptions of the laws, one sentence each."""
-        return ASSUMPTIONS
-
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
         The columns are ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with ``…_error``, its
         error bound; and ``distance`` and ``band`` of the agreement with samples. ``attrs`` gives the settings.
-
-        Raises:
-            InputError: pandas is not installed.
         """
-        rows = [
-            ((label, name), _columns(law))
-            for label, pose in zip(self.labels, self.poses, strict=True)
-            for name, law in pose.laws.items()
-        ]
-        return data_frame(["pose", "quantity"], rows, self.attributes())
+        return self._frame("quantity", lambda pose: ((name, _columns(law)) for name, law in pose.laws.items()))
 
     @property
     def summary(self) -> str:
@@ -197,49 +192,42 @@ class ExactLawResult(Result):
         return "Exact law of the first-order model"
 
     def _table(self, pose: PoseLaws) -> Table:
-        levels = (f"{100 * level:g} %" for level in _SHOWN)
+        levels = (f"{100 * level:g} %" for level in LEVELS_SHOWN[:-1])
         columns = ("", "unit", "mean", "std", *levels, "draws", "error of F", "samples")
         return Table(columns, [_cells(law) for law in pose.laws.values()], name_pose(pose.pose), words=2)
 
     def _notes(self) -> list[str]:
         of, shown = self.provenance, self.poses[:MOST_POSES]
-        missing = [
-            f"{symbol(law.quantity)}: {law.reason}" for pose in shown for law in pose.laws.values() if law.law is None
-        ]
         return [
-            *dict.fromkeys(missing),
+            *dict.fromkeys(line for pose in shown for line in missing(pose.laws.values())),
             f"error of F: bound of the error of every cumulative probability; compared with {self.samples:,} samples of "
             f"the same model, seed {of.seed}, at {100 * self.confidence:g} % confidence; statics {of.statics}",
         ]
 
 
-_SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973)
-
-
 def _columns(law: ExactLaw) -> dict[str, float]:
+    known, found = law.law is not None, law.agreement
     row = {"mean": number(law.mean), "std": number(law.std), "contributors": law.contributors}
-    row["cumulative_error"] = law.error if law.law is not None else math.nan
+    row["cumulative_error"] = law.error if known else math.nan
     for rank, level in enumerate(LEVELS):
-        row[f"quantile_{level}"] = law.quantiles[rank] if law.quantiles else math.nan
-        row[f"quantile_{level}_error"] = law.quantile_errors[rank] if law.quantile_errors else math.nan
-    row["distance"] = law.agreement.distance if law.agreement is not None else math.nan
-    row["band"] = law.agreement.band if law.agreement is not None else math.nan
-    return row
+        row[f"quantile_{level}"] = law.quantiles[rank] if known else math.nan
+        row[f"quantile_{level}_error"] = law.quantile_errors[rank] if known else math.nan
+    return row | {"distance": number(found and found.distance), "band": number(found and found.band)}
 
 
 def _cells(law: ExactLaw) -> list[str]:
     """Return a row of the table in a notebook."""
     cells = [symbol(law.quantity), unit(law.quantity), milli(law.mean), milli(law.std)]
     quantiles = {level: milli(*known) for level, known in law.shown_quantiles(6).items()}
-    cells += [quantiles.get(level, "-") for level in _SHOWN]
+    cells += [quantiles.get(level, "-") for level in LEVELS_SHOWN[:-1]]
     if law.law is None or law.agreement is None:
         return [*cells, "-", "-", "-"]
-    return [
-        *cells,
-        str(law.contributors),
-        bound_text(law.error),
-        "within the band" if law.agreement.agrees else "BEYOND THE BAND",
-    ]
+    return [*cells, str(law.contributors), bound_text(law.error), law.agreement.said]
+
+
+def missing(laws: Iterable[ExactLaw]) -> list[str]:
+    """Return a line for each law that is not available, with the reason."""
+    return [f"{symbol(law.quantity)}: {law.reason}" for law in laws if law.law is None]
 
 
 def bound_text(bound: float) -> str:

@@ -11,16 +11,7 @@ from matplotlib.figure import Figure
 from precision_pin.analyses.exact_law.exact_law_result import LEVELS, ExactLaw, ExactLawResult
 from precision_pin.base.text_escape import one_line
 from precision_pin.render.draw_distribution import BLUE, SKY, VERMILION, ticks
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    caption,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    style,
-)
+from precision_pin.render.figure_style import DOUBLE_COLUMN, LINE_HEIGHT, caption, end_figure, new_figure, style
 from precision_pin.render.tables import quantity_label, unit
 
 
@@ -37,8 +28,7 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
         components = [law for law in entry.laws.values() if not law.quantity.endswith("norm")]
         for axes, law in zip(panels.flat, components, strict=True):
             _draw(axes, law)
-        legend_below(drawn, labelled(panels.flat), 3, lines)
-        set_height(drawn, 100 + LINE_HEIGHT * (len(lines) + 1))
+        end_figure(drawn, panels.flat, lines, 100 + LINE_HEIGHT * (len(lines) + 1), 3)
     return drawn
 
 

@@ -11,17 +11,16 @@ from matplotlib.figure import Figure
 
 from precision_pin.analyses.budget.budget_result import VECTORS
 from precision_pin.analyses.collect import Results
-from precision_pin.analyses.exact_law.exact_law_result import LEVELS, ExactLaw, ExactLawResult
+from precision_pin.analyses.exact_law.exact_law_result import LEVELS, LEVELS_SHOWN, ExactLaw, ExactLawResult, missing
 from precision_pin.analyses.exact_law.table import method_rows
 from precision_pin.analyses.report_cells import MISSING
 from precision_pin.render.draw_distribution import SKY, VERMILION, ticks
-from precision_pin.render.figure_style import DOUBLE_COLUMN, labelled, legend_below, new_figure, set_height, style
+from precision_pin.render.figure_style import DOUBLE_COLUMN, end_figure, new_figure, style
 from precision_pin.render.html import Child, Html, items, paragraph, table
 from precision_pin.render.svg import figure
 from precision_pin.render.tables import milli, quantity_label, symbol, unit
 from precision_pin.statistics import Distribution
 
-_SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
 _HEIGHT: Final = 92.0
 
 
@@ -40,22 +39,18 @@ def content(result: ExactLawResult, results: Results) -> list[Child]:
                     f"Exact law of the first-order model over the samples ({results.analysis.model} model): {vector} error.",
                 )
             )
-    absent = [f"{symbol(law.quantity)}: {law.reason}" for law in laws.values() if law.law is None]
-    absent += result.poses[0].warnings
-    parts: list[Child] = [_explained(result, results), *pictures, _quantiles(laws.values()), _methods(result)]
-    if absent:
-        parts.append(items(absent, "note"))
-    return parts
-
-
-def _explained(result: ExactLawResult, results: Results) -> Html:
-    return paragraph(
+    absent = [*missing(laws.values()), *result.poses[0].warnings]
+    explained = paragraph(
         "The law of the first-order model follows from the characteristic functions of the draws, without sampling, tails "
         f"included. The pictures lay it over the {results.analysis.samples:,} samples of the {results.analysis.model} model "
         "above: where the two differ, the arm is not linear over its tolerances. The last table compares it with "
         f"{result.samples:,} samples of the first-order model itself.",
         class_="note",
     )
+    parts: list[Child] = [explained, *pictures, _quantiles(laws.values()), _methods(result)]
+    if absent:
+        parts.append(items(absent, "note"))
+    return parts
 
 
 def _described(law: ExactLaw) -> str:
@@ -67,13 +62,13 @@ def _described(law: ExactLaw) -> str:
 
 
 def _quantiles(laws: Iterable[ExactLaw]) -> Html:
-    header = ["", "mean", "std", *(f"{100 * level:.5g} %" for level in _SHOWN)]
+    header = ["", "mean", "std", *(f"{100 * level:.5g} %" for level in LEVELS_SHOWN)]
     rows = []
     for law in laws:
         if law.mean is None or law.std is None:
             continue
         quantiles = law.shown_quantiles(6)
-        cells = [milli(*quantiles[level]) if quantiles else MISSING for level in _SHOWN]
+        cells = [milli(*quantiles[level]) if quantiles else MISSING for level in LEVELS_SHOWN]
         rows.append([quantity_label(law.quantity), milli(law.mean), milli(law.std), *cells])
     return table("Exact law of the first-order model: moments and quantiles", header, rows)
 
@@ -97,8 +92,7 @@ def _overlay(laws: Sequence[ExactLaw], sampled: Sequence[Distribution]) -> Figur
         for axes in panels[0, :1]:
             axes.set_ylabel(f"density [1/{unit(laws[0].quantity)}]")
         panels[1, 0].set_ylabel("cumulative probability")
-        legend_below(drawn, labelled(panels.flat), 3)
-        set_height(drawn, _HEIGHT)
+        end_figure(drawn, panels.flat, (), _HEIGHT, 3)
     return drawn
 
 

@@ -5,14 +5,19 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from precision_pin.analyses.exact_law.exact_law_result import ExactLawResult, PoseLaws, bound_text
+from precision_pin.analyses.exact_law.exact_law_result import (
+    LEVELS_SHOWN,
+    ExactLawResult,
+    PoseLaws,
+    bound_text,
+    missing,
+)
 from precision_pin.analyses.monte_carlo.table import answer_of, subject
 from precision_pin.base.text_escape import one_line
 from precision_pin.render.tables import ROUNDING, symbol, unit
 from precision_pin.render.text_table import aligned
 
 _METHOD_HEADER: Final = ["", "method", "draws", "error of F", "distance", "band", "samples"]
-_SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
 
 
 def table(result: ExactLawResult) -> str:
@@ -25,20 +30,16 @@ def table(result: ExactLawResult) -> str:
     blocks = [answer_of([entry.pose for entry in result.poses], sizes, [*map(_answer, result.poses)])]
     for entry in result.poses:
         methods = method_rows(entry)
-        blocks.append(
-            "\n".join(
-                [
-                    subject(provenance, entry.pose),
-                    f"exact law of the first-order model, statics {provenance.statics}; errors in base axes",
-                    "",
-                    *aligned(_quantile_rows(entry)),
-                    "",
-                    *aligned([_METHOD_HEADER, *methods] if methods else []),
-                    *_missing(entry),
-                    *map(one_line, entry.warnings),
-                ]
-            )
-        )
+        lines = [
+            subject(provenance, entry.pose),
+            f"exact law of the first-order model, statics {provenance.statics}; errors in base axes",
+            "",
+            *aligned(_quantile_rows(entry)),
+            "",
+            *aligned([_METHOD_HEADER, *methods] if methods else []),
+            *map(one_line, (*missing(entry.laws.values()), *entry.warnings)),
+        ]
+        blocks.append("\n".join(lines))
     blocks.append(
         f"compared with {result.samples:,} samples of the same model, seed {provenance.seed}: the Kolmogorov distance stays "
         f"below the band at {100 * result.confidence:g} % confidence"
@@ -52,18 +53,20 @@ def _answer(entry: PoseLaws) -> str:
     for law in entry.laws.values():
         quantiles = law.shown_quantiles(12)
         if law.quantity.startswith("position.") and not law.quantity.endswith("norm") and quantiles:
-            low, high = (f"{1e3 * quantiles[level][0]:.4g}" for level in (_SHOWN[0], _SHOWN[-1]))
+            low, high = (f"{1e3 * quantiles[level][0]:.4g}" for level in (LEVELS_SHOWN[0], LEVELS_SHOWN[-1]))
             parts.append(f"{symbol(law.quantity)} {low} to {high}")
     return f"99.73 % of robots: {', '.join(parts)} mm" if parts else "no law is known"
 
 
 def _quantile_rows(entry: PoseLaws) -> list[list[str]]:
-    rows = [["", "", "mean", "std", *(f"{100 * level:g} %" for level in _SHOWN)]]
+    rows = [["", "", "mean", "std", *(f"{100 * level:g} %" for level in LEVELS_SHOWN)]]
     for law in entry.laws.values():
         if law.mean is None or law.std is None:
             continue
         quantiles = law.shown_quantiles(12)
-        cells = [_milli(quantiles[level][0], law.std, quantiles[level][1]) if quantiles else "-" for level in _SHOWN]
+        cells = [
+            _milli(quantiles[level][0], law.std, quantiles[level][1]) if quantiles else "-" for level in LEVELS_SHOWN
+        ]
         name = law.quantity
         rows.append([symbol(name), unit(name), _milli(law.mean, law.std), _milli(law.std, law.std), *cells])
     return rows
@@ -75,23 +78,10 @@ def method_rows(entry: PoseLaws) -> list[list[str]]:
     for law in entry.laws.values():
         if law.law is None or law.agreement is None:
             continue
-        agreement = law.agreement
-        rows.append(
-            [
-                symbol(law.quantity),
-                law.law.method,
-                str(law.contributors),
-                bound_text(law.error),
-                f"{agreement.distance:.5f}",
-                f"{agreement.band:.5f}",
-                "within the band" if agreement.agrees else "BEYOND THE BAND",
-            ]
-        )
+        compared = [f"{law.agreement.distance:.5f}", f"{law.agreement.band:.5f}", law.agreement.said]
+        words = [symbol(law.quantity), law.law.method, str(law.contributors), bound_text(law.error)]
+        rows.append([*words, *compared])
     return rows
-
-
-def _missing(entry: PoseLaws) -> list[str]:
-    return [one_line(f"{symbol(law.quantity)}: {law.reason}") for law in entry.laws.values() if law.law is None]
 
 
 def _milli(value: float, std: float, most: int = 12) -> str:

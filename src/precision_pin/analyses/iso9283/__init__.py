@@ -11,13 +11,8 @@ _IN_CUBE = 5
 
 def check(options: dict[str, Any]) -> None:
     """Refuse poses beside the cube."""
-    flags = {
-        "--pose": "pose_names",
-        "--q": "qs",
-        "--all-poses": "all_poses",
-        "--trajectory": "trajectory",
-        "--grid": "grid",
-    }
+    flags = {"--pose": "pose_names", "--q": "qs"}
+    flags |= {f"--{name.replace('_', '-')}": name for name in ("all_poses", "trajectory", "grid")}
     given = [flag for flag, name in flags.items() if options[name]]
     if options["cube"] and given:
         raise InputError([Finding("error", "E_USAGE", f"--cube and {given[0]} exclude each other")])

@@ -39,33 +39,34 @@ Solver = Callable[..., Array]
 
 LATTICE: Final = 13
 """Points along an edge of the lattice on which a cube is looked at."""
+# points along an edge of the finer lattice on the faces, where the border of the workspace comes in between
 _ON_FACE: Final = 37
-"""Points along an edge of the finer lattice on the faces, where the border of the workspace comes in between."""
 
+# points of the grid along an axis
 _GRID: Final = 17
-"""Points of the grid along an axis."""
+# centres along an axis, from which the best is sought
 _CENTRES: Final = 45
-"""Centres along an axis, from which the best is sought."""
+# of the longest edge of the box, on each side: what the box is known from may miss the border
 _MARGIN: Final = 0.05
-"""Of the longest edge of the box, on each side: what the box is known from may miss the border."""
 _STARTS: Final = 24
 _PUSHES: Final = 20
 _ROUNDS: Final = 200
+# most points of the border that are sought in a round
 _BORDERS: Final = 80
-"""Most points of the border that are sought in a round."""
 _HALVINGS: Final = 16
+# most branches that are followed towards a point out of reach
 _BRANCHES: Final = 8
-"""Most branches that are followed towards a point out of reach."""
+# share of the edge that is kept clear of points out of reach: more than halving leaves open
 _COARSE, _FINE = 2e-3, 2e-4
-"""Share of the edge that is kept clear of points out of reach: more than halving leaves open."""
+# among centres whose room differs by no more the one farthest along x comes first, or along y, z: most robots have
+# several
 _PREFERENCE: Final = 1e-2
-"""Among centres whose room differs by no more the one farthest along x comes first, or along y, z: most robots have several."""
+# of cubes whose edges differ by no more the first is taken
 _ALIKE, _ALIKE_FINE = 5e-3, 5e-4
-"""Of cubes whose edges differ by no more the first is taken."""
+# places of more centres around that of the coarse cube, by its edge
 _AROUND: Final = np.linspace(-0.02, 0.02, 3)
-"""Places of more centres around that of the coarse cube, by its edge."""
+# smallest edge by the longest of the box; what is smaller slips through the grid
 _SMALLEST: Final = 0.02
-"""Smallest edge by the longest of the box; what is smaller slips through the grid."""
 
 
 def largest_cube(solve: Solver, low: Array, high: Array) -> tuple[float, Array]:
@@ -125,8 +126,7 @@ def _faces(edge: float, centre: Array) -> Array:
 
 def _grid(low: Array, high: Array, count: int) -> Array:
     lines = [np.linspace(a, b, count) for a, b in zip(low, high, strict=True)]
-    points: Array = np.array(np.meshgrid(*lines, indexing="ij")).reshape(3, -1)
-    return points
+    return np.array(np.meshgrid(*lines, indexing="ij")).reshape(3, -1)
 
 
 def _best(blocked: Array, near: Array, centres: Array, rating: Array, alike: float) -> tuple[float, Array]:
@@ -185,16 +185,15 @@ def _border(solve: Solver, inside: Array, start: Array, outside: Array) -> Array
         near[left], far[left], q[:, left] = far[left], 1.0, found[:, within]
         if not left.size:
             break
-    border: Array = inside[:, None] + far * ways
-    return border
+    return inside[:, None] + far * ways
 
 
 PLANES: Final = ("y, rising with x", "y, falling with x", "x, rising with y", "x, falling with y")
 """The four diagonal planes of a cube with horizontal edges: the base axis of these, and how the plane slopes."""
+# distance of P2 to P5 from the centre along each axis, by the edge: the standard's 10 % within the cube's corners
 _SHARE: Final = 0.4
-"""Distance of P2 to P5 from the centre along each axis, by the edge: the standard's 10 % within the cube's corners."""
+# velocity of a joint, by that of the fastest, below which it does not move on the last piece of a path
 _STILL: Final = 1e-6
-"""Velocity of a joint, by that of the fastest, below which it does not move on the last piece of a path."""
 
 
 @final
@@ -228,8 +227,7 @@ class Cube(Record):
         offsets[along] = [0, -1, 1, 1, -1]
         offsets[across] = slope * np.array([0, 1, 1, -1, -1])
         offsets[2] = [0, 1, 1, -1, -1]
-        points: Array = self.centre[:, None] + _SHARE * self.side * offsets
-        return points
+        return self.centre[:, None] + _SHARE * self.side * offsets
 
 
 def standard_poses(chain: Chain, reference: Array, target: Array) -> tuple[PoseSet, Cube]:
@@ -300,20 +298,20 @@ def paths_of_approach(jacobian: Array) -> list[tuple[int, ...]]:
     return [tuple(int(sign) for sign in column) for column in signs.T]
 
 
+# configurations that steps start from, drawn evenly between the limits
 _KNOWN: Final = 40_000
-"""Configurations that steps start from, drawn evenly between the limits."""
 _SEED: Final = 9283
 _NEAREST: Final = 10
 _NEIGHBOURS: Final = 6
+# points found in a call, from which its solutions are starts of later calls
 _MANY: Final = 100
-"""Points found in a call, from which its solutions are starts of later calls."""
 _ITERATIONS: Final = 30
+# rad, and m
 _LONGEST_STEP: Final = 0.5
-"""rad, and m."""
+# m and rad
 _ARRIVED: Final = 1e-6
-"""m and rad."""
+# share of the error that is left after some steps where they lead nowhere
 _STALLED: Final = 0.9
-"""Share of the error that is left after some steps where they lead nowhere."""
 _PATIENCE: Final = 6
 
 
@@ -440,8 +438,7 @@ class ToolPoses:
 
     def _nearest(self, points: Array) -> NDArray[np.int64]:
         turned = np.repeat(self.orientation[:, :, None], points.shape[1], axis=2)
-        found: NDArray[np.int64] = self._tree.query(self._features(points, turned), k=_NEAREST)[1]
-        return found
+        return self._tree.query(self._features(points, turned), k=_NEAREST)[1]
 
     def _descend(self, points: Array, begin: Array) -> Array:
         """Return joint values ``(n, P)`` after steps from some, NaN where they do not arrive."""
@@ -491,5 +488,4 @@ def _damped_step(jacobian: Array, error: Array, size: Array) -> Array:
     square = slopes @ slopes.transpose(0, 2, 1)
     square += (1e-2 * size**2 + 1e-12)[:, None, None] * np.eye(square.shape[-1])
     weights = np.linalg.solve(square, error.T[..., None])
-    step: Array = (slopes.transpose(0, 2, 1) @ weights)[..., 0].T
-    return step
+    return (slopes.transpose(0, 2, 1) @ weights)[..., 0].T

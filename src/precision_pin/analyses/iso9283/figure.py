@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,21 +12,11 @@ from precision_pin.analyses.iso9283.result import Iso9283Result
 from precision_pin.base.text_escape import visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-    wrapped,
-)
+from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
 
 _BINS: Final = 30
+# half the width of a law on the axis of poses
 _HALF_WIDTH: Final = 0.4
-"""Half the width of a law on the axis of poses."""
 _MOST_LETTERS: Final = 14
 
 
@@ -42,17 +32,13 @@ def figure(result: Iso9283Result) -> Figure:
             f"{result.robots:,} robots, each tested once with {result.cycles} cycles, seed {of.seed}; width: density over "
             "robots and tests"
         )
-        entries, below = labelled(panels), wrapped(caption, made)
         title = f"ISO 9283 of {visible(of.robot, 60)}: {visible(of.base, 30)} to {visible(of.tip, 30)}"
-        made.suptitle("\n".join(wrapped(title, made)))
-        legend_below(made, entries, 4, below)
-        set_height(made, 80.0 + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT)
+        frame(made, panels, title, caption, 80.0)
     return made
 
 
 def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
-    laws = [getattr(at, name) for at in result.poses.values()]
-    measured = None if result.measured is None else result.measured
+    laws, measured = [getattr(at, name) for at in result.poses.values()], result.measured
     values = [] if measured is None else [one.value for one in measured.figures if one.name == name]
     unit = WrittenUnit.of_axis("position.norm", max([float(law.sorted[-1]) for law in laws] + values))
     for place, (pose, law) in enumerate(zip(result.poses, laws, strict=True), start=1):
@@ -67,15 +53,14 @@ def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
             axes.plot(place, limit, color=BLACK, marker="_", markersize=9, linestyle="", label="RP of endless cycles")
         found = None if measured is None else measured.figure(pose, name)
         if found is not None:
-            axes.plot(
-                place,
-                found.value * unit.per_si,
-                color=VERMILION,
-                marker="D",
-                markersize=4,
-                linestyle="",
-                label="measured",
-            )
+            marked: dict[str, Any] = {
+                "color": VERMILION,
+                "marker": "D",
+                "markersize": 4,
+                "linestyle": "",
+                "label": "measured",
+            }
+            axes.plot(place, found.value * unit.per_si, **marked)
     if name == "RP" and all(float(law.sorted[-1]) == 0 for law in laws):
         axes.text(0.5, 0.5, "0: every cycle is as the first", ha="center", transform=axes.transAxes)
     # poses of the cube have no name but P1 to P5

@@ -80,24 +80,21 @@ class DistanceFigures(NamedTuple):
 
 def barycentre(values: Array) -> Array:
     """Return the mean over the cycles; exact where all are the same."""
-    result: Array = values[0] + (values - values[0]).mean(axis=0)
-    return result
+    return values[0] + (values - values[0]).mean(axis=0)
 
 
 def scatter(values: Array) -> Array:
     """Return three standard deviations over the cycles, divisor n - 1."""
     shifted = values - values[0]
     deviations = shifted - shifted.mean(axis=0)
-    result: Array = 3 * np.sqrt((deviations * deviations).sum(axis=0) / (len(values) - 1))
-    return result
+    return 3 * np.sqrt((deviations * deviations).sum(axis=0) / (len(values) - 1))
 
 
 def repeatability(positions: Array) -> Array:
     """Return RP = l̄ + 3 S_l of positions ``(n, 3, …)``."""
     shifted = positions - positions[0]
     distances = _norm(shifted - shifted.mean(axis=0), axis=1)
-    result: Array = distances.mean(axis=0) + scatter(distances)
-    return result
+    return distances.mean(axis=0) + scatter(distances)
 
 
 def pose_figures(deviations: Array, angles: Array) -> PoseFigures:
@@ -142,12 +139,11 @@ def turn_angles(vectors: Array) -> Array:
 
 
 def _norm(vectors: Array, axis: int = 0) -> Array:
-    result: Array = np.sqrt((vectors * vectors).sum(axis=axis))
-    return result
+    return np.sqrt((vectors * vectors).sum(axis=axis))
 
 
+# E|g| of three independent standard normal numbers
 _MEAN_LENGTH: Final = 2 * math.sqrt(2 / math.pi)
-"""E|g| of three independent standard normal numbers."""
 
 
 def mean_distance(covariances: Array) -> Array:
@@ -156,29 +152,26 @@ def mean_distance(covariances: Array) -> Array:
     # scaled to their trace: covariances of 1e-12 m² are far above the least of what the integral takes, products of them are not
     trace = values.sum(axis=-1)
     shares = values / np.where(trace > 0, trace, 1.0)[..., None]
-    result: Array = _MEAN_LENGTH * np.sqrt(trace) * elliprg(shares[..., 0], shares[..., 1], shares[..., 2])
-    return result
+    return _MEAN_LENGTH * np.sqrt(trace) * elliprg(shares[..., 0], shares[..., 1], shares[..., 2])
 
 
 def repeatability_limit(covariances: Array) -> Array:
     """Return the limit of RP for many cycles with normal positions of covariances ``(…, 3, 3)``."""
     mean = mean_distance(covariances)
     trace = _eigenvalues(covariances).sum(axis=-1)
-    result: Array = mean + 3 * np.sqrt(np.maximum(trace - mean * mean, 0.0))
-    return result
+    return mean + 3 * np.sqrt(np.maximum(trace - mean * mean, 0.0))
 
 
 def _eigenvalues(covariances: Array) -> Array:
-    result: Array = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
-    return result
+    return np.maximum(np.linalg.eigvalsh(covariances), 0.0)
 
 
+# largest entry of R Rᵀ - 1 of a rotation
 _NOT_A_ROTATION: Final = 1e-6
-"""Largest entry of R Rᵀ - 1 of a rotation."""
+# largest coordinate, m: squares of larger ones leave no digits for errors of nanometres
 _LARGEST: Final = 1e6
-"""Largest coordinate, m: squares of larger ones leave no digits for errors of nanometres."""
+# cosine of b below which a and c of the control are near their singularity: b within 5.7° of ±90°
 _NEAR: Final = 0.1
-"""Cosine of b below which a and c of the control are near their singularity: b within 5.7° of ±90°."""
 
 
 class _Figures(Record):
@@ -194,13 +187,7 @@ class _Figures(Record):
         return iter(self.keys())
 
     def __getitem__(self, name: str) -> float:
-        """Return the figure of a name.
-
-        Raises:
-            UnknownNameError: There is no such figure.
-        """
-        value: float = getattr(self, check_name("figure", name, self.keys()))
-        return value
+        return getattr(self, check_name("figure", name, self.keys()))
 
 
 @final

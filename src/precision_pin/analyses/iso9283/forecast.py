@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.analyses.iso9283.cube import Cube, standard_poses
+from precision_pin.analyses.arguments import check_common
+from precision_pin.analyses.iso9283.cube import standard_poses
 from precision_pin.analyses.iso9283.result import OF_ANGLES, OF_POSE, SINGLE, FigureLaw, Iso9283Result, PoseForecast
 from precision_pin.analyses.iso9283.simulation import (
     ROBOTS,
@@ -25,30 +24,23 @@ from precision_pin.analyses.iso9283.simulation import (
     visit_root,
 )
 from precision_pin.analyses.provenance import PoseLabel, Provenance
-from precision_pin.base import progress as progress_bar
-from precision_pin.base.arguments import (
-    check_flag,
-    check_instance,
-    check_items,
-    check_text,
-    check_whole,
-    shown,
-)
+from precision_pin.base.arguments import check_flag, check_text, check_whole, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.base.memory import check_memory
+from precision_pin.base.progress import steps_to
 from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.base.units import LENGTH, MASS
 from precision_pin.draws.draw import MOST_VISITS, Scope
-from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.sampling import Progress, available_cores, check_progress
-from precision_pin.statistics import NO_SPREAD, SpecificationResult, check_confidence, clopper_pearson
+from precision_pin.sampling import Progress, available_cores
+from precision_pin.sampling.workers import in_order
+from precision_pin.statistics import NO_GROUNDS, NO_SPREAD, SpecificationResult, clopper_pearson
 from precision_pin.statistics.plan import specification
 
 CYCLES: Final = 30
@@ -56,12 +48,12 @@ CYCLES: Final = 30
 MOST_ROBOTS: Final = 10**8
 MOST_POSES: Final = 100
 """Poses of a test; the standard has five."""
+# robots of which vAP and drift are simulated at most; all their visits are kept at once
 _MOST_FOLLOWED: Final = 10_000
-"""Robots of which vAP and drift are simulated at most; all their visits are kept at once."""
+# robots whose barycentres are compared for E
 _TOGETHER: Final = 5
-"""Robots whose barycentres are compared for E."""
+# m
 _FARTHEST_TARGET: Final = 1e3
-"""m."""
 _AXES: Final = (("x", "y", "z"), ("a", "b", "c"))
 
 
@@ -112,20 +104,20 @@ def iso9283(
             large to compute with, or a best fit of poses on a line.
         UnknownNameError: No such pose or joint.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     check_whole("the number of cycles", cycles, 2, MOST_VISITS)
     check_whole("the number of robots", robots, 1, MOST_ROBOTS)
-    check_seed(seed)
-    check_confidence(confidence)
     if threads is not None:
         check_whole("threads", threads, 1, 1024)
-    check_progress(progress)
-    known = check_items("findings", findings, Finding)
     limits = listed_limits(specifications)
     point = _target(target)
     mass = check_quantity("the load", load, MASS, "zero or more and finite", lambda kg: kg >= 0)
     error_model = _loaded(error_model, mass, point)
-    poses, cube = (poses, None) if poses is not None else _in_cube(error_model, point)
+    cube = None
+    if poses is None:
+        if not error_model.poses:
+            raise InputError("the model has no pose to take the tool's orientation from; give the poses of the test")
+        poses, cube = standard_poses(error_model.chain, error_model.configuration(), point)
     values, names, approaches = _poses(error_model, poses)
     count = values.shape[1]
     check_memory(8.0 * robots * (35 * count + 10), f"testing {robots:,} robots at {count} poses", "test fewer of them")
@@ -133,9 +125,7 @@ def iso9283(
     setup = _set_up(models, point, int(seed), int(cycles), check_flag("fit_base", fit_base))
     found = _find(error_model, models, names)
     add(found)
-    with ExitStack() as stack:
-        total = robots * count * cycles
-        step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or _nothing
+    with steps_to(progress, robots * count * cycles) as step:
         figures = _simulate(setup, int(robots), threads or available_cores(), step)
     labels = [replace(PoseLabel.of(error_model, None, at), name=name) for at, name in zip(models, names, strict=True)]
 
@@ -166,14 +156,16 @@ def iso9283(
         absent["drift"] = "no thermal source has a time_constant"
     if not len(figures.AD):
         absent |= dict.fromkeys(("AD", "RD"), "between P2 and P4, which needs four poses")
-    single = {
-        "AD": law(figures.AD[0]) if len(figures.AD) else None,
-        "RD": law(figures.RD[0]) if len(figures.RD) else None,
-        "E": None if exchange is None else law(exchange),
-        "vAP": None if approached is None else law(approached.variation),
-        "RP_bidirectional": None if approached is None else law(approached.bidirectional),
-        "drift": None if drift is None else law(drift),
+    found_once = {
+        "AD": figures.AD[0] if len(figures.AD) else None,
+        "RD": figures.RD[0] if len(figures.RD) else None,
+        "E": exchange,
+        "vAP": approached and approached.variation,
+        "RP_bidirectional": approached and approached.bidirectional,
+        "drift": drift,
     }
+    single = {name: None if values is None else law(values) for name, values in found_once.items()}
+    grounds = grounds_at(error_model, values, list(forecasts)) if limits else NO_GROUNDS
     return Iso9283Result(
         provenance=Provenance.of(error_model, seed),
         cycles=int(cycles),
@@ -184,25 +176,17 @@ def iso9283(
         fit_base=setup.fit_base,
         poses=forecasts,
         worst={name: law(getattr(figures, name).max(axis=0)) for name in ("AP", "RP")},
-        AD=single["AD"],
-        RD=single["RD"],
-        E=single["E"],
-        vAP=single["vAP"],
-        RP_bidirectional=single["RP_bidirectional"],
-        drift=single["drift"],
+        measured=None,
+        **single,
         cube=cube,
         absent=absent,
         specifications=tuple(
-            replace(one, grounds=grounds_at(error_model, values, [f"P{rank + 1}" for rank in range(count)]))
-            for one in judge_limits(limits, forecasts, single, absent, confidence)
+            replace(_judge(one, _largest(one.figure, forecasts, single, absent), confidence), grounds=grounds)
+            for one in limits
         ),
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
     )
-
-
-def _nothing(_: int) -> None:
-    """Do nothing."""
 
 
 def _target(target: ArrayLike | None) -> Array:
@@ -224,13 +208,6 @@ def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
     return loaded
 
 
-def _in_cube(error_model: ErrorModel, target: Array) -> tuple[PoseSet, Cube]:
-    """Return the standard's poses in the largest cube within reach."""
-    if not error_model.poses:
-        raise InputError("the model has no pose to take the tool's orientation from; give the poses of the test")
-    return standard_poses(error_model.chain, error_model.configuration(), target)
-
-
 def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...], NDArray[np.int8] | None]:
     """Return joint values ``(n, P)``, names and approaches."""
     if isinstance(poses, PoseSet):
@@ -247,16 +224,9 @@ def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ..
 
 def _set_up(models: Sequence[PoseModel], target: Array, seed: int, cycles: int, fit_base: bool) -> Setup:
     layouts = tuple(sampler.to_arrays_at_poses(models))
-    setup = Setup(
-        layouts=layouts,
-        commanded=np.stack([at.posture.pose for at in models]),
-        target=target,
-        seed=seed,
-        cycles=cycles,
-        fit_base=fit_base,
-        root=visit_root(layouts[0]),
-        shape=np.array([shape_factor(layout, pose, seed) for pose, layout in enumerate(layouts)]),
-    )
+    commanded = np.stack([at.posture.pose for at in models])
+    shape = np.array([shape_factor(layout, pose, seed) for pose, layout in enumerate(layouts)])
+    setup = Setup(layouts, commanded, target, seed, cycles, fit_base, visit_root(layouts[0]), shape)
     if fit_base:
         spread = np.linalg.svd(setup.points - setup.points.mean(axis=0), compute_uv=False)
         if len(models) < 3 or spread[1] < 1e-3 * spread[0]:
@@ -285,23 +255,10 @@ def _varies(error_model: ErrorModel, *scopes: Scope) -> bool:
 def _simulate(setup: Setup, robots: int, threads: int, step: Progress) -> RobotFigures:
     """Return the figures of all robots; groups of robots are simulated by threads and put in order."""
     parts: list[RobotFigures] = []
-    visits = setup.cycles * len(setup.layouts)
-    with ExitStack() as stack:
-        pool = ThreadPoolExecutor(threads)
-        # after a failure or an interrupt the running groups are awaited; each takes a fraction of a second
-        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
-        under_way: deque[Future[RobotFigures]] = deque()
-
-        def add_oldest() -> None:
-            parts.append(under_way.popleft().result())
-            step(parts[-1].AP.shape[1] * visits)
-
-        for first in range(0, robots, ROBOTS):
-            if len(under_way) >= 2 * threads:
-                add_oldest()
-            under_way.append(pool.submit(simulate_tests, setup, first, min(ROBOTS, robots - first)))
-        while under_way:
-            add_oldest()
+    groups = ((first, min(ROBOTS, robots - first)) for first in range(0, robots, ROBOTS))
+    for part in in_order((partial(simulate_tests, setup, *group) for group in groups), threads):
+        parts.append(part)
+        step(part.AP.shape[1] * setup.cycles * len(setup.layouts))
     return RobotFigures.joined(parts)
 
 
@@ -346,17 +303,6 @@ def listed_limits(given: object) -> tuple[FigureLimit, ...]:
     return tuple(map(_read, given))
 
 
-def judge_limits(
-    limits: Sequence[FigureLimit],
-    poses: Mapping[str, PoseForecast],
-    single: Mapping[str, FigureLaw | None],
-    absent: Mapping[str, str],
-    confidence: float,
-) -> tuple[SpecificationResult, ...]:
-    """Return the share of robots that keep each limit in a test, and its verdict."""
-    return tuple(_judge(one, _largest(one.figure, poses, single, absent), confidence) for one in limits)
-
-
 def _read(text: object) -> FigureLimit:
     words = check_text("each of the specifications", text, "RP 0.1 mm @ 95 %").split(maxsplit=1)
     if len(words) < 2:
@@ -378,8 +324,7 @@ def _largest(
 ) -> Array:
     """Return the largest absolute value of a figure over the poses, of each robot."""
     if figure not in single:
-        largest: Array = np.abs([getattr(at, figure).values for at in poses.values()]).max(axis=0)
-        return largest
+        return np.abs([getattr(at, figure).values for at in poses.values()]).max(axis=0)
     law = single[figure]
     if law is None:
         raise InputError(f"a specification limits {figure}, which this forecast does not have: {absent[figure]}")
@@ -387,12 +332,7 @@ def _largest(
 
 
 def _judge(one: FigureLimit, values: Array, confidence: float) -> SpecificationResult:
-    kept = int((values <= one.limit).sum())
-    return SpecificationResult(
-        one.figure,
-        one.limit,
-        one.required,
-        kept / values.size,
-        clopper_pearson(kept, values.size, confidence),
-        varies=bool(values.max() - values.min() > NO_SPREAD),
-    )
+    """Return the share of robots that keep a limit in a test, and its verdict."""
+    kept, varies = int((values <= one.limit).sum()), bool(values.max() - values.min() > NO_SPREAD)
+    interval = clopper_pearson(kept, values.size, confidence)
+    return SpecificationResult(one.figure, one.limit, one.required, kept / values.size, interval, varies)

@@ -24,6 +24,7 @@ from precision_pin.analyses.iso9283.cube import Cube
 from precision_pin.analyses.iso9283.figures import MeasuredDistance, MeasuredPose, iso9283_distance, iso9283_of
 from precision_pin.analyses.iso9283.simulation import DISTANCE, fit_to
 from precision_pin.analyses.provenance import PoseLabel
+from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_mapping, check_number, check_numbers
@@ -34,7 +35,7 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, number
-from precision_pin.statistics import SpecificationResult, quantile_ranks
+from precision_pin.statistics import SpecificationResult
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -78,13 +79,7 @@ class FigureLaw(Record):
         Raises:
             InputError: The probability is not between 0 and 1.
         """
-        level = _check_probability(probability)
-        if self.quantile_interval(level) is None:
-            return None
-        place = (self.values.size - 1) * level
-        below = int(place)
-        low, high = self.sorted[below], self.sorted[min(below + 1, self.values.size - 1)]
-        return float(low + (place - below) * (high - low))
+        return self._quantile(probability)[0]
 
     def quantile_interval(self, probability: float) -> tuple[float, float] | None:
         """Return the distribution-free interval of a quantile; ``None`` where the robots are too few for one.
@@ -92,10 +87,14 @@ class FigureLaw(Record):
         Raises:
             InputError: The probability is not between 0 and 1.
         """
-        ranks = quantile_ranks(self.values.size, _check_probability(probability), self.confidence)
-        if ranks is None:
-            return None
-        return float(self.sorted[ranks[0] - 1]), float(self.sorted[ranks[1] - 1])
+        return self._quantile(probability)[1]
+
+    def _quantile(self, probability: float) -> tuple[float, tuple[float, float]] | tuple[None, None]:
+        what, allowed = "the probability of a quantile", "above 0 and below 1"
+        level = check_number(what, probability, allowed, lambda p: 0 < p < 1)
+        value, ends = quantile_of(self.sorted[None], level, self.confidence, is_sorted=True)
+        low, high = ends[:, 0].tolist()
+        return (None, None) if math.isnan(low) else (float(value[0]), (low, high))
 
     @cached_property
     @returns_read_only
@@ -112,10 +111,6 @@ class FigureLaw(Record):
     def intervals(self) -> dict[float, tuple[float, float] | None]:
         """Intervals of these quantiles."""
         return {level: self.quantile_interval(level) for level in LEVELS}
-
-
-def _check_probability(probability: float) -> float:
-    return check_number("the probability of a quantile", probability, "above 0 and below 1", lambda p: 0 < p < 1)
 
 
 OF_POSITION: Final = ("AP", "RP", "AP_x", "AP_y", "AP_z")
@@ -164,10 +159,10 @@ class PoseForecast(Record):
 
 LEAST: Final = 0.05
 """Probability below which measurement and forecast are said to differ."""
+# m or rad; figures of robots that all have the same differ by less
 _ROUNDING: Final = 1e-9
-"""m or rad; figures of robots that all have the same differ by less."""
+# difference of how far out two figures are, from one up as a share, that is rounding
 _ALIKE: Final = 1e-6
-"""Difference of how far out two figures are, from one up as a share, that is rounding."""
 _DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in DISTANCE)
 
 
@@ -183,18 +178,13 @@ class ComparedFigure(Record):
         probability: Probability that a robot of the sheet has, among all figures compared, one as far out as this.
     """
 
-    KEYS: ClassVar[Keys] = ("pose=named_pose", "figure=name", "value", "share_below=below", "probability", "differs")
+    KEYS: ClassVar[Keys] = ("pose=pose?", "figure=name", "value", "share_below=below", "probability", "differs")
 
     pose: str
     name: str
     value: float
     below: float
     probability: float
-
-    @property
-    def named_pose(self) -> str | None:
-        """The pose; ``None`` for AD and RD."""
-        return self.pose or None
 
     @property
     def differs(self) -> bool:
@@ -263,7 +253,7 @@ def compare_with(
     with_angles = all(poses.ndim == 3 for poses in measured.values())
     if fit_base:
         measured = _fitted(measured, forecasts)
-    commanded = {pose: _at_point(forecasts[pose]) for pose in measured}
+    commanded = {pose: se3.pose(forecasts[pose].commanded[:3, :3], forecasts[pose].point) for pose in measured}
     cycled = {pose: _as_poses(values, commanded[pose]) for pose, values in measured.items()}
     found = {pose: iso9283_of(commanded[pose], values) for pose, values in cycled.items()}
     distance = None
@@ -302,8 +292,7 @@ def _far_out(values: Array) -> Array:
     """Return how far each value is from the median, in units of the distance of the 5 or 95 % quantile on its side."""
     low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
     scale = np.where(values < median, median - low, high - median)
-    result: Array = np.abs(values - median) / np.maximum(scale, _ROUNDING)
-    return result
+    return np.abs(values - median) / np.maximum(scale, _ROUNDING)
 
 
 def _read(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) -> dict[str, Array]:
@@ -327,11 +316,6 @@ def _read(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) 
     if not found:
         raise InputError("the measured cycles are of no pose; give those of one or more")
     return {pose: found[pose] for pose in forecasts if pose in found}
-
-
-def _at_point(forecast: PoseForecast) -> Array:
-    """Return the commanded pose at the target."""
-    return se3.pose(forecast.commanded[:3, :3], forecast.point)
 
 
 def _as_poses(values: Array, commanded: Array) -> Array:
@@ -395,19 +379,8 @@ class Iso9283Result(AnalysisResult):
     schema: ClassVar[str] = "precision-pin/iso9283/1"
 
     KEYS: ClassVar[Keys] = (
-        *(
-            "*head",
-            "model",
-            "cycles",
-            "robots",
-            "confidence",
-            "fit_base",
-            "load=mass",
-            "target",
-            "warnings",
-            "findings",
-        ),
-        *("poses", "worst", *SINGLE, "absent", "spec=specifications", "cube", "measured"),
+        *("*head", "model", "cycles", "robots", "confidence", "fit_base", "load=mass", "target", "warnings"),
+        *("findings", "poses", "worst", *SINGLE, "absent", "spec=specifications", "cube", "measured"),
     )
     model: ClassVar[str] = "exact"
 
@@ -459,17 +432,13 @@ class Iso9283Result(AnalysisResult):
             UnknownNameError: A pose that the forecast does not have.
         """
         laws = {name: law for name, law in (("AD", self.AD), ("RD", self.RD)) if law is not None}
-        return replace(
-            self, measured=compare_with(self.poses, laws, attained, cycles=self.cycles, fit_base=self.fit_base)
-        )
+        found = compare_with(self.poses, laws, attained, cycles=self.cycles, fit_base=self.fit_base)
+        return replace(self, measured=found)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and figure, the pose empty for AD, RD and E.
 
         The columns are ``mean``, ``std``, and ``quantile_0.95``, … with ``…_lower`` and ``…_upper``.
-
-        Raises:
-            InputError: pandas is not installed.
         """
         rows = [((pose, name), _columns(law)) for pose, name, law in self.laws()]
         return data_frame(["pose", "figure"], rows, self.settings())

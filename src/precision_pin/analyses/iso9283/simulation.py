@@ -34,10 +34,10 @@ ROBOTS: Final = 512
 """Robots that are tested together: enough for the compiled loops, few enough for the cache."""
 DISTANCE: Final = (1, 3)
 """Numbers of the two poses of AD and RD, P2 and P4."""
+# step of a difference quotient in standard deviations of a visit's draws: inside the support of every law
 _STEP: Final = 0.5
-"""Step of a difference quotient in standard deviations of a visit's draws: inside the support of every law."""
+# visits of the robot at the means, from which the shape of a cloud that is not normal is taken
 _VISITS: Final = 2**14
-"""Visits of the robot at the means, from which the shape of a cloud that is not normal is taken."""
 
 
 @final
@@ -67,8 +67,7 @@ class Setup:
     @property
     def points(self) -> Array:
         """Commanded positions of the target, ``(P, 3)``."""
-        result: Array = self.commanded[:, :3, 3] + np.einsum("pij,j->pi", self.commanded[:, :3, :3], self.target)
-        return result
+        return self.commanded[:, :3, 3] + np.einsum("pij,j->pi", self.commanded[:, :3, :3], self.target)
 
 
 @final
@@ -111,20 +110,19 @@ def simulate_tests(setup: Setup, first: int, count: int) -> RobotFigures:
     found = [pose_figures(*both) for both in zip(moved, angles, strict=True)]
     distances = []
     if len(moved) > max(DISTANCE):
-        one, other = DISTANCE
-        points = setup.points
-        attained = (moved[k] + points[k][:, None] for k in DISTANCE)
-        distances = [distance_figures(points[one] - points[other], *attained)]
-    accuracy, mean_angles = (np.stack([getattr(at, name) for at in found]) for name in ("AP_xyz", "AP_abc"))
+        one, other = setup.points[list(DISTANCE)]
+        attained = (moved[k] + at[:, None] for k, at in zip(DISTANCE, (one, other), strict=True))
+        distances = [distance_figures(one - other, *attained)]
+    names = ("AP_xyz", "AP_abc", "RP", "RP_abc")
+    accuracy, mean_angles, repeated, scatter_angles = (np.stack([getattr(at, name) for at in found]) for name in names)
     unfitted = accuracy[0]
-    scatter_angles = np.stack([at.RP_abc for at in found])
     if setup.fit_base:
         turn, accuracy = fit_to(setup.points, accuracy)
         fitted = [_angles(vectors, turn) for vectors in turned]
         mean_angles = np.stack([barycentre(one) for one in fitted])
     return RobotFigures(
         AP=np.sqrt((accuracy * accuracy).sum(axis=1)),
-        RP=np.stack([at.RP for at in found]),
+        RP=repeated,
         RP_limit=np.stack([_limit(setup, pose, first, count) for pose in range(len(setup.layouts))]),
         AP_xyz=accuracy,
         AP_abc=mean_angles,
@@ -242,8 +240,7 @@ def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
         moved = _at_target(setup, pose, ends)
         slopes[k] = (moved[0] - moved[1]) / (2 * _STEP)
     covariance = np.einsum("kin,kjn->nij", slopes, slopes)
-    result: Array = setup.shape[pose] * repeatability_limit(covariance)
-    return result
+    return setup.shape[pose] * repeatability_limit(covariance)
 
 
 def approach_figures(
@@ -263,9 +260,7 @@ def approach_figures(
     ways = paths_of_approach(jacobian)
     if not _follows(error_model, q, ways):
         return None
-    return sample_approaches(
-        error_model, q, approaches=ways, robots=robots, cycles=cycles, seed=seed, target=target
-    )  # fmt: skip
+    return sample_approaches(error_model, q, approaches=ways, robots=robots, cycles=cycles, seed=seed, target=target)
 
 
 def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]]) -> bool:
@@ -280,8 +275,8 @@ def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]])
 
 HOURS: Final = 8.0
 """Duration of the test; the standard ends it there, or earlier where the drift has become slow."""
+# times at which AP is measured, the first at the start: every half hour
 _TESTS: Final = 17
-"""Times at which AP is measured, the first at the start: every half hour."""
 
 
 def drift_from_cold(
@@ -313,5 +308,4 @@ def _accuracy(model: ErrorModel, q: Array, target: Array, robots: int, visits: r
     for visit in visits:
         error = sampler.errors(layout, "exact", seed, 0, robots, visit=visit)
         barycentre += error[:3] + np.einsum("ijn,j->in", se3.exp_rotation(error[3:]), lever) - lever[:, None]
-    result: Array = np.sqrt(((barycentre / len(visits)) ** 2).sum(axis=0))
-    return result
+    return np.sqrt(((barycentre / len(visits)) ** 2).sum(axis=0))

@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.iso9283.cube import PLANES
 from precision_pin.analyses.iso9283.result import LEAST, SINGLE, Comparison, FigureLaw, Iso9283Result
 from precision_pin.analyses.monte_carlo.table import verdict_line
 from precision_pin.base.text_escape import shown, visible
@@ -53,33 +52,23 @@ def answers(result: Iso9283Result) -> list[str]:
 def setting_lines(result: Iso9283Result) -> list[str]:
     """Return what is tested, and how."""
     of = result.provenance
-    point = (
-        ""
-        if not result.target.any()
-        else f"; target {', '.join(plain(1e3 * x) for x in result.target)} mm in tool axes"
-    )
+    target = ", ".join(plain(1e3 * x) for x in result.target)
+    point = f"; target {target} mm in tool axes" if result.target.any() else ""
+    poses = "1 pose" if len(result.poses) == 1 else f"{len(result.poses)} poses"
+    cube = []
+    if result.cube is not None:
+        centre = ", ".join(plain(1e3 * x) for x in np.round(result.cube.centre, 4))
+        side = f"side {1e3 * result.cube.side:.0f} mm, centre ({centre}) mm"
+        cube = [f"largest cube within reach: {side}; P2 to P5 in the plane along {result.cube.plane_name}"]
     load = f"; load {plain(result.mass)} kg" if result.mass else ""
     fit = "; base aligned by the best fit over the poses" if result.fit_base else "; base not aligned"
     return [
-        f"ISO 9283 of {visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {_counted(result)}{point}{load}{fit}",
+        f"ISO 9283 of {visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {poses}{point}{load}{fit}",
         f"{result.robots:,} robots, each tested once with {result.cycles} cycles, seed {of.seed}, exact model, statics "
         f"{of.statics}",
-        *_cube(result),
+        *cube,
         f"quantiles over robots and tests; [intervals] at {result.confidence:.0%} confidence",
     ]
-
-
-def _counted(result: Iso9283Result) -> str:
-    return "1 pose" if len(result.poses) == 1 else f"{len(result.poses)} poses"
-
-
-def _cube(result: Iso9283Result) -> list[str]:
-    """Return the cube of the test, where it was found."""
-    if result.cube is None:
-        return []
-    centre = ", ".join(plain(1e3 * x) for x in np.round(result.cube.centre, 4))
-    side = f"side {1e3 * result.cube.side:.0f} mm, centre ({centre}) mm"
-    return [f"largest cube within reach: {side}; P2 to P5 in the plane along {PLANES[result.cube.plane]}"]
 
 
 def headline(result: Iso9283Result, figure: str) -> str:
@@ -119,9 +108,8 @@ def verdict(measured: Comparison) -> str:
 
 def _judged(one: SpecificationResult, poses: int) -> str:
     every = " at every pose" if one.quantity not in SINGLE and poses > 1 else ""
-    demand = (
-        f"spec {one.quantity} within {1e3 * one.limit:.6g} {_unit(one.quantity)} for {100 * one.required:.10g} %{every}"
-    )
+    within = f"{1e3 * one.limit:.6g} {_unit(one.quantity)}"
+    demand = f"spec {one.quantity} within {within} for {100 * one.required:.10g} %{every}"
     more = ": more robots decide it" if one.verdict == "undecided" else ""
     of = "groups of five robots" if one.quantity == "E" else "robots"
     return verdict_line(demand, one, f"{{share}} % of {of} keep it in a test, interval {{low}} to {{high}} %{more}")
@@ -132,14 +120,8 @@ def position_rows(result: Iso9283Result) -> list[list[str]]:
     rows = [["mm", "", "AP median", "95 %", "interval", "RP median", "95 %", "interval", "many cycles"]]
     for pose, at in result.poses.items():
         figures = [cell for law in (at.AP, at.RP) for cell in (_quantile(law, 0.5)[0], *_quantile(law, 0.95))]
-        rows.append(
-            [
-                pose,
-                shown(at.label.name) if at.label.name not in ("", None, pose) else "",
-                *figures,
-                milli(at.RP_limit.mean, 4),
-            ]
-        )
+        name = shown(at.label.name) if at.label.name not in ("", None, pose) else ""
+        rows.append([pose, name, *figures, milli(at.RP_limit.mean, 4)])
     return rows
 
 
@@ -147,9 +129,8 @@ def angle_rows(result: Iso9283Result) -> list[list[str]]:
     """Return AP and RP of the angles at each pose, mrad, the headings first."""
     rows = [["mrad", "5 % to 95 %", *(f"AP_{axis}" for axis in "abc"), "95 %", *(f"RP_{axis}" for axis in "abc")]]
     for pose, at in result.poses.items():
-        spans = [
-            f"{_end(getattr(at, f'AP_{axis}'), 0.05)} to {_end(getattr(at, f'AP_{axis}'), 0.95)}" for axis in "abc"
-        ]
+        laws = [getattr(at, f"AP_{axis}") for axis in "abc"]
+        spans = [f"{_end(law, 0.05)} to {_end(law, 0.95)}" for law in laws]
         rows.append([pose, "", *spans, "", *(_end(getattr(at, f"RP_{axis}"), 0.95) for axis in "abc")])
     return rows
 
@@ -174,16 +155,15 @@ def distance_rows(result: Iso9283Result) -> list[list[str]]:
 
 def _measured(measured: Comparison) -> list[str]:
     rows = [["measured", "unit", "AP", "robots below", "RP", "robots below"]]
-    for pose in measured.poses:
-        for suffix, unit in (("", "mm"), ("_a", "mrad"), ("_b", "mrad"), ("_c", "mrad")):
-            found = [measured.figure(pose, f"{name}{suffix}") for name in ("AP", "RP")]
-            cells = [cell for one in found if one is not None for cell in (milli(one.value, 4), _share(one.below))]
-            if cells:
-                rows.append([f"{pose}{suffix.replace('_', ' ')}", unit, *cells])
-    distance = [measured.figure("", name) for name in ("AD", "RD")]
-    cells = [cell for one in distance if one is not None for cell in (milli(one.value, 4), _share(one.below))]
-    if cells:
-        rows.append(["AD, RD", "mm", *cells])
+    listed = [
+        (pose, f"{pose}{suffix.replace('_', ' ')}", (f"AP{suffix}", f"RP{suffix}"))
+        for pose in measured.poses
+        for suffix in ("", "_a", "_b", "_c")
+    ]
+    for pose, heading, names in (*listed, ("", "AD, RD", ("AD", "RD"))):
+        found = [measured.figure(pose, name) for name in names]
+        cells = [cell for one in found if one is not None for cell in (milli(one.value, 4), _share(one.below))]
+        rows += [[heading, _unit(names[0]), *cells]] if cells else []
     return aligned(rows)
 
 

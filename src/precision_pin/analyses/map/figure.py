@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,38 +18,27 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.text_escape import shown, visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-    wrapped,
-)
+from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
 from precision_pin.render.tables import symbol
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics.digits import format_interval
 
+# most poses that are drawn as a list, with their names below the axis
 _MOST_NAMED: Final = 24
-"""Most poses that are drawn as a list, with their names below the axis."""
 _MOST_TICKS: Final = 6
 _MOST_LETTERS: Final = 18
 _MOST_LEVEL: Final = 60
+# colour and dashes of each quantile
 _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
-"""Colour and dashes of each quantile."""
+# extent of the places across a plane or a line, by that along it, below which they lie in it
 _FLAT: Final = 1e-6
-"""Extent of the places across a plane or a line, by that along it, below which they lie in it."""
+# cells of a regular grid by places, above which the places are drawn as points
 _MOST_EMPTY: Final = 2.0
-"""Cells of a regular grid by places, above which the places are drawn as points."""
 _COLOURS: Final = "cividis"
 _MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Layout:
     """How the poses of a map are drawn.
@@ -88,9 +77,8 @@ def layout_of(poses: PoseSet, nodes: NDArray[np.intp]) -> _Layout:
             shown = [axis for axis in range(3) if axis != k]
             return _Layout("plane", position[shown], tuple(f"{'xyz'[axis]} [mm]" for axis in shown))
         first, second = axes[:, 0], axes[:, 1]
-        return _Layout(
-            "plane", np.stack([first @ position, second @ position]), (_axis_name(first), _axis_name(second))
-        )
+        places = np.stack([first @ position, second @ position])
+        return _Layout("plane", places, (_axis_name(first), _axis_name(second)))
     return _Layout("space", position, ("x [mm]", "y [mm]", "z [mm]"))
 
 
@@ -115,12 +103,14 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
         raise InputError(f"level {level!r}: a map has the quantiles {', '.join(map(str, LEVELS))}")
     norm, rank = names.index(quantity), LEVELS.index(level)
     of_nodes = result.poses.best_and_worst(result.quantile[rank, norm])[1]
-    firsts = _first_of_nodes(result.poses)
+    node = result.poses.node
+    firsts = np.arange(len(result.poses)) if node is None else np.unique(node, return_index=True)[1]
     nodes = np.where(of_nodes >= 0, of_nodes, firsts)
     layout = layout_of(result.poses, nodes)
     panels = [("", result.quantile[:, norm][:, nodes])]
     if result.relative is not None:
         panels.append(("relative to the reference", result.relative.quantile[:, norm][:, nodes]))
+    size = symbol(f"{quantity}.norm")
     unit = WrittenUnit.of_axis(f"{quantity}.norm", max(float(np.nanmax(values)) for _, values in panels))
     with style():
         made = new_figure(DOUBLE_COLUMN)
@@ -136,36 +126,19 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
             if is_curve:
                 _draw_curves(on, result, layout, values * unit.per_si, title, nodes)
             else:
-                _draw_field(
-                    made,
-                    on,
-                    layout,
-                    values[rank] * unit.per_si,
-                    [poses & (not title) for poses in marked],
-                    f"{symbol(f'{quantity}.norm')} [{unit.name}]",
-                )
+                missed = [poses & (not title) for poses in marked]
+                _draw_field(made, on, layout, values[rank] * unit.per_si, missed, f"{size} [{unit.name}]")
                 on.set_title(title)
         if is_curve:
-            axes[0].set_ylabel(f"{symbol(f'{quantity}.norm')} [{unit.name}]")
+            axes[0].set_ylabel(f"{size} [{unit.name}]")
             axes[0].set_ylim(bottom=0)
         several = result.poses.node is not None and len(nodes) < len(result.poses)
         alone = "; one branch of each place, neighbours may have others" if result.poses.node is not None else ""
         places_shown = "; the worst branch and tool angle of each place" if several else alone
         caption = f"first order, closed form{places_shown}; {worst_said(result, norm, rank)}"
-        entries, below = labelled(axes.tolist()), wrapped(caption, made)
-        what = (
-            symbol(f"{quantity}.norm")
-            if is_curve
-            else f"{100 * level:g} % of robots within {symbol(f'{quantity}.norm')}"
-        )
+        what = size if is_curve else f"{100 * level:g} % of robots within {size}"
         title = f"{what}: {visible(result.provenance.robot, 60)} at {len(nodes):,} poses"
-        made.suptitle("\n".join(wrapped(title, made)))
-        legend_below(made, entries, 4, below)
-        set_height(
-            made,
-            (80.0 if is_curve else 95.0 if len(panels) == 1 else 80.0)
-            + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT,
-        )
+        frame(made, axes.tolist(), title, caption, 95.0 if len(panels) == 1 and not is_curve else 80.0)
     return made
 
 
@@ -187,12 +160,6 @@ def worst_said(result: MapResult, norm: int, rank: int) -> str:
         if np.isnan(ends).any()
         else f"{said}, sampled {' to '.join(format_interval(ends[0], ends[1], 1e3))} {unit}"
     )
-
-
-def _first_of_nodes(poses: PoseSet) -> NDArray[np.intp]:
-    if poses.node is None:
-        return np.arange(len(poses))
-    return np.unique(poses.node, return_index=True)[1]
 
 
 def _marked(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -248,13 +215,8 @@ def _draw_field(
     if drawn is not None:
         mesh = axes.pcolormesh(*drawn, cmap=_COLOURS, shading="nearest", rasterized=True)
     else:
-        mesh = axes.scatter(
-            *places[:, known],
-            c=values[known],
-            cmap=_COLOURS,
-            s=_size(len(values)),
-            marker="s" if layout.kind == "plane" else "o",
-        )
+        marker, size = "s" if layout.kind == "plane" else "o", _size(len(values))
+        mesh = axes.scatter(*places[:, known], c=values[known], cmap=_COLOURS, s=size, marker=marker)
     if not known.all():
         axes.scatter(*places[:, ~known], c="#999999", s=6, marker="x", linewidths=0.6, label="not reached")
     for poses, (colour, name) in zip(marked, _MARKS, strict=True):

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.analyses.budget.shares import SourceLine
-from precision_pin.analyses.map.law_bounds import LawShapes, Vectors
+from precision_pin.analyses.map.law_bounds import LawShapes, Vectors, times_each
 from precision_pin.base.arguments import check_instance
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end
 from precision_pin.base.memory import check_memory
@@ -27,7 +27,7 @@ from precision_pin.robot.chain import pose_findings
 
 @final
 @dataclass(frozen=True, eq=False)
-class FirstOrder:
+class FirstOrder(Fixed):
     """First-order moments at P poses, base axes, m and rad.
 
     Attributes:
@@ -47,9 +47,6 @@ class FirstOrder:
     relative_mean: Array
     relative_covariance: Array
     vectors: tuple[Vectors, ...] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 def shared_covariance(space: Space, scopes: Sequence[Scope] = (Scope.UNIT,)) -> BlockCovariance:
@@ -88,7 +85,7 @@ def first_order(
     begin = 0
     for chunk in tangents(error_model.at_columns(values, approaches)):
         poses = chunk.error.shape[1]
-        spread = _times(whole, chunk.jacobian)
+        spread = times_each(whole, chunk.jacobian)
         covariance = np.einsum("idp,djp->ijp", chunk.jacobian, spread)
         by_component = np.einsum("idp,dip->dp", chunk.jacobian[:3], spread[:, :3])
         total = np.einsum("iip->p", covariance[:3, :3])
@@ -114,9 +111,8 @@ def first_order(
         step(poses)
     fields = ("mean", "covariance", "shares", "relative_mean", "relative_covariance")
     joined = tuple(map(Vectors.joined, zip(*(part.vectors for part in parts), strict=True)))
-    arrays = (np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in fields)
-    mean, covariance, shares, relative_mean, relative_covariance = arrays
-    return FirstOrder(mean, covariance, shares, relative_mean, relative_covariance, joined)
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in fields}
+    return FirstOrder(vectors=joined, **arrays)
 
 
 def _part(line: SourceLine, jacobian: Array, by_component: Array) -> Array:
@@ -132,23 +128,15 @@ def _at_the_same_pose(space: Space, jacobian: Array, reference: Array) -> Array:
     """Return the covariance of the error minus that of the reference at its joint values, ``(6, 6, P)``."""
     kept, anew = shared_covariance(space, (Scope.UNIT, Scope.POSE)), shared_covariance(space, (Scope.VISIT,))
     change = jacobian - reference[:, :, None]
-    own = np.einsum("idp,djp->ijp", change, _times(kept, change)) + np.einsum(
-        "idp,djp->ijp", jacobian, _times(anew, jacobian)
+    own = np.einsum("idp,djp->ijp", change, times_each(kept, change)) + np.einsum(
+        "idp,djp->ijp", jacobian, times_each(anew, jacobian)
     )
-    result: Array = own + anew.between(reference, reference)[:, :, None]
-    return result
+    return own + anew.between(reference, reference)[:, :, None]
 
 
 def jacobians(error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None) -> Array:
     """Return the derivative of the error with respect to the components at poses ``(n, P)``, ``(6, d, P)``."""
     return np.concatenate([chunk.jacobian for chunk in tangents(error_model.at_columns(values, approaches))], axis=2)
-
-
-def _times(covariance: BlockCovariance, jacobian: Array) -> Array:
-    """Return ``Σ Jᵀ``, ``(d, 6, P)``."""
-    rows, components, poses = jacobian.shape
-    columns = np.moveaxis(jacobian, 1, 0).reshape(components, rows * poses)
-    return covariance.times(columns).reshape(components, rows, poses)
 
 
 @warns_at_end

@@ -26,7 +26,7 @@ the eighth moments, and what products and formulas have beyond first order to dr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Final, final
 
@@ -41,7 +41,7 @@ from precision_pin.analyses.map.normal_norms import (
     norm_tail_quantiles,
     principal_axes,
 )
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
@@ -52,21 +52,21 @@ from precision_pin.terms.table import TermTable
 _SCORES: Final = np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, 4001)
 _WEIGHTS: Final = np.exp(-(_SCORES**2) / 2) / np.exp(-(_SCORES**2) / 2).sum()
 _NORMAL_EIGHTH: Final = 105 ** (1 / 8)
+# c_3/6, rounded up: E|Z³ - 3Z|/2 = (1 + 4 exp(-3/2))/√(2π) = 0.75499
 _THIRD: Final = 0.7549 / 6
-"""c_3/6, rounded up: E|Z³ - 3Z|/2 = (1 + 4 exp(-3/2))/√(2π) = 0.75499."""
 _FOURTH: Final = 1.4008 / 24
+# share of the tail beyond a quantile that is left to remainders
 _OF_TAIL: Final = 0.05
-"""Share of the tail beyond a quantile that is left to remainders."""
 _REMAINDERS: Final = (1e-2, 1e-3, 1e-4)
 _FLAT: Final = 1e-12
 
+# terms, components and the derivative of the product of one with respect to the other
 _Slopes = tuple[NDArray[np.intp], NDArray[np.intp], Array]
-"""Terms, components and the derivative of the product of one with respect to the other."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class LawShapes:
+class LawShapes(Fixed):
     """Moments of the d numbers of a space about their means, powers of SI units, ``(d,)`` each.
 
     Attributes:
@@ -97,9 +97,6 @@ class LawShapes:
     groups: NDArray[np.intp]
     chaos: float
     _products: dict[int, tuple[TermTable, _Slopes, Array, Array]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def of(cls, space: Space) -> LawShapes:
@@ -138,10 +135,8 @@ class LawShapes:
         kept = tuple((columns, block) for columns, block in whole.blocks if (proxies[columns] == 1).all())
         proxy = BlockCovariance(whole.variances * proxies, kept) if (proxies > 1).any() else whole
         third, cumulant, together, replaced_third, replaced_fourth, eighth, farthest = arrays
-        return cls(
-            space, whole.scaled(normal), proxy, third, cumulant, together, replaced_third, replaced_fourth, eighth, farthest,
-            groups, chaos,
-        )  # fmt: skip
+        moments = third, cumulant, together, replaced_third, replaced_fourth, eighth, farthest
+        return cls(space, whole.scaled(normal), proxy, *moments, groups, chaos)
 
     @property
     def is_normal(self) -> bool:
@@ -181,9 +176,8 @@ class LawShapes:
         for arm, by_group, of in ((move, moves, chunk.arms[1]), (turn, turns, chunk.arms[0])):
             every = by_group.sum(axis=0) + eighth @ of
             pairs = np.sqrt((variance @ turn**2) * (variance @ arm**2) + (variance @ (turn * arm)) ** 2)
-            second = (
-                self.chaos * pairs + (turns * by_group).sum(axis=0) + every * (all_turns**2 + eighth @ chunk.arms[0])
-            )
+            beyond = every * (all_turns**2 + eighth @ chunk.arms[0])
+            second = self.chaos * pairs + (turns * by_group).sum(axis=0) + beyond
             found.append(np.minimum(second, all_turns * every) + fourth @ of)
         return np.stack(found)
 
@@ -224,8 +218,7 @@ class LawShapes:
         lengths = np.sqrt((turned**2 / np.maximum(values.T, least)[:, None]).sum(axis=0))
         found = _THIRD * (self.replaced_third[other] @ lengths**3)
         found += _FOURTH * (self.replaced_fourth[other] @ lengths**4)
-        result: Array = np.minimum(found, 1.0)
-        return result
+        return np.minimum(found, 1.0)
 
 
 def _sums(rows: Array, numbers: NDArray[np.intp], count: int) -> Array:
@@ -238,11 +231,15 @@ def _sums(rows: Array, numbers: NDArray[np.intp], count: int) -> Array:
     return result
 
 
-def _between(covariance: BlockCovariance, jacobian: Array) -> Array:
+def times_each(covariance: BlockCovariance, jacobian: Array) -> Array:
+    """Return ``Σ Jᵀ``, ``(d, r, P)``, for slopes ``(r, d, P)``."""
     rows, components, poses = jacobian.shape
-    spread = covariance.times(np.moveaxis(jacobian, 1, 0).reshape(components, rows * poses))
-    result: Array = np.einsum("idp,djp->ijp", jacobian, spread.reshape(components, rows, poses))
-    return result
+    columns = np.moveaxis(jacobian, 1, 0).reshape(components, rows * poses)
+    return covariance.times(columns).reshape(components, rows, poses)
+
+
+def _between(covariance: BlockCovariance, jacobian: Array) -> Array:
+    return np.einsum("idp,djp->ijp", jacobian, times_each(covariance, jacobian))
 
 
 def _moments(law: Law, std: Array, far: Array) -> tuple[Array, Array, Array]:
@@ -263,7 +260,7 @@ def _moments(law: Law, std: Array, far: Array) -> tuple[Array, Array, Array]:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Vectors:
+class Vectors(Fixed):
     """Errors at P poses, each a vector with up to three components.
 
     Attributes:
@@ -283,24 +280,15 @@ class Vectors:
     farthest: Array
     remainder: Array
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @classmethod
     def joined(cls, parts: Sequence[Vectors]) -> Vectors:
         """Return the errors at the poses of all parts."""
-        values = zip(*(part._values for part in parts), strict=True)
-        return cls(*(np.concatenate(columns, axis=-1) for columns in values))
-
-    @property
-    def _values(self) -> tuple[Array, ...]:
-        return (
-            self.mean, self.covariance, self.proxy, self.square_spread, self.replaced, self.farthest, self.remainder
-        )  # fmt: skip
+        names = [one.name for one in fields(cls)]
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
 
     def of(self, part: slice) -> Vectors:
         """Return the errors at some of the poses."""
-        return Vectors(*(value[..., part] for value in self._values))
+        return Vectors(*(getattr(self, one.name)[..., part] for one in fields(self)))
 
     @cached_property
     def axes(self) -> tuple[Array, Array]:
@@ -310,8 +298,7 @@ class Vectors:
     @cached_property
     def square_mean(self) -> Array:
         """Mean of the square, ``(P,)``."""
-        result: Array = (self.mean**2).sum(axis=0) + np.einsum("iip->p", self.covariance)
-        return result
+        return (self.mean**2).sum(axis=0) + np.einsum("iip->p", self.covariance)
 
     @cached_property
     def _heavier(self) -> tuple[Array, Array]:

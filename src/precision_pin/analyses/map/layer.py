@@ -20,17 +20,17 @@ from precision_pin.sampling.poses_result import LEVELS
 
 _UNREACHED: Final[Colour] = (0.62, 0.62, 0.62, 1.0)
 _CORNERS: Final = np.concatenate([np.eye(3), -np.eye(3)])
+# an octahedron
 _FACES: Final = np.array(
     [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], dtype=np.uint32
 )
-"""An octahedron."""
+# of places in m: joint values come from an iteration, so that places do not agree to the last bit
 _DECIMALS: Final = 8
-"""Of places in m: joint values come from an iteration, so that places do not agree to the last bit."""
 _OF_SPACING: Final = 0.3
+# smallest and largest radius of a mark, in lengths of the arm
 _RADII: Final = (0.004, 0.03)
-"""Smallest and largest radius of a mark, in lengths of the arm."""
+# radius of a place that is not reached, of that of the others
 _SMALLER: Final = 0.4
-"""Radius of a place that is not reached, of that of the others."""
 
 
 @final

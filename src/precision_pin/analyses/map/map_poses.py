@@ -3,37 +3,39 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
+from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.budget.shares import source_lines
 from precision_pin.analyses.map.first_order import FirstOrder, first_order
 from precision_pin.analyses.map.map_result import MapResult, Relative
 from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, Sampled
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Pose, Provenance
-from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, unheard, warns_at_end
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.memory import check_memory
 from precision_pin.base.progress import scaled, steps_to
-from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, strained_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.sampling import Progress, check_progress
+from precision_pin.sampling import Progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.sampling.workers import Submitter
-from precision_pin.statistics import Specification, check_confidence
+from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 VERIFIED: Final = 5
@@ -41,10 +43,10 @@ VERIFIED: Final = 5
 VERIFYING_SAMPLES: Final = 20_000
 _NORMS: Final = ((0, 1, 2), (3, 4, 5))
 _DOUBTED: Final = 0.1
+# bytes of a pose beside its moments: names, quantiles and their limits
 _REST: Final = 700
-"""Bytes of a pose beside its moments: names, quantiles and their limits."""
+# poses whose quantiles and limits are computed between two steps of progress
 _AT_ONCE: Final = 2048
-"""Poses whose quantiles and limits are computed between two steps of progress."""
 
 PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
 
@@ -104,11 +106,7 @@ def map_poses(
             too large to compute with.
         UnknownNameError: No such pose or joint.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    check_seed(seed)
-    check_confidence(confidence)
-    known = check_items("findings", findings, Finding)
-    check_progress(progress)
+    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     if samples is not None:
         check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     check_whole("verify, a number of poses,", verify, 0, 10_000)
@@ -124,10 +122,10 @@ def map_poses(
     needed = 8 * (moments + max(moments, 29 * len(given.q) + 22)) + _REST
     check_memory(float(needed * len(given)), f"a map of {len(given):,} poses", "map fewer of them at a time")
     if not given.known.any():
-        raise InputError(f"none of the {len(given):,} poses has joint values: {_count_of(given)}")
+        counts = ", ".join(f"{count:,} {status}" for status, count in Counter(given.status).items())
+        raise InputError(f"none of the {len(given):,} poses has joint values: {counts}")
     reference = None if relative_to is None else error_model.at(relative_to)
     values = given.q[:, given.known]
-    names = tuple(line.name for line in lines)
     labels = given.labels
     known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
     approaches = None if given.approaches is None else given.approaches[:, given.known]
@@ -145,15 +143,20 @@ def map_poses(
         # half of the steps for the moments of all poses, half for their quantiles and limits
         halves = [scaled(step, count, steps_of) for steps_of in (count // 2, count - count // 2)]
         closed = first_order(error_model, values, approaches, lines, reference, halves[0], vectors)
-        result = _closed_form(error_model, given, closed, vectors, names, listed, reference, seed, halves[1])
-        doubted = _doubts(closed, known_labels)
-        found = (*found, *doubted)
-        result = replace(
-            result,
+        arrays = _closed_form(given, closed, vectors, listed, reference, halves[1])
+        found = (*found, *_doubts(closed, known_labels))
+        result = MapResult(
+            provenance=Provenance.of(error_model, seed),
+            joints=tuple(error_model.chain.joint_names),
+            poses=given,
+            specifications=listed,
+            judged=Judged.nothing(len(listed), len(given)),
+            sources=tuple(line.name for line in lines),
             grounds=grounds_at(error_model, values, known_labels),
             confidence=confidence,
             findings=known,
             warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
+            **arrays,
         )
 
         def sample(
@@ -223,28 +226,18 @@ def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
     """Return the poses of a set, each with its approach if it has one, as the model takes them."""
     if poses.approaches is None:
         return list(poses.q.T)
-    return [
-        ApproachedPose(q, approach)
-        for q, approach in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)
-    ]
-
-
-def _count_of(poses: PoseSet) -> str:
-    counts = {status: poses.status.count(status) for status in dict.fromkeys(poses.status)}
-    return ", ".join(f"{count:,} {status}" for status, count in counts.items())
+    return [ApproachedPose(*one) for one in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)]
 
 
 def _closed_form(
-    error_model: ErrorModel,
     poses: PoseSet,
     closed: FirstOrder,
     vectors: Sequence[tuple[int, ...]],
-    names: tuple[str, ...],
-    specifications: tuple[Specification, ...],
+    specifications: Sequence[Specification],
     reference: PoseModel | None,
-    seed: int,
     step: Progress,
-) -> MapResult:
+) -> dict[str, Any]:
+    """Return the arrays of a map, NaN where no joint values are known."""
     known = poses.known
 
     def spread(array: Array) -> Array:
@@ -270,34 +263,16 @@ def _closed_form(
         for rank, (one, vector) in enumerate(zip(specifications, chosen, strict=True)):
             limits[rank, :, part] = bounded[vector].share_bounds(one.limit)
         if reference is not None:
-            relative_quantiles[:, :, part] = _quantiles(
-                _laws(closed.relative_mean[:, part], closed.relative_covariance[:, :, part])
-            )
+            of_relative = closed.relative_mean[:, part], closed.relative_covariance[:, :, part]
+            relative_quantiles[:, :, part] = _quantiles(_laws(*of_relative))
         step(mean.shape[1])
     relative = None
     if reference is not None:
-        relative = Relative(
-            q=reference.posture.q,
-            mean=spread(closed.relative_mean),
-            covariance=spread(closed.relative_covariance),
-            quantile=spread(relative_quantiles),
-        )
-    return MapResult(
-        provenance=Provenance.of(error_model, seed),
-        joints=tuple(error_model.chain.joint_names),
-        poses=poses,
-        mean=spread(closed.mean),
-        covariance=spread(closed.covariance),
-        quantile=spread(quantiles),
-        quantile_bounds=spread(bounds),
-        specifications=specifications,
-        probability=spread(probabilities),
-        probability_bounds=spread(limits),
-        judged=Judged.nothing(len(specifications), len(poses)),
-        sources=names,
-        shares=spread(closed.shares),
-        relative=relative,
-    )
+        moments = spread(closed.relative_mean), spread(closed.relative_covariance)
+        relative = Relative(reference.posture.q, *moments, spread(relative_quantiles))
+    arrays = {"mean": closed.mean, "covariance": closed.covariance, "shares": closed.shares, "quantile": quantiles}
+    arrays |= {"quantile_bounds": bounds, "probability": probabilities, "probability_bounds": limits}
+    return {name: spread(values) for name, values in arrays.items()} | {"relative": relative}
 
 
 def _doubts(closed: FirstOrder, labels: Sequence[str]) -> tuple[Finding, ...]:
@@ -346,8 +321,6 @@ def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: 
 
 def _inside(mean: Array, std: Array, limit: float) -> Array:
     """Return the probability of a normal number between -limit and limit."""
-    from scipy import special
-
     safe = np.where(std > 0, std, 1.0)
     inside: Array = special.ndtr((limit - mean) / safe) - special.ndtr((-limit - mean) / safe)
     return np.where(std > 0, inside, (np.abs(mean) <= limit).astype(float))

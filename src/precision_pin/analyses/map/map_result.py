@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
@@ -13,7 +13,7 @@ import numpy as np
 from precision_pin.analyses.map.map_verdicts import Judged, MapVerdict, Sampled, map_verdicts
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_path
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.files import write_files
@@ -22,7 +22,6 @@ from precision_pin.base.record import Keys
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.result_io import LARGEST_FILE
 from precision_pin.render.tables import data_frame, described, milli, optional, percent
-from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict
@@ -35,13 +34,13 @@ if TYPE_CHECKING:
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _NORMS: Final = ("position", "attitude")
 _MOST_ROWS: Final = 20
+# bytes of a number in the JSON, and of memory while that is made
 _WRITTEN, _ENCODING = 40, 250
-"""Bytes of a number in the JSON, and of memory while that is made."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Relative:
+class Relative(Fixed):
     """Error of each robot minus its error at a reference pose, first order, base axes, m and rad.
 
     Attributes:
@@ -55,8 +54,14 @@ class Relative:
     covariance: Array
     quantile: Array
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
+    def arrays(self) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Return what is known at each pose by name: dimensions, and values with the pose as the last axis."""
+        return {
+            "mean": (("component",), self.mean),
+            "covariance": (("component", "component_2"), self.covariance),
+            **{f"rms_{name}": ((), one) for name, one in zip(_NORMS, _rms(self.mean, self.covariance), strict=True)},
+            **{f"quantile_{name}": (("level",), self.quantile[:, norm]) for norm, name in enumerate(_NORMS)},
+        }
 
 
 @final
@@ -149,8 +154,7 @@ class MapResult(AnalysisResult):
             keys += [(self.probability[chosen] - required).min(axis=0), sampled, self.judged.order[chosen].min(axis=0)]
         known = self.poses.known
         order = np.lexsort((*keys, ~verified))
-        worst: list[int] = order[known[order]].tolist()
-        return worst
+        return order[known[order]].tolist()
 
     @property
     def left_out(self) -> dict[str, int]:
@@ -198,8 +202,7 @@ class MapResult(AnalysisResult):
             UnknownNameError: Another quantity.
             InputError: Another level.
         """
-        drawn: Figure = self._output("figure:figure")(self, quantity, level)
-        return drawn
+        return self._output("figure:figure")(self, quantity, level)
 
     @property
     def samples(self) -> int | None:
@@ -216,7 +219,7 @@ class MapResult(AnalysisResult):
         """Verdicts as in the JSON."""
         return [
             {
-                **verdict.to_dict(self.poses.labels),
+                **verdict.entry(self.poses.labels),
                 "met": self._met(verdict),
                 "verdict": self.verdict_of(verdict),
                 "why_not_judged": self.grounds.not_judged or None,
@@ -233,43 +236,42 @@ class MapResult(AnalysisResult):
     @property
     def entries(self) -> list[dict[str, Any]]:
         """The poses as in the JSON."""
-        # for all poses at once: they take long
-        rms, dominant = self.rms, self.dominant_source
-        return [self._entry(pose, rms[:, pose], dominant[pose]) for pose in range(len(self.poses))]
-
-    def _entry(self, pose: int, rms: Array, dominant: str) -> dict[str, Any]:
-        of = self.poses
-        approach = () if of.approaches is None else tuple(of.approaches[:, pose].tolist())
-        entry: dict[str, Any] = {
-            "name": of.names[pose],
-            "q": of.q[:, pose],
-            **approach_entry(written_approach(self.joints, approach)),
-            "position": of.position[:, pose],
-            "status": of.status[pose],
-            "branch": int(of.branch[pose]),
-            **({} if of.times is None else {"time": float(of.times[pose])}),
-            "mean": self.mean[:, pose],
-            "covariance": self.covariance[:, :, pose],
-            "rms_position": rms[0],
-            "rms_attitude": rms[1],
-            "quantile_position": self.quantile[:, 0, pose],
-            "quantile_attitude": self.quantile[:, 1, pose],
-            "quantile_position_bounds": self.quantile_bounds[:, 0, :, pose],
-            "quantile_attitude_bounds": self.quantile_bounds[:, 1, :, pose],
-            "probability": self.probability[:, pose],
-            "probability_bounds": self.probability_bounds[:, :, pose],
-            "judged": self.judged.to_dict(pose),
-            "dominant_source": dominant or None,
-            "shares": self.shares[:, pose],
-        }
-        if self.relative is not None:
-            entry["relative"] = {
-                "mean": self.relative.mean[:, pose],
-                "covariance": self.relative.covariance[:, :, pose],
-                "quantile_position": self.relative.quantile[:, 0, pose],
-                "quantile_attitude": self.relative.quantile[:, 1, pose],
+        of, arrays, dominant = self.poses, self._arrays(), self.dominant_source
+        shares = arrays.pop("shares")[1]
+        other = {} if self.relative is None else self.relative.arrays()
+        entries = []
+        for pose, known in enumerate(of.entries(self.joints)):
+            time = {"time": known.pop("time")} if "time" in known else {}
+            entry: dict[str, Any] = known | {
+                "q": of.q[:, pose],
+                "position": of.position[:, pose],
+                "status": of.status[pose],
+                "branch": int(of.branch[pose]),
+                **time,
+                **{name: values[..., pose] for name, (_, values) in arrays.items()},
+                "judged": self.judged.to_dict(pose),
+                "dominant_source": dominant[pose] or None,
+                "shares": shares[:, pose],
             }
-        return entry
+            if other:
+                shown = (name for name in other if not name.startswith("rms"))
+                entry["relative"] = {name: other[name][1][..., pose] for name in shown}
+            entries.append(entry)
+        return entries
+
+    def _arrays(self) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Return what is known at each pose by name: dimensions, and values with the pose as the last axis."""
+        rms, level, norms = self.rms, ("level",), dict(enumerate(_NORMS))
+        return {
+            "mean": (("component",), self.mean),
+            "covariance": (("component", "component_2"), self.covariance),
+            **{f"rms_{name}": ((), rms[norm]) for norm, name in norms.items()},
+            **{f"quantile_{name}": (level, self.quantile[:, norm]) for norm, name in norms.items()},
+            **{f"quantile_{name}_bounds": ((*level, "end"), self.quantile_bounds[:, k]) for k, name in norms.items()},
+            "probability": (("specification",), self.probability),
+            "probability_bounds": (("specification", "end"), self.probability_bounds),
+            "shares": (("source",), self.shares),
+        }
 
     def to_json(self) -> str:
         """Return the JSON as text.
@@ -283,26 +285,19 @@ class MapResult(AnalysisResult):
         return super().to_json()
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the map as a data frame, m and rad: a row for each pose.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
+        """Return the map as a data frame, m and rad: a row for each pose."""
         of, rms, dominant = self.poses, self.rms, self.dominant_source
         specified = [f"inside {one.quantity} {one.limit:g}" for one in self.specifications]
         rows = []
         for pose, label in enumerate(of.labels):
-            columns: dict[str, Any] = {
-                name: float(value) for name, value in zip(self.joints, of.q[:, pose], strict=True)
-            }
+            columns: dict[str, Any] = dict(zip(self.joints, of.q[:, pose].tolist(), strict=True))
             columns |= dict(zip("xyz", of.position[:, pose].tolist(), strict=True))
             columns |= {"status": of.status[pose], "branch": int(of.branch[pose])}
             columns |= {f"mean {name}": float(self.mean[row, pose]) for row, name in enumerate(_COMPONENTS)}
             for norm, name in enumerate(_NORMS):
                 columns[f"rms {name}"] = float(rms[norm, pose])
-                columns |= {
-                    f"{name} {level:g}": float(self.quantile[rank, norm, pose]) for rank, level in enumerate(LEVELS)
-                }
+                levels = [f"{name} {level:g}" for level in LEVELS]
+                columns |= dict(zip(levels, self.quantile[:, norm, pose].tolist(), strict=True))
             columns |= dict(zip(specified, self.probability[:, pose].tolist(), strict=True))
             rows.append(((label,), columns | {"dominant source": dominant[pose]}))
         return data_frame(["pose"], rows, self.settings())
@@ -316,36 +311,11 @@ class MapResult(AnalysisResult):
         these three with ``…_bounds`` of the further dimension ``end``; ``shares`` (pose, source), ``dominant_source``; with a
         reference the same of the relative error as ``relative_…``; of what was sampled ``sampled_quantile_position`` and
         ``…_attitude`` with ``_lower`` and ``_upper``, and of what was judged ``sampled_inside`` alike.
-
-        Raises:
-            InputError: xarray is not installed.
         """
-        of, rms = self.poses, self.rms
-        variables: dict[str, Any] = {
-            "mean": (("pose", "component"), self.mean.T),
-            "covariance": (("pose", "component", "component_2"), np.moveaxis(self.covariance, -1, 0)),
-            "rms_position": ("pose", rms[0]),
-            "rms_attitude": ("pose", rms[1]),
-            "quantile_position": (("pose", "level"), self.quantile[:, 0].T),
-            "quantile_attitude": (("pose", "level"), self.quantile[:, 1].T),
-            "quantile_position_bounds": (("pose", "level", "end"), np.moveaxis(self.quantile_bounds[:, 0], -1, 0)),
-            "quantile_attitude_bounds": (("pose", "level", "end"), np.moveaxis(self.quantile_bounds[:, 1], -1, 0)),
-            "probability": (("pose", "specification"), self.probability.T),
-            "probability_bounds": (("pose", "specification", "end"), np.moveaxis(self.probability_bounds, -1, 0)),
-            "shares": (("pose", "source"), self.shares.T),
-            "dominant_source": ("pose", list(self.dominant_source)),
-        }
+        of, variables = self.poses, _over_poses(self._arrays())
+        variables["dominant_source"] = ("pose", list(self.dominant_source))
         if self.relative is not None:
-            other = self.relative
-            relative_rms = _rms(other.mean, other.covariance)
-            variables |= {
-                "relative_mean": (("pose", "component"), other.mean.T),
-                "relative_covariance": (("pose", "component", "component_2"), np.moveaxis(other.covariance, -1, 0)),
-                "relative_rms_position": ("pose", relative_rms[0]),
-                "relative_rms_attitude": ("pose", relative_rms[1]),
-                "relative_quantile_position": (("pose", "level"), other.quantile[:, 0].T),
-                "relative_quantile_attitude": (("pose", "level"), other.quantile[:, 1].T),
-            }
+            variables |= {f"relative_{name}": one for name, one in _over_poses(self.relative.arrays()).items()}
         variables |= self._sampled_variables()
         coordinates: dict[str, Any] = {
             "pose": np.arange(len(of)),
@@ -364,8 +334,7 @@ class MapResult(AnalysisResult):
             "source": list(self.sources),
             **({} if of.times is None else {"time": ("pose", of.times)}),
         }
-        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self.settings()))
-        return made
+        return optional("xarray").Dataset(variables, coordinates, described(self.settings()))
 
     def _sampled_variables(self) -> dict[str, Any]:
         if self.sampled is None:
@@ -430,9 +399,13 @@ class MapResult(AnalysisResult):
         columns = ["pose", "median |d| [mm]", *within, "median |δ| [mrad]", *within, *inside, "dominant source"]
         of = self.provenance
         title = f"Map of {of.robot}: {of.base} to {of.tip}, {len(self.poses):,} poses, the worst first"
-        return rendered(
-            title, [Table(columns, rows)], ["first order, statics " + of.statics + "; base axes", *self.warnings]
-        )
+        notes = [f"first order, statics {of.statics}; base axes", *self.warnings]
+        return rendered(title, [Table(columns, rows)], notes)
+
+
+def _over_poses(arrays: Mapping[str, tuple[tuple[str, ...], Array]]) -> dict[str, Any]:
+    """Return arrays as the variables of a dataset, with the pose as the first axis."""
+    return {name: (("pose", *dims), np.moveaxis(values, -1, 0)) for name, (dims, values) in arrays.items()}
 
 
 def check_json(poses: int, joints: int, sources: int, specifications: int, is_relative: bool) -> None:
@@ -442,10 +415,8 @@ def check_json(poses: int, joints: int, sources: int, specifications: int, is_re
         InputError: It is.
     """
     numbers = poses * (71 + joints + sources + 8 * specifications + 54 * is_relative)
-    what, instead = (
-        f"the JSON of a map of {poses:,} poses",
-        "write it as netCDF (--netcdf, to_netcdf), or map fewer poses",
-    )
+    what = f"the JSON of a map of {poses:,} poses"
+    instead = "write it as netCDF (--netcdf, to_netcdf), or map fewer poses"
     if _WRITTEN * numbers > LARGEST_FILE:
         size = f"{_WRITTEN * numbers / 1e9:,.1f} GB long; up to {LARGEST_FILE / 1e9:,.1f} GB are read again"
         raise InputError(f"{what} is about {size}; {instead}")
@@ -455,5 +426,4 @@ def check_json(poses: int, joints: int, sources: int, specifications: int, is_re
 def _rms(mean: Array, covariance: Array) -> Array:
     """Return the root mean squares of position and attitude, ``(2, P)``."""
     squares = mean**2 + np.einsum("iip->ip", covariance)
-    result: Array = np.sqrt(np.maximum(squares.reshape(2, 3, -1).sum(axis=1), 0.0))
-    return result
+    return np.sqrt(np.maximum(squares.reshape(2, 3, -1).sum(axis=1), 0.0))

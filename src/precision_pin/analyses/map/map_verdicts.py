@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.progress import scaled
+from precision_pin.base.record import Keys, Record
 from precision_pin.sampling import Progress
 from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.statistics import Specification, SpecificationResult, Verdict
@@ -22,8 +23,8 @@ ROUNDS: Final = (2_000, 20_000, 200_000)
 """Robots at a pose in each round of sampling; the next one samples the poses that are still undecided, the last one only for
 specifications that are met or undecided everywhere."""
 FIRST_ROUND: Final = ROUNDS[0]
+# poses sampled at a time
 _TOGETHER: Final = 20_000
-"""Poses sampled at a time."""
 _WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "undecided", "nothing to judge", "met")
 _UNDECIDED: Final = _WORST_FIRST.index("undecided")
 MET: Final = _WORST_FIRST.index("met")
@@ -54,7 +55,7 @@ class Sampled:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Judged(Fixed):
     """What sampled robots say of each specification at each of P poses.
 
     Attributes:
@@ -68,9 +69,6 @@ class Judged:
     probability: Array
     interval: Array
     order: NDArray[np.intp]
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def nothing(cls, specifications: int, poses: int) -> Judged:
@@ -156,7 +154,7 @@ def _named(order: int) -> Verdict:
 
 @final
 @dataclass(frozen=True)
-class MapVerdict:
+class MapVerdict(Record):
     """Verdict on a specification over the poses of a map whose joint values are known.
 
     Attributes:
@@ -171,6 +169,12 @@ class MapVerdict:
         most_samples, needed: Most robots sampled at a pose, and about how many would decide every pose; ``None`` if
             none would.
     """
+
+    KEYS: ClassVar[Keys] = (
+        *("quantity=specification.quantity", "limit=specification.limit", "required=specification.required", "met"),
+        *("verdict", "worst_pose=worst", "probability=share", "probability_bounds=bounds", "sampled", "met_at"),
+        *("undecided_at", "judged", "most_samples", "needed_samples=needed"),
+    )
 
     specification: Specification
     worst: int
@@ -189,27 +193,13 @@ class MapVerdict:
         """Whether it is met at every pose whose joint values are known; ``None`` if nothing was sampled."""
         return None if self.verdict == "not judged" else self.verdict == "met"
 
-    def to_dict(self, labels: Sequence[str]) -> dict[str, Any]:
+    def entry(self, labels: Sequence[str]) -> dict[str, Any]:
         """Return the entry of ``spec`` in the ``precision-pin/map/1`` schema."""
-        of, sampled = self.specification, self.sampled
-        return {
-            "quantity": of.quantity,
-            "limit": of.limit,
-            "required": of.required,
-            "met": self.met,
-            "verdict": self.verdict,
-            "worst_pose": labels[self.worst],
-            "probability": self.share,
-            "probability_bounds": list(self.bounds),
-            "sampled": None
-            if sampled is None
-            else {"probability": sampled.probability, "interval": list(sampled.interval), "met": sampled.met},
-            "met_at": self.met_at,
-            "undecided_at": self.undecided_at,
-            "judged": self.judged,
-            "most_samples": self.most_samples,
-            "needed_samples": self.needed,
-        }
+        entry = self.to_dict()
+        entry["worst_pose"] = labels[self.worst]
+        if self.sampled is not None:
+            entry["sampled"] = self.sampled.encoded(("probability", "interval", "met"))
+        return entry
 
 
 def map_verdicts(

@@ -23,27 +23,27 @@ from precision_pin.base.arrays import Array
 _NODES: Final = 32
 _STEP: Final = 0.15
 _PARAMETER: Final = (np.arange(_NODES) + 0.5)[:, None] * _STEP
+# distances of the nodes on half of the path from the real axis, ``(nodes, 1)``, in units of 1/√K''
 _ACROSS: Final = np.sinh(_PARAMETER)
-"""Distances of the nodes on half of the path from the real axis, ``(nodes, 1)``, in units of 1/√K''."""
 _WEIGHTS: Final = np.cosh(_PARAMETER) * (_STEP / np.pi)
+# slope to which the parabola flattens: with 1 or more the integrand of a long vector may grow again
 _SLOPE: Final = 0.7
-"""Slope to which the parabola flattens: with 1 or more the integrand of a long vector may grow again."""
+# largest distance from the mean, in standard deviations of the vector, at which a probability is computed
 _FARTHEST: Final = 40.0
-"""Largest distance from the mean, in standard deviations of the vector, at which a probability is computed."""
+# least distance of the path from the pole, in the same units
 _FROM_POLE: Final = 1.0
-"""Least distance of the path from the pole, in the same units."""
+# variance along an axis, of the largest, below which the vector is constant along it
 _FLAT: Final = 1e-14
-"""Variance along an axis, of the largest, below which the vector is constant along it."""
 _ROUNDS: Final = 3
+# relative step after which the next one is at rounding: the steps square
 _CLOSE: Final = 2e-5
-"""Relative step after which the next one is at rounding: the steps square."""
 _ROUNDING: Final = 1e-28
+# largest |s| of an argument of K: there 1 - t/end is exp(-s)
 _FAR: Final = 60.0
-"""Largest |s| of an argument of K: there 1 - t/end is exp(-s)."""
 _MOST_STEPS: Final = 100
 _LAST_STEP: Final = 1e-6
+# vectors whose integrals are computed together; their arrays stay in the processor's cache
 _AT_ONCE: Final = 128
-"""Vectors whose integrals are computed together; their arrays stay in the processor's cache."""
 
 
 def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array]:
@@ -61,8 +61,7 @@ def norm_probabilities(variances: Array, means: Array, radii: Array) -> Array:
     """Return P(|v| ≤ r), ``(P,)``, for vectors in principal axes ``(3, P)`` and radii ``(P,)``; errors below 1e-7."""
     law = _Law(variances, means)
     found = law.evaluate(np.maximum(radii**2 - law.constant, 0.0))[0]
-    result: Array = np.where(law.still, (radii**2 >= law.constant).astype(float), found)
-    return result
+    return np.where(law.still, (radii**2 >= law.constant).astype(float), found)
 
 
 def norm_quantiles(
@@ -92,8 +91,7 @@ def norm_quantiles(
         going = np.abs(change) >= _CLOSE
         if not going.any():
             break
-    result: Array = np.sqrt(np.where(law.still, 0.0, x) + law.constant)
-    return result
+    return np.sqrt(np.where(law.still, 0.0, x) + law.constant)
 
 
 def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
@@ -101,8 +99,7 @@ def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
     law = _Law(variances, means)
     x = np.minimum(radii**2 - law.constant, law.farthest)
     t = np.maximum(law.saddle(x), 0.0)
-    bound: Array = np.where(law.still, x < 0, np.exp(law.exponent(t) - t * x))
-    return bound
+    return np.where(law.still, x < 0, np.exp(law.exponent(t) - t * x))
 
 
 def norm_tail_quantiles(variances: Array, means: Array, tail: float) -> Array:
@@ -117,8 +114,7 @@ def norm_tail_quantiles(variances: Array, means: Array, tail: float) -> Array:
         return np.log(below / wanted), t * second * (law.end - t) / below
 
     t = law.argument(_root(excess, np.full(means.shape[1], 1.0), 0.0, _FAR))
-    result: Array = np.sqrt(np.where(law.still, 0.0, law.derivatives(t)[0]) + law.constant)
-    return result
+    return np.sqrt(np.where(law.still, 0.0, law.derivatives(t)[0]) + law.constant)
 
 
 def norm_quantile_slopes(mean: Array, covariance: Array, radii: Array) -> Array:
@@ -199,8 +195,7 @@ class _Law:
 
     def argument(self, s: Array) -> Array:
         """Return the argument of K at which K' rises with s, from 0 to infinity."""
-        t: Array = self.end * -np.expm1(-s)
-        return t
+        return self.end * -np.expm1(-s)
 
     def saddle(self, x: Array) -> Array:
         """Return the argument at which the derivative of K is x, ``(P,)``."""
@@ -231,14 +226,12 @@ class _Law:
         product = pair * left[2]
         # each factor turns by 0 to -π, so that the partial products tell the branch of the square root; logarithms are slower
         root = np.where((pair.imag > 0) | (product.imag > 0), -1.0, 1.0) * np.sqrt(product)
-        result: NDArray[np.complex128] = np.exp((self._squares[:, None, part] * t / left).sum(axis=0) - t * x) / root
-        return result
+        return np.exp((self._squares[:, None, part] * t / left).sum(axis=0) - t * x) / root
 
     def exponent(self, t: Array) -> Array:
         """Return K at real ``t`` ``(P,)`` below its end."""
         left = 1 - 2 * self._variances * t
-        result: Array = (self._squares * t / left - np.log(left) / 2).sum(axis=0)
-        return result
+        return (self._squares * t / left - np.log(left) / 2).sum(axis=0)
 
     def derivatives(self, t: Array) -> tuple[Array, Array]:
         """Return the first and second derivative of K at real ``t`` ``(P,)`` below its end."""
@@ -250,8 +243,7 @@ class _Law:
         """Return the third derivative of K at real ``t`` ``(P,)`` below its end."""
         over = 1 / (1 - 2 * self._variances * t)
         small = self._variances * over
-        result: Array = (8 * small * small * (small + 3 * self._squares * over * over)).sum(axis=0)
-        return result
+        return (8 * small * small * (small + 3 * self._squares * over * over)).sum(axis=0)
 
 
 def _root(function: Callable[[Array], tuple[Array, Array]], start: Array, least: float, most: float) -> Array:

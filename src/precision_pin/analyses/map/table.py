@@ -18,14 +18,14 @@ from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import format_share
 from precision_pin.statistics.digits import format_interval
 
+# poses of which all are listed
 _MOST_ROWS: Final = 12
-"""Poses of which all are listed."""
+# poses listed of more than that, the worst first
 _WORST_ROWS: Final = 10
-"""Poses listed of more than that, the worst first."""
 _MOST_LETTERS: Final = 17
 _MOST_SHARES: Final = 4
+# share below which the closed form has no digits: its integral is good to this
 _SMALLEST: Final = 1e-7
-"""Share below which the closed form has no digits: its integral is good to this."""
 _LEVEL: Final = LEVELS.index(0.95)
 _UPPER: Final = tuple(enumerate(LEVELS))[1:]
 
@@ -59,12 +59,7 @@ def map_table(result: MapResult) -> str:
 
 def answers(result: MapResult) -> list[str]:
     """Return what is asked first: the worst pose, the range over the poses, the verdicts."""
-    return [*_worst(result), *verdict_lines(result)]
-
-
-def verdict_lines(result: MapResult) -> list[str]:
-    """Return a line for each specification."""
-    return [_verdict(result, verdict) for verdict in result.verdicts]
+    return [*_worst(result), *(_verdict(result, verdict) for verdict in result.verdicts)]
 
 
 def worst_rows(result: MapResult) -> list[dict[str, str]]:
@@ -96,9 +91,8 @@ def _worst(result: MapResult) -> list[str]:
         lines[0] += f", {sampled[0]} and {sampled[1]} mm sampled"
     if len(of_all) > 1:
         least, middle, most = (f"{1e3 * value:.4g}" for value in np.quantile(of_all, (0, 0.5, 1)))
-        lines.append(
-            f"95 % of robots within |d| over the poses: {least} to {most} mm, median {middle} mm, in closed form"
-        )
+        over = f"{least} to {most} mm, median {middle} mm"
+        lines.append(f"95 % of robots within |d| over the poses: {over}, in closed form")
     if result.relative is not None:
         relative = np.where(result.poses.known, result.relative.quantile[_LEVEL, 0], -1.0)
         pose = int(relative.argmax())
@@ -128,11 +122,8 @@ def _verdict(result: MapResult, verdict: MapVerdict) -> str:
     )
     if not verdict.undecided_at:
         return said
-    more = (
-        f"about --samples {verdict.needed} would decide"
-        if verdict.needed
-        else "too close to what is required to decide"
-    )
+    needed = f"about --samples {verdict.needed} would decide"
+    more = needed if verdict.needed else "too close to what is required to decide"
     return f"{said}, undecided at {verdict.undecided_at:,} by up to {verdict.most_samples:,} robots: {more}"
 
 
@@ -153,9 +144,8 @@ def _cells(result: MapResult, pose: int) -> dict[str, str]:
     cells |= {"|δ| 95 %": _number(result.quantile[_LEVEL, 1, pose])}
     if result.relative is not None:
         cells["relative"] = _number(result.relative.quantile[_LEVEL, 0, pose])
-    cells |= {
-        f"spec {rank + 1}": _inside(result, rank, pose) for rank in range(len(result.specifications[:_MOST_SHARES]))
-    }
+    ranks = range(len(result.specifications[:_MOST_SHARES]))
+    cells |= {f"spec {rank + 1}": _inside(result, rank, pose) for rank in ranks}
     if not several and (result.relative is None or not result.specifications):
         cells["cause"] = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
     return cells
@@ -167,9 +157,8 @@ def _inside(result: MapResult, rank: int, pose: int) -> str:
         return _share(float(result.probability[rank, pose]))
     of, verdict = result.judged, result.judged.verdicts(pose)[rank]
     interval = of.interval[rank, :, pose].tolist()
-    share = format_share(
-        float(of.probability[rank, pose]), (interval[0], interval[1]), result.specifications[rank].required
-    )
+    required = result.specifications[rank].required
+    share = format_share(float(of.probability[rank, pose]), (interval[0], interval[1]), required)
     return f"{share[0]} %{ {'not met': '*', 'undecided': '?'}.get(verdict, '') }"
 
 

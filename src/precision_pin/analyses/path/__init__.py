@@ -9,10 +9,10 @@ from precision_pin.analyses.declaration import SAMPLING, Asked, Declaration, Job
 from precision_pin.base.errors import Finding, InputError, UnitError
 
 SAMPLES: Final = 10_000
+# steps of progress, robots at poses, from which the number of robots is to be chosen by the user: about ten minutes
 _LONG: Final = 2 * 10**9
-"""Steps of progress, robots at poses, from which the number of robots is to be chosen by the user: about ten minutes."""
+# seconds of sampling after which the time of the whole is known
 _LOOKED: Final = 3.0
-"""Seconds of sampling after which the time of the whole is known."""
 
 
 def prepare(asked: Asked) -> Job:

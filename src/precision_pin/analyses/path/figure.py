@@ -13,17 +13,7 @@ from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.base.text_escape import visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, LIMIT_COLOURS, PURPLE, SKY
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-    wrapped,
-)
+from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
 from precision_pin.render.tables import symbol
 
 _MOST_NAMED: Final = 12
@@ -41,15 +31,12 @@ def figure(result: PathResult) -> Figure:
             _draw(axes, result, norm)
         share = f"{100 * result.probability:.6g} %"
         title = f"error of {visible(result.provenance.robot, 60)} along a path of {len(result.poses):,} poses"
-        made.suptitle("\n".join(wrapped(title, made)))
         below = " and ".join(f"{100 * result.pointwise(norm).coverage:.1f} %" for norm in (0, 1))
         caption = (
             f"N = {result.samples:,}, seed {result.provenance.seed}; the band of the whole path holds at least {share} of "
             f"robots, {100 * result.confidence:.4g} % sure; the {share} at each pose hold {below} of them at every pose"
         )
-        entries, lines = labelled(panels), wrapped(caption, made)
-        legend_below(made, entries, 3, lines)
-        set_height(made, 75.0 + (len(lines) + 1 + len(entries) / 3) * LINE_HEIGHT)
+        frame(made, panels, title, caption, 75.0, 3)
     return made
 
 

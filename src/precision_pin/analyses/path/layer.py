@@ -14,10 +14,10 @@ from precision_pin.render.notebook import escaped
 from precision_pin.render.scene import Scene
 from precision_pin.statistics.digits import format_inside, format_interval
 
+# largest lower end of the colours, of their upper end
 _LEAST_SPAN: Final = 0.9
-"""Largest lower end of the colours, of their upper end."""
+# largest radius of the outer tube at first, in lengths of the arm
 _WIDEST: Final = 0.025
-"""Largest radius of the outer tube at first, in lengths of the arm."""
 
 
 @final

@@ -7,28 +7,27 @@ floating-point numbers are not made. The result therefore has the same bits for 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
-from typing import Any, Final, Literal, final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
 from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.base.arguments import check_instance, check_items, check_number, check_whole
+from precision_pin.analyses.replicates import quantile_of
+from precision_pin.base.arguments import check_number, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.memory import check_memory
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.draw import MOST_POSES, Scope
-from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.many_poses import MOST_TOGETHER
@@ -36,16 +35,17 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, speed_findings, strained_findings
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.sampling import Progress, available_cores, check_progress
-from precision_pin.statistics import COMPONENTS, NORMS, check_confidence, quantile_ranks
+from precision_pin.sampling import Progress, available_cores
+from precision_pin.sampling.workers import in_order
+from precision_pin.statistics import COMPONENTS, NORMS, quantile_ranks
 from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.summary import NO_SPREAD
 
 MOST_SAMPLES: Final = 10**9
 MOST_THREADS: Final = 1024
 
+# least height of the curve that the band is scaled from, m or rad: errors below it are rounding
 _ROUNDING: Final = 1e-14
-"""Least height of the curve that the band is scaled from, m or rad: errors below it are rounding."""
 _BYTES_OF_ROBOT: Final = 8 * (8 + 2 + 4)
 _BYTES_OF_TASK: Final = 8 * 2 * (6 + 6 + 8 + 4)
 _BYTES_OF_POSE: Final = 8 * 40
@@ -94,17 +94,13 @@ def path_law(
             few samples for the probability; errors too large to compute with.
         UnknownNameError: No such pose or joint.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)
-    check_seed(seed)
     sampler.stage_of(model)
-    check_confidence(confidence)
     share = check_number("probability", probability, "above 0 and below 1", lambda one: 0 < one < 1)
     listed = listed_specifications(specifications)
-    known = check_items("findings", findings, Finding)
     if threads is not None:
         check_whole("threads", threads, 1, MOST_THREADS)
-    check_progress(progress)
     _check_samples(int(samples), share, confidence)
     given = _checked(error_model, pose_set(error_model, poses))
     workers = threads or available_cores()
@@ -121,19 +117,10 @@ def path_law(
     add(found)
     run = _Run(int(samples), int(seed), model, share, confidence)
     tally = _Tally(run, len(given))
-    with ExitStack() as stack:
-        step = stack.enter_context(steps_to(progress, count_steps(len(given), int(samples))))
-        pool = ThreadPoolExecutor(workers)
-        # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
-        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
-        under_way: deque[Future[_AtPose]] = deque()
-        for pose, layout in enumerate(_layouts(error_model, given)):
-            under_way.append(pool.submit(run.observe, layout, pose))
-            if len(under_way) >= 2 * workers:
-                tally.add(under_way.popleft().result())
-                step(2 * run.samples)
-        while under_way:
-            tally.add(under_way.popleft().result())
+    with steps_to(progress, count_steps(len(given), int(samples))) as step:
+        layouts = enumerate(_layouts(error_model, given))
+        for at_pose in in_order((partial(run.observe, layout, pose) for pose, layout in layouts), workers):
+            tally.add(at_pose)
             step(2 * run.samples)
     worst = int(tally.curve[0].argmax())
     strained = strained_findings(error_model, approached(given.take(np.array([worst])))[0], given.labels[worst])
@@ -211,7 +198,6 @@ def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[SamplerArrays]
         yield from sampler.to_arrays_at_poses(together)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _AtPose:
     """What a pose yields.
@@ -233,7 +219,6 @@ class _AtPose:
     varies: NDArray[np.bool_]
 
 
-@final
 @dataclass(frozen=True)
 class _Run:
     """Settings of a run that are the same for all poses."""
@@ -271,25 +256,6 @@ class _Run:
         return _AtPose(pose, sizes, curve, interval, fresh, ratios, varies)
 
 
-def quantile_of(values: Array, probability: float, confidence: float) -> tuple[Array, Array]:
-    """Return a quantile of each row of ``(k, N)`` and its distribution-free interval, ``(k,)`` and ``(2, k)``.
-
-    The order statistics at rank 1 + (N - 1) p are interpolated linearly, as in :class:`precision_pin.statistics.Distribution`.
-    The interval is NaN where the samples are too few for one.
-    """
-    count = values.shape[1]
-    position = (count - 1) * probability
-    below = min(math.floor(position), count - 1)
-    above = min(below + 1, count - 1)
-    ranks = quantile_ranks(count, probability, confidence)
-    ends = () if ranks is None else (ranks[0] - 1, ranks[1] - 1)
-    ordered = np.partition(values, sorted({below, above, *ends}), axis=1)
-    quantile: Array = ordered[:, below] + (position - below) * (ordered[:, above] - ordered[:, below])
-    interval = np.full((2, len(values)), np.nan) if ranks is None else np.stack([ordered[:, end] for end in ends])
-    return quantile, interval
-
-
-@final
 class _Tally:
     """Largest errors and ratios of every robot over the poses so far."""
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arrays import Array
 from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table, rendered
-from precision_pin.render.tables import data_frame, milli, symbol
+from precision_pin.render.tables import data_frame, interval_columns, milli, quantity_label
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.statistics import (
     NO_GROUNDS,
@@ -22,7 +23,6 @@ from precision_pin.statistics import (
     Specification,
     SpecificationResult,
     clopper_pearson,
-    quantile_ranks,
 )
 
 if TYPE_CHECKING:
@@ -122,8 +122,7 @@ class PathResult(AnalysisResult):
     @property
     def maximum(self) -> Array:
         """Largest |d| and |δ| along the path of each robot, ``(2, N)``."""
-        norms: Array = self.largest[[QUANTITIES.index(f"{name}.norm") for name in _NORMS]]
-        return norms
+        return self.largest[[QUANTITIES.index(f"{name}.norm") for name in _NORMS]]
 
     @cached_property
     def _ordered(self) -> Array:
@@ -136,15 +135,10 @@ class PathResult(AnalysisResult):
 
     def maximum_quantile(self, norm: int, probability: float) -> MaximumQuantile:
         """Return a quantile of the largest |d| (``norm`` 0) or |δ| (1), from its order statistics."""
-        ranks = quantile_ranks(self.samples, probability, self.confidence)
-        if ranks is None:
+        value, (low, high) = quantile_of(self._ordered[norm][None], probability, self.confidence, is_sorted=True)
+        if np.isnan(low[0]):
             return MaximumQuantile(probability, None, None)
-        ordered = self._ordered[norm]
-        position = (self.samples - 1) * probability
-        below = int(position)
-        above = min(below + 1, self.samples - 1)
-        value = ordered[below] + (position - below) * (ordered[above] - ordered[below])
-        return MaximumQuantile(probability, float(value), (float(ordered[ranks[0] - 1]), float(ordered[ranks[1] - 1])))
+        return MaximumQuantile(probability, float(value[0]), (float(low[0]), float(high[0])))
 
     def simultaneous(self, norm: int) -> Band:
         """Return the simultaneous band of |d| (``norm`` 0) or |δ| (1), with its coverage by fresh robots."""
@@ -171,13 +165,9 @@ class PathResult(AnalysisResult):
         results = []
         for one in self.specifications:
             kept = int(np.count_nonzero(self.largest[one.row] <= one.limit))
-            interval = clopper_pearson(kept, self.samples, self.confidence)
-            varies = bool(self.varies[one.row])
-            results.append(
-                SpecificationResult(
-                    one.quantity, one.limit, one.required, kept / self.samples, interval, varies, self.grounds
-                )
-            )
+            share, interval = kept / self.samples, clopper_pearson(kept, self.samples, self.confidence)
+            found = (one.quantity, one.limit, one.required, share, interval, bool(self.varies[one.row]), self.grounds)
+            results.append(SpecificationResult(*found))
         return tuple(results)
 
     @property
@@ -226,37 +216,24 @@ class PathResult(AnalysisResult):
     @property
     def curves(self) -> list[dict[str, Any]]:
         """What is known at each pose, as in the JSON."""
+        arrays = {"quantile": self.curve, "quantile_interval": self.curve_interval, "band": self.band}
+        arrays["share_of_maximum"] = self.share_of_maximum
         errors = [
-            {
-                name: {
-                    "quantile": self.curve[norm, pose],
-                    "quantile_interval": self.curve_interval[:, norm, pose],
-                    "band": self.band[norm, pose],
-                    "share_of_maximum": self.share_of_maximum[norm, pose],
-                }
-                for norm, name in enumerate(_NORMS)
-            }
+            {name: {key: of[..., norm, pose] for key, of in arrays.items()} for norm, name in enumerate(_NORMS)}
             for pose in range(len(self.poses))
         ]
         return [{**of, **entry} for of, entry in zip(self.poses.entries(self.joints), errors, strict=True)]
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the curves as a data frame, m and rad: a row for each pose, with its time where it has one.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
+        """Return the curves as a data frame, m and rad: a row for each pose, with its time where it has one."""
         rows = []
         for pose, label in enumerate(self.poses.labels):
             columns = {} if self.poses.times is None else {"time": float(self.poses.times[pose])}
             for norm, name in enumerate(_NORMS):
-                columns |= {
-                    f"{name}_quantile": float(self.curve[norm, pose]),
-                    f"{name}_quantile_lower": float(self.curve_interval[0, norm, pose]),
-                    f"{name}_quantile_upper": float(self.curve_interval[1, norm, pose]),
-                    f"{name}_band": float(self.band[norm, pose]),
-                    f"{name}_share_of_maximum": float(self.share_of_maximum[norm, pose]),
-                }
+                interval: tuple[float, float] = tuple(self.curve_interval[:, norm, pose].tolist())
+                columns |= interval_columns(f"{name}_quantile", float(self.curve[norm, pose]), interval)
+                columns[f"{name}_band"] = float(self.band[norm, pose])
+                columns[f"{name}_share_of_maximum"] = float(self.share_of_maximum[norm, pose])
             rows.append(((label,), columns))
         return data_frame(["pose"], rows, self.settings())
 
@@ -276,10 +253,8 @@ class PathResult(AnalysisResult):
             band = self.simultaneous(norm)
             quantiles = [milli(self.maximum_quantile(norm, level).value) for level in self.levels]
             factor = "-" if band.factor is None else f"{band.factor:.4g}"
-            unit = ("mm", "mrad")[norm]
-            rows.append(
-                [f"largest {symbol(f'{name}.norm')} [{unit}]", *quantiles, factor, f"{100 * band.coverage:.2f} %"]
-            )
+            largest = f"largest {quantity_label(f'{name}.norm')}"
+            rows.append([largest, *quantiles, factor, f"{100 * band.coverage:.2f} %"])
         levels = [f"{100 * level:.6g} %" for level in self.levels]
         of = self.provenance
         return rendered(

@@ -25,18 +25,15 @@ def _section(result: PathResult) -> Html:
         f"Errors along a path of {len(result.poses):,} poses: {headline(result)}",
         "The quantile at each pose, and the band that holds the whole error curve of that share of the robots or more.",
     )
-    poses = f"The largest errors of the path at {len(pose_rows(result)) - 1} of its poses"
+    maxima, listed = maximum_rows(result), pose_rows(result)
+    poses = f"The largest errors of the path at {len(listed) - 1} of its poses"
     note = f"|d|, |δ|: {share} quantile at the pose; largest here: share of robots with their largest error of the path there."
     return section(
         "path",
         "Path",
         items([headline(result), where_line(result), *verdict_lines(result), *band_lines(result)]),
         picture,
-        table("Largest error of the path", *_split(maximum_rows(result))),
-        table(poses, *_split(pose_rows(result))),
+        table("Largest error of the path", maxima[0], maxima[1:]),
+        table(poses, listed[0], listed[1:]),
         paragraph(note, class_="note"),
     )
-
-
-def _split(rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
-    return rows[0], rows[1:]

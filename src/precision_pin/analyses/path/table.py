@@ -9,27 +9,28 @@ from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import resting_on, symbol
 from precision_pin.render.text_table import aligned
-from precision_pin.statistics import SpecificationResult, format_inside, format_share
+from precision_pin.statistics import format_inside, format_share
 from precision_pin.statistics.digits import format_interval, round_end
 
 _QUANTITIES: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
+# poses of which all are listed
 _MOST_ROWS: Final = 12
-"""Poses of which all are listed."""
+# poses listed of more than that: those with most of the largest |d|
 _WORST_ROWS: Final = 10
-"""Poses listed of more than that: those with most of the largest |d|."""
 _MOST_LETTERS: Final = 24
 
 
 def path_table(result: PathResult) -> str:
     """Return the answer in words, the quantiles of the largest errors, the bands, and a row for each pose."""
-    of = result.provenance
+    of, times = result.provenance, result.poses.times
     share = f"{100 * result.probability:.6g} %"
+    duration = "" if times is None else f", {float(times[-1] - times[0]):.6g} s"
     lines = [
         headline(result),
         where_line(result),
         *verdict_lines(result),
         "",
-        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, a path of {len(result.poses):,} poses{_duration(result)}",
+        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, a path of {len(result.poses):,} poses{duration}",
         f"{result.samples:,} robots, seed {of.seed}, {result.model} model, statics {of.statics}; intervals and digits at "
         f"{result.confidence:.0%} confidence",
         "",
@@ -51,25 +52,38 @@ def path_table(result: PathResult) -> str:
 
 def headline(result: PathResult) -> str:
     """Return in a sentence how far off robots are at most along the path."""
-    share = f"{100 * result.probability:.6g} %"
-    return f"largest error along the path: {share} of robots within {_within(result, result.probability)}"
+    share = result.probability
+    sizes = (
+        f"{symbol(one)} {_quantile(result, norm, share)[0]} {unit}" for norm, (one, unit) in enumerate(_QUANTITIES)
+    )
+    return f"largest error along the path: {100 * share:.6g} % of robots within {', '.join(sizes)}"
 
 
 def where_line(result: PathResult) -> str:
     """Return in a sentence where most robots have their largest position error."""
-    label = result.poses.labels[result.worst_pose(0)]
-    where = shown(label) if len(label) <= _MOST_LETTERS else shortened(visible(label), _MOST_LETTERS)
+    where = _label(result, result.worst_pose(0))
     return f"most often at {where}: {100 * float(result.share_of_maximum[0].max()):.3g} % of robots have their largest |d| there"
 
 
 def verdict_lines(result: PathResult) -> list[str]:
     """Return a line for each specification."""
-    return [_verdict(one) for one in result.specification_results]
+    lines = []
+    for one in result.specification_results:
+        more = ": more samples decide it" if one.verdict == "undecided" else ""
+        samples = f"{{share}} % of robots inside at every pose, interval {{low}} to {{high}} %{more}"
+        lines.append(verdict_line(f"spec {demanded(one)} along the whole path", one, samples))
+    return lines
 
 
 def maximum_rows(result: PathResult) -> list[list[str]]:
     """Return the quantiles of the largest errors, the headings first."""
-    return [_header(result), *(_row(result, norm) for norm in (0, 1))]
+    headings = [cell for level in result.levels for cell in (f"{100 * level:.6g} %", "interval")]
+    rows = [["largest", "", *headings]]
+    for norm, (quantity, unit) in enumerate(_QUANTITIES):
+        cells = [cell for level in result.levels for cell in _quantile(result, norm, level)]
+        rows.append([symbol(quantity), unit, *cells])
+    # the median's interval is left out: the row must fit a terminal
+    return [[*row[:3], *row[4:]] for row in rows]
 
 
 def band_lines(result: PathResult) -> list[str]:
@@ -79,19 +93,16 @@ def band_lines(result: PathResult) -> list[str]:
 
 def pose_rows(result: PathResult) -> list[list[str]]:
     """Return the cells of the poses that are listed, the headings first."""
-    return [["pose", "|d| mm", "band", "largest here", "|δ| mrad", "band", "largest here"], *_poses(result)]
-
-
-def _duration(result: PathResult) -> str:
-    times = result.poses.times
-    return "" if times is None else f", {float(times[-1] - times[0]):.6g} s"
-
-
-def _within(result: PathResult, probability: float) -> str:
-    texts = []
-    for norm, (quantity, unit) in enumerate(_QUANTITIES):
-        texts.append(f"{symbol(quantity)} {_quantile(result, norm, probability)[0]} {unit}")
-    return ", ".join(texts)
+    rows = [["pose", "|d| mm", "band", "largest here", "|δ| mrad", "band", "largest here"]]
+    for pose in _listed(result):
+        cells = [_label(result, pose)]
+        for norm in (0, 1):
+            low, high = (1e3 * result.curve_interval[:, norm, pose]).tolist()
+            cells.append(format_inside(1e3 * float(result.curve[norm, pose]), (low, high), most=5))
+            cells.append(_upwards(1e3 * float(result.band[norm, pose])))
+            cells.append(f"{100 * float(result.share_of_maximum[norm, pose]):.1f} %")
+        rows.append(cells)
+    return rows
 
 
 def _quantile(result: PathResult, norm: int, probability: float) -> tuple[str, str]:
@@ -101,26 +112,6 @@ def _quantile(result: PathResult, norm: int, probability: float) -> tuple[str, s
         return "-", "-"
     ends = (1e3 * one.interval[0], 1e3 * one.interval[1])
     return format_inside(1e3 * one.value, ends, most=5), " to ".join(format_interval(*one.interval, 1e3))
-
-
-def _verdict(result: SpecificationResult) -> str:
-    more = ": more samples decide it" if result.verdict == "undecided" else ""
-    samples = f"{{share}} % of robots inside at every pose, interval {{low}} to {{high}} %{more}"
-    return verdict_line(f"spec {demanded(result)} along the whole path", result, samples)
-
-
-def _header(result: PathResult) -> list[str]:
-    cells = ["largest", ""]
-    for level in result.levels:
-        cells += [f"{100 * level:.6g} %", "interval"]
-    # the median's interval is left out: the row must fit a terminal
-    return [*cells[:3], *cells[4:]]
-
-
-def _row(result: PathResult, norm: int) -> list[str]:
-    quantity, unit = _QUANTITIES[norm]
-    cells = [cell for level in result.levels for cell in _quantile(result, norm, level)]
-    return [symbol(quantity), unit, cells[0], *cells[2:]]
 
 
 def _band_line(result: PathResult, norm: int) -> str:
@@ -141,6 +132,11 @@ def _band_line(result: PathResult, norm: int) -> str:
     )
 
 
+def _label(result: PathResult, pose: int) -> str:
+    label = result.poses.labels[pose]
+    return shown(label) if len(label) <= _MOST_LETTERS else shortened(visible(label), _MOST_LETTERS)
+
+
 def _upwards(value: float, digits: int = 4) -> str:
     """Return the height of a band; rounded up, so that what is printed holds as many robots."""
     return f"{round_end(value, digits, up=True):.{digits}g}"
@@ -153,21 +149,3 @@ def _listed(result: PathResult) -> list[int]:
         return list(poses)
     shares, curve = result.share_of_maximum[0], result.curve[0]
     return sorted(sorted(poses, key=lambda pose: (-shares[pose], -curve[pose]))[:_WORST_ROWS])
-
-
-def _poses(result: PathResult) -> list[list[str]]:
-    labels = result.poses.labels
-    rows = []
-    for pose in _listed(result):
-        cells = [
-            shown(labels[pose])
-            if len(labels[pose]) <= _MOST_LETTERS
-            else shortened(visible(labels[pose]), _MOST_LETTERS)
-        ]
-        for norm in (0, 1):
-            low, high = (1e3 * result.curve_interval[:, norm, pose]).tolist()
-            cells.append(format_inside(1e3 * float(result.curve[norm, pose]), (low, high), most=5))
-            cells.append(_upwards(1e3 * float(result.band[norm, pose])))
-            cells.append(f"{100 * float(result.share_of_maximum[norm, pose]):.1f} %")
-        rows.append(cells)
-    return rows

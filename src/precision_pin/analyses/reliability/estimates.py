@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, final
+from typing import ClassVar, Final, final
 
 import numpy as np
 from scipy import special
 
 from precision_pin.analyses.reliability.form import Form
 from precision_pin.base.arrays import Array
+from precision_pin.base.record import Keys, Record
 from precision_pin.statistics import clopper_pearson
 from precision_pin.statistics.digits import round_end
 from precision_pin.statistics.intervals import studentised
@@ -31,13 +32,13 @@ WIDENING: Final = 1.1
 SAMPLING: Final = "sampling"
 _FEWEST_DIGITS: Final = 3
 _MOST_DIGITS: Final = 9
+# confidence of the interval of a difference that must contain 0 for two estimates to agree
 _AGREEING: Final = 0.99
-"""Confidence of the interval of a difference that must contain 0 for two estimates to agree."""
 
 
 @final
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Record):
     """Probability of failure with its uncertainty.
 
     Attributes:
@@ -50,6 +51,11 @@ class Estimate:
         note: Remark, as text.
     """
 
+    KEYS: ClassVar[Keys] = (
+        *("method", "probability", "interval", "coefficient_of_variation=variation", "evaluations", "resolved"),
+        "note=note?",
+    )
+
     method: str
     probability: float
     interval: tuple[float, float]
@@ -58,20 +64,7 @@ class Estimate:
     resolved: bool
     note: str = ""
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the estimate as in the JSON; an infinite coefficient of variation is null."""
-        return {
-            "method": self.method,
-            "probability": self.probability,
-            "interval": list(self.interval),
-            "coefficient_of_variation": self.variation if math.isfinite(self.variation) else None,
-            "evaluations": self.evaluations,
-            "resolved": self.resolved,
-            "note": self.note or None,
-        }
 
-
-@final
 @dataclass(frozen=True)
 class Verdict:
     """Choice of the estimate to use.
@@ -135,24 +128,14 @@ def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float,
     probability = math.fsum(share * part.probability for share, part in known)
     below = math.sqrt(math.fsum((share * (part.probability - part.interval[0])) ** 2 for share, part in known))
     above = math.sqrt(math.fsum((share * (part.interval[1] - part.probability)) ** 2 for share, part in known))
-    errors = math.sqrt(
-        math.fsum((share * part.probability * part.variation) ** 2 for share, part in known if part.probability)
-    )
-    variation = errors / probability if probability else math.inf
+    squares = ((share * part.probability * part.variation) ** 2 for share, part in known if part.probability)
+    variation = math.sqrt(math.fsum(squares)) / probability if probability else math.inf
     resolved = bool(probability) and bounds <= LARGEST_UNKNOWN * probability and variation <= LARGEST_VARIATION
-    notes = [part.note for _, part in parts if part.note]
-    note = ""
-    if not resolved:
-        note = notes[0] if notes else f"not resolved: no estimate for strata of a total probability of {bounds:.2g}"
-    return Estimate(
-        method,
-        probability,
-        (max(0.0, probability - below), min(1.0, probability + above + bounds)),
-        variation,
-        evaluations + sum(part.evaluations for _, part in parts),
-        resolved,
-        note,
-    )
+    unknown_note = f"not resolved: no estimate for strata of a total probability of {bounds:.2g}"
+    note = "" if resolved else next((part.note for _, part in parts if part.note), unknown_note)
+    interval = max(0.0, probability - below), min(1.0, probability + above + bounds)
+    count = evaluations + sum(part.evaluations for _, part in parts)
+    return Estimate(method, probability, interval, variation, count, resolved, note)
 
 
 def agree(one: Estimate, other: Estimate, confidence: float = _AGREEING) -> bool:
@@ -207,11 +190,8 @@ def remarks(verdict: Verdict, searched: Form) -> tuple[str, ...]:
     """Return the differences between FORM and the best estimate, common because failure surfaces are curved."""
     best, span = verdict.best, searched.range
     if span is None:
-        if verdict.resolved and best.interval[0] > 0:
-            return (
-                f"FORM's search from {searched.starts} starts led to no design point; {best.method} found failures",
-            )
-        return ()
+        said = f"FORM's search from {searched.starts} starts led to no design point; {best.method} found failures"
+        return (said,) if verdict.resolved and best.interval[0] > 0 else ()
     if span[0] > best.interval[1] or span[1] < best.interval[0]:
         which = f"FORM ({span[0]:.3g})" if span[0] == span[1] else f"FORM ({in_words(span)} for all its design points)"
         return (

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from precision_pin.analyses.reliability.estimates import Estimate
 from precision_pin.analyses.reliability.reliability_result import ReliabilityResult, SpecificationReliability
 from precision_pin.base.errors import InputError
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
@@ -38,8 +37,7 @@ def figure(
     lines = [
         *caption("reliability", provenance, entry.pose),
         f"N = {result.samples:,}, seed {provenance.seed}, exact model, statics {provenance.statics}; "
-        f"bars: intervals at {100 * result.confidence:g} % "
-        "confidence",
+        f"bars: intervals at {100 * result.confidence:g} % confidence",
     ]
     with style():
         drawn = new_figure(DOUBLE_COLUMN)
@@ -65,10 +63,8 @@ def draw(axes: Axes, result: ReliabilityResult, which: int, quantity: str) -> No
 
 
 def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
-    shown: list[Estimate] = [
-        estimate for estimate in entry.estimates if estimate.interval[1] < 1 or estimate.probability
-    ]
-    positive = [value for estimate in shown for value in (*estimate.interval, estimate.probability) if value > 0]
+    shown = [one for one in entry.estimates if one.interval[1] < 1 or one.probability]
+    positive = [value for one in shown for value in (*one.interval, one.probability) if value > 0]
     positive += [*(entry.form.range or ()), 1 - entry.specification.required]
     lowest = 10.0 ** math.floor(math.log10(max(min(positive), 1e-15)) - 0.3)
     highest = 10.0 ** math.ceil(math.log10(max(positive)))
@@ -96,10 +92,8 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
     axes.set_ylim(max(len(names), 3) - 0.4, -0.6)
     axes.set_xlabel("probability of failure (line: allowed)")
     limited = entry.specification
-    axes.set_title(
-        f"{absolute(limited.quantity)} within {1e3 * limited.limit:.6g} {unit(limited.quantity)}: {entry.verdict}",
-        fontsize=7.5,
-    )
+    within = f"{1e3 * limited.limit:.6g} {unit(limited.quantity)}"
+    axes.set_title(f"{absolute(limited.quantity)} within {within}: {entry.verdict}", fontsize=7.5)
 
 
 def _draw_importance(axes: Axes, entry: SpecificationReliability, importance: Sequence[tuple[str, float]]) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.reliability.strata import FARTHEST, Jump
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 
 Margin = Callable[[Array], Array]
@@ -28,28 +28,29 @@ _STEP: Final = 1e-4
 _MOST_STEPS: Final = 40
 _MOST_BEYOND: Final = 12
 _LENGTHS: Final = np.array([4.0, 2.0, 1.0, 0.5, 0.25, 2.0**-3, 2.0**-4, 2.0**-6, 2.0**-8, 2.0**-11])
+# required share of the decrease that the slope of the merit predicts (Armijo)
 _SUFFICIENT: Final = 0.1
-"""Required share of the decrease that the slope of the merit predicts (Armijo)."""
 
 _TOLERANCE: Final = 1e-7
 _LOOSE: Final = 3e-4
 _APART: Final = 2e-2
 _AT_ONCE: Final = 16_384
 
+# radius of a bulge and its shift of the surface, as ratios to the point's distance (Der Kiureghian and Dakessian,
+# 1998)
 _BULGE_RADIUS: Final = 1.1
 _BULGE_LIFT: Final = 0.75
-"""Radius of a bulge and its shift of the surface, as ratios to the point's distance (Der Kiureghian and Dakessian, 1998)."""
 
 _MOST_ROUNDS: Final = 8
+# largest number of points; with more, the surface curves around the origin and every point of it is a design point
 _MOST_BULGES: Final = 12
-"""Largest number of points; with more, the surface curves around the origin and every point of it is a design point."""
 
 _BULGE_STARTS: Final = 8
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class DesignPoint:
+class DesignPoint(Fixed):
     """Point of the failure surface nearest to the origin among its neighbours.
 
     Attributes:
@@ -63,9 +64,6 @@ class DesignPoint:
     beta: float
     importance: Array
     stratum: int = 0
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def probability(self) -> float:
@@ -184,13 +182,11 @@ def _with_bulges(search: _Search, points: Array) -> Margin:
 
     def margin(u: Array) -> Array:
         squares = (u**2).sum(axis=0)[:, None] - 2 * u.T @ points + (points**2).sum(axis=0)
-        raised: Array = search.margin(u) + np.maximum(1 - squares / reach, 0.0) ** 2 @ height
-        return raised
+        return search.margin(u) + np.maximum(1 - squares / reach, 0.0) ** 2 @ height
 
     return margin
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Search:
     """Simultaneous searches; margins are judged relative to ``scale``."""

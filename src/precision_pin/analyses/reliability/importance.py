@@ -23,7 +23,7 @@ from precision_pin.analyses.reliability.estimates import (
 )
 from precision_pin.analyses.reliability.form import DesignPoint, Margin, towards_surface
 from precision_pin.analyses.reliability.strata import Jump
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.statistics import clopper_pearson
 
@@ -54,7 +54,6 @@ _STEPS_OF_SHARES: Final = 20
 _FITTED: Final = 0.7
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Proposal:
     """Mixture of the law itself and normal laws about centres; half of the samples keep to the pieces of their centre.
@@ -107,8 +106,7 @@ class _Proposal:
 
     def density(self, u: Array) -> Array:
         """Return the density of the mixture divided by that of the law."""
-        value: Array = (1 - float(self.shares.sum())) + self.shares @ self.ratios(u)
-        return value
+        return (1 - float(self.shares.sum())) + self.shares @ self.ratios(u)
 
     def fit_shares(self, failures: Array) -> _Proposal:
         """Return the mixture with shares fitted to the failures by a few steps of expectation-maximisation."""
@@ -174,9 +172,8 @@ def importance_sampling(
         proposal = _mixture(points, near, clouds, spread, jumps).fit_shares(pool)
     if not proposal.shares.size:
         return Estimate(METHOD, 0.0, (0.0, 1.0), math.inf, 0, False, "not resolved: no failure to start from")
-    weights = np.concatenate(
-        [_weights(margin, proposal, generator, min(_AT_ONCE, samples - first)) for first in range(0, samples, _AT_ONCE)]
-    )
+    counts = (min(_AT_ONCE, samples - first) for first in range(0, samples, _AT_ONCE))
+    weights = np.concatenate([_weights(margin, proposal, generator, count) for count in counts])
     return _estimate(weights, proposal, checks, confidence)
 
 
@@ -221,11 +218,8 @@ def _weights(margin: Margin, proposal: _Proposal, generator: np.random.Generator
 
 
 def _plain_failures(margin: Margin, size: int, generator: np.random.Generator, samples: int) -> int:
-    counts = [
-        int((margin(generator.standard_normal((size, min(_AT_ONCE, samples - first)))) < 0).sum())
-        for first in range(0, samples, _AT_ONCE)
-    ]
-    return sum(counts)
+    counts = (min(_AT_ONCE, samples - first) for first in range(0, samples, _AT_ONCE))
+    return sum(int((margin(generator.standard_normal((size, count))) < 0).sum()) for count in counts)
 
 
 def _predict_variation(ratios: Array, probability: float, samples: int) -> float:
@@ -237,9 +231,8 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
     samples, hits = weights.size, int((weights > 0).sum())
     probability, square = float(weights.mean()), float((weights**2).mean())
     if not hits:
-        return Estimate(
-            METHOD, 0.0, (0.0, 1.0), math.inf, samples, False, f"not resolved: no failure among {samples:,}"
-        )
+        note = f"not resolved: no failure among {samples:,}"
+        return Estimate(METHOD, 0.0, (0.0, 1.0), math.inf, samples, False, note)
     spread = math.sqrt(max(square - probability**2, 0.0))
     variation, missed = spread / math.sqrt(samples) / probability, 0.0
     if checks.shape[1] >= _FEWEST_CHECKS:
@@ -280,7 +273,7 @@ _TOLD: Final = 160
 
 @final
 @dataclass(frozen=True, eq=False)
-class Subset:
+class Subset(Fixed):
     """Result of subset simulation.
 
     Attributes:
@@ -294,9 +287,6 @@ class Subset:
     failures: Array
     counted: tuple[int, int]
     highest: float
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, confidence: float) -> Subset:
@@ -326,7 +316,6 @@ def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, con
     return Subset(estimate, np.concatenate(kept, axis=1), (run.counted, count), highest)
 
 
-@final
 class _Run:
     """Simultaneous replicates, each with its own levels."""
 

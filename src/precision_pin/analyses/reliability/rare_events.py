@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from scipy import special
@@ -30,25 +30,22 @@ SMALL: Final = 0.01
 """Ratio of a stratum's probability to the failure probability found so far below which it is not evaluated."""
 
 _STARTS_OF_FAILURES: Final = 12
+# ratio of the upper end for a stratum without an estimate to the largest probability of any method
 _MARGIN_OF_BOUND: Final = 10.0
-"""Ratio of the upper end for a stratum without an estimate to the largest probability of any method."""
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class RareEvents:
-    """Results of all methods.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RareEvents(Verdict):
+    """Results of all methods, and the choice among them.
 
     Attributes:
-        estimates: Estimates, plain sampling first.
-        verdict: Choice of the estimate to use.
+        estimates: Estimates of the probability of failure, plain sampling first.
         form: Design points of all strata, nearest first.
         strata: Evaluated strata; the remainder was not evaluated.
-        remarks: Differences between FORM and the estimate, one line each.
+        remarks: Differences between FORM and the best estimate, one line each. They are common and no contradiction.
     """
 
     estimates: tuple[Estimate, ...]
-    verdict: Verdict
     form: Form
     strata: Strata
     remarks: tuple[str, ...]
@@ -81,8 +78,8 @@ def rare_events(
         seed, confidence: Seed of the sampling, confidence of the intervals.
     """
     if not space.size:
-        verdict, nothing = judged([plain]), Form((), 0)
-        return RareEvents((plain,), verdict, nothing, Strata((Stratum(space),)), ())
+        strata = Strata((Stratum(space),))
+        return RareEvents(estimates=(plain,), **vars(judged([plain])), form=Form((), 0), strata=strata, remarks=())
     strata = stratified(space, margin)
     parts: list[_Part] = []
     unknown, found = strata.remainder, 0.0
@@ -94,14 +91,14 @@ def rare_events(
         parts.append(part)
         found += stratum.probability * max(entry.probability for entry in part.estimates)
     searched = _together(parts, unknown)
-    rare = [
-        summed(method, [(part.stratum.probability, part.estimates[k]) for part in parts], unknown)
-        for k, method in enumerate((IMPORTANCE, SUBSET))
-    ]
-    estimates = (plain, *rare)
+    estimates = [plain]
+    for k, method in enumerate((IMPORTANCE, SUBSET)):
+        estimates.append(summed(method, [(part.stratum.probability, part.estimates[k]) for part in parts], unknown))
     verdict = judged(estimates)
     looked_at = Strata(tuple(part.stratum for part in parts), unknown)
-    return RareEvents(estimates, verdict, searched, looked_at, remarks(verdict, searched))
+    return RareEvents(
+        **vars(verdict), estimates=tuple(estimates), form=searched, strata=looked_at, remarks=remarks(verdict, searched)
+    )
 
 
 def _within(
@@ -126,7 +123,8 @@ def _within(
     first, second = (int(word) for word in seeds.generate_state(2, np.uint64))
     subset = subset_simulation(margin, size, seed=first, samples=SUBSET_SAMPLES, confidence=confidence)
     # known failures lead to design points that the symmetric starts may miss
-    searched = form(margin, size, [*starts, *_some(subset.failures)], stratum.jumps)
+    every = max(1, subset.failures.shape[1] // _STARTS_OF_FAILURES)
+    searched = form(margin, size, [*starts, *subset.failures.T[::every][:_STARTS_OF_FAILURES]], stratum.jumps)
     shifted = importance_sampling(
         margin, size, searched.points, seed=second, samples=IMPORTANCE_SAMPLES, confidence=confidence,
         failures=subset.failures, expected=subset.estimate.probability, jumps=stratum.jumps,
@@ -140,11 +138,6 @@ def _all_fails(points: Array, starts: int = 0) -> Form:
     """Return points ``(d, P)`` as design points of a stratum in which all searched points fail."""
     nothing = np.zeros(points.shape[0])
     return Form(tuple(DesignPoint(u, -FARTHEST, nothing) for u in points.T), starts)
-
-
-def _some(failures: Array) -> list[Array]:
-    step = max(1, failures.shape[1] // _STARTS_OF_FAILURES)
-    return list(failures.T[::step][:_STARTS_OF_FAILURES])
 
 
 def _bound_estimates(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:

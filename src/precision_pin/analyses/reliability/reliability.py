@@ -38,8 +38,8 @@ from precision_pin.statistics.plan import Specifications, listed_specifications
 LISTED: Final = 3
 """Number of design points that are listed in full."""
 
+# directions to the 26 faces, edges and corners of a cube
 _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
-"""Directions to the 26 faces, edges and corners of a cube."""
 
 _REPEATS: Final = 4
 _ASIDE: Final = 0.3
@@ -82,13 +82,14 @@ def reliability(
     listed = listed_specifications(specifications)
     if not listed:
         raise InputError("no specification is given; give at least one, such as '0.5 mm @ 99.73 %'")
-    found, warnings = [], list(map(str, known))
+    found: list[PoseReliability] = []
+    warnings: list[str] = []
     for one in chosen:
         analysis = monte_carlo(
             error_model, one, samples=samples, seed=seed, specifications=listed, confidence=confidence,
             findings=findings, progress=progress,
         )  # fmt: skip
-        warnings += [line for line in analysis.warnings if line not in warnings]
+        warnings += analysis.warnings
         at = error_model.at(one)
         layout = sampler.to_arrays(at)
         results = [
@@ -102,7 +103,7 @@ def reliability(
         confidence=float(confidence),
         poses=tuple(found),
         findings=known,
-        warnings=list_warnings((), warnings),
+        warnings=list_warnings(known, warnings),
     )
 
 
@@ -111,8 +112,7 @@ def _margin(layout: SamplerArrays, specification: Specification) -> Callable[[Ar
 
     def margin(x: Array) -> Array:
         errors = sampler.errors_at(layout, "exact", x)
-        value: Array = 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
-        return value
+        return 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
 
     return margin
 
@@ -145,19 +145,11 @@ def _of_specification(
     inside = round(counted.probability * samples)
     plain = plain_estimate(samples - inside, samples, confidence)
     found = rare_events(at.space, _margin(layout, specification), _starts(at, specification), plain, seed, confidence)
+    failures = (_describe_failure(at, layout, one, found.strata.parts) for one in found.form.points[:LISTED])
     return SpecificationReliability(
+        **vars(found),
         specification=specification,
-        estimates=found.estimates,
-        best=found.verdict.best,
-        resolved=found.verdict.resolved,
-        reason=found.verdict.reason,
-        form=found.form,
-        failures=tuple(
-            _describe_failure(at, layout, point, found.strata.parts) for point in found.form.points[:LISTED]
-        ),
-        contradictions=found.verdict.contradictions,
-        remarks=found.remarks,
-        strata=found.strata,
+        failures=tuple(failures),
         varies=counted.varies,
         grounds=counted.grounds,
     )

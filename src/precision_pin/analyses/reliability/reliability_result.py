@@ -4,36 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 
 import numpy as np
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.reliability.estimates import Estimate, in_words
-from precision_pin.analyses.reliability.form import Form
-from precision_pin.analyses.reliability.strata import Strata
+from precision_pin.analyses.reliability.rare_events import RareEvents
 from precision_pin.analyses.result import Result, name_pose
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table
-from precision_pin.render.tables import (
-    absolute,
-    data_frame,
-    interval_columns,
-    number,
-    resting_on,
-    unit,
-)
+from precision_pin.render.tables import absolute, data_frame, interval_columns, number, resting_on, unit
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict, judge
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-
-ASSUMPTIONS: Final = (
-    "exact model: the displaced chain multiplied out",
-    "FORM and importance sampling in independent standard normal numbers; discs without polar angles",
-)
 
 
 @final
@@ -63,42 +50,25 @@ class LikelyFailure(Record):
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class SpecificationReliability(Record):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpecificationReliability(RareEvents, Record):
     """Reliability for one specification at one pose.
 
     Attributes:
         specification: The specification.
-        estimates: Estimates of the probability of failure, plain sampling first.
-        best: The estimate to use.
-        resolved: True if ``best`` is resolved; otherwise it is plain sampling's, of which only the interval is
-            meaningful.
-        reason: Reason why it is not resolved.
-        form: Design points of FORM.
         failures: The nearest design points in terms of the model's parameters.
-        contradictions: Contradictions between methods, one line each.
-        remarks: Differences between FORM and the best estimate, one line each. They are common and no contradiction.
-        strata: Strata by the rare values of laws with jumps, and the probability outside the strata.
         varies: True if the quantity differs from robot to robot.
         grounds: What keeps it from being judged, and what it takes as exact.
     """
 
     KEYS: ClassVar[Keys] = (
         *("quantity=specification.quantity", "limit=specification.limit", "required=specification.required"),
-        *("probability", "interval", "met", "verdict", "*grounds", "resolved", "reason=known_reason", "failure"),
+        *("probability", "interval", "met", "verdict", "*grounds", "resolved", "reason=reason?", "failure"),
         *("methods=estimates", "form=form_entry", "strata=parts", "unexamined=strata.remainder", "disagreements"),
     )
 
     specification: Specification
-    estimates: tuple[Estimate, ...]
-    best: Estimate
-    resolved: bool
-    reason: str
-    form: Form
     failures: tuple[LikelyFailure, ...]
-    contradictions: tuple[str, ...]
-    remarks: tuple[str, ...]
-    strata: Strata
     varies: bool = True
     grounds: Grounds = NO_GROUNDS
 
@@ -151,9 +121,11 @@ class SpecificationReliability(Record):
         return self.verdict == "met"
 
     @property
-    def known_reason(self) -> str | None:
-        """Reason why it is not resolved, if it is not."""
-        return self.reason or None
+    def cells(self) -> tuple[str, str, str, str]:
+        """Probability of failure, its interval, the method that it is by, and the verdict, as text."""
+        probability = f"{self.best.probability:.3g}" if self.resolved else "not resolved"
+        verdict = self.verdict if self.met else self.verdict.upper()
+        return probability, in_words(self.best.interval), self.best.method, verdict
 
     @property
     def failure(self) -> dict[str, Any]:
@@ -199,6 +171,10 @@ class ReliabilityResult(Result):
     schema: ClassVar[str] = "precision-pin/reliability/1"
     KEYS: ClassVar[Keys] = ("*head", "model", "samples", "confidence", "assumptions", "warnings", "findings", "poses")
     model: ClassVar[str] = "exact"
+    ASSUMPTIONS: ClassVar[tuple[str, ...]] = (
+        "exact model: the displaced chain multiplied out",
+        "FORM and importance sampling in independent standard normal numbers; discs without polar angles",
+    )
 
     poses: tuple[PoseReliability, ...]
 
@@ -206,11 +182,6 @@ class ReliabilityResult(Result):
     def met(self) -> bool:
         """True if every specification is met at every pose."""
         return all(entry.met for pose in self.poses for entry in pose.specifications)
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """Assumptions of the numbers, one sentence each."""
-        return ASSUMPTIONS
 
     def to_pandas(self, lines: Literal["specifications", "methods"] = "specifications") -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and specification, or method.
@@ -225,7 +196,6 @@ class ReliabilityResult(Result):
 
         Raises:
             UnknownNameError: There is no such kind.
-            InputError: pandas is not installed.
         """
         if lines not in ("specifications", "methods"):
             raise UnknownNameError("table of a reliability analysis", lines, ("specifications", "methods"))
@@ -237,11 +207,7 @@ class ReliabilityResult(Result):
         if lines == "specifications":
             rows = [(key, _columns(entry)) for key, entry in entries]
             return data_frame(["pose", "specification"], rows, self.attributes())
-        methods = [
-            ((*key, estimate.method), _method_columns(estimate))
-            for key, entry in entries
-            for estimate in entry.estimates
-        ]
+        methods = [((*key, one.method), _method_columns(one)) for key, entry in entries for one in entry.estimates]
         return data_frame(["pose", "specification", "method"], methods, self.attributes())
 
     @property
@@ -305,12 +271,7 @@ def _method_columns(estimate: Estimate) -> dict[str, Any]:
 def _cells(entry: SpecificationReliability) -> list[str]:
     """Return a row of the table in a notebook."""
     nearest = entry.form.points[0] if entry.form.points else None
-    return [
-        _demand(entry.specification, absolute(entry.specification.quantity)),
-        f"{entry.best.probability:.3g}" if entry.resolved else "not resolved",
-        in_words(entry.best.interval),
-        entry.best.method,
-        "-" if nearest is None else f"{nearest.probability:.3g}",
-        "-" if nearest is None else f"{nearest.beta:.4g}",
-        entry.verdict if entry.met else entry.verdict.upper(),
-    ]
+    estimate, interval, method, verdict = entry.cells
+    form = ("-", "-") if nearest is None else (f"{nearest.probability:.3g}", f"{nearest.beta:.4g}")
+    demand = _demand(entry.specification, absolute(entry.specification.quantity))
+    return [demand, estimate, interval, method, *form, verdict]

@@ -7,10 +7,7 @@ from precision_pin.analyses.collect import Results
 from precision_pin.analyses.monte_carlo.table import demanded
 from precision_pin.analyses.reliability.estimates import in_words
 from precision_pin.analyses.reliability.figure import figure
-from precision_pin.analyses.reliability.reliability_result import (
-    ReliabilityResult,
-    SpecificationReliability,
-)
+from precision_pin.analyses.reliability.reliability_result import ReliabilityResult, SpecificationReliability
 from precision_pin.render.html import Child, Html, items, paragraph, table
 from precision_pin.render.svg import figure as inline_figure
 from precision_pin.render.tables import percent
@@ -31,16 +28,7 @@ def content(result: ReliabilityResult, results: Results) -> list[Child]:
     verdicts = table(
         f"Probability of exceeding each limit; intervals at {100 * result.confidence:g} % confidence",
         ["specification", "probability of failure", "interval", "by", "verdict"],
-        [
-            [
-                demanded(entry.specification),
-                f"{entry.best.probability:.3g}" if entry.resolved else "not resolved",
-                in_words(entry.best.interval),
-                entry.best.method,
-                entry.verdict if entry.met else entry.verdict.upper(),
-            ]
-            for entry in entries
-        ],
+        [[demanded(entry.specification), *entry.cells] for entry in entries],
         words=(3, 4),
     )
     lines = [
@@ -48,17 +36,14 @@ def content(result: ReliabilityResult, results: Results) -> list[Child]:
         for entry in entries
         for line in (*([entry.reason] if entry.reason else []), *entry.comments)
     ]
-    parts: list[Child] = [_explained(result), chart, verdicts, *(_methods(entry) for entry in entries)]
-    parts += [_importance(entry, results) for entry in entries if entry.failures]
-    return [*parts, items(lines, "note")] if lines else parts
-
-
-def _explained(result: ReliabilityResult) -> Html:
-    return paragraph(
+    explained = paragraph(
         "Plain sampling, FORM, importance sampling and subset simulation answer the same question on the exact model: "
         f"{result.samples:,} plain samples, seed {result.provenance.seed}.",
         class_="note",
     )
+    parts: list[Child] = [explained, chart, verdicts, *(_methods(entry) for entry in entries)]
+    parts += [_importance(entry, results) for entry in entries if entry.failures]
+    return [*parts, items(lines, "note")] if lines else parts
 
 
 def _described(entry: SpecificationReliability) -> str:
@@ -67,14 +52,8 @@ def _described(entry: SpecificationReliability) -> str:
 
 def _methods(entry: SpecificationReliability) -> Html:
     rows = [
-        [
-            estimate.method,
-            f"{estimate.probability:.3g}",
-            in_words(estimate.interval),
-            f"{estimate.evaluations:,}",
-            estimate.note,
-        ]
-        for estimate in entry.estimates
+        [one.method, f"{one.probability:.3g}", in_words(one.interval), f"{one.evaluations:,}", one.note]
+        for one in entry.estimates
     ]
     header = ["method", "probability of failure", "interval", "evaluations", ""]
     return table(f"Methods, {demanded(entry.specification)}", header, rows, words=(4,))
@@ -87,7 +66,6 @@ def _important(entry: SpecificationReliability, results: Results) -> list[tuple[
 def _importance(entry: SpecificationReliability, results: Results) -> Html:
     first = entry.failures[0]
     rows = [[text, percent(share)] for text, share in _important(entry, results)[:_LISTED] if share >= _NOTHING]
-    caption = (
-        f"Likeliest failure, {demanded(entry.specification)}: β = {first.beta:.5g}, Φ(-β) = {first.probability:.3g}"
-    )
+    found = f"β = {first.beta:.5g}, Φ(-β) = {first.probability:.3g}"
+    caption = f"Likeliest failure, {demanded(entry.specification)}: {found}"
     return table(caption, ["cause", "importance %"], rows)

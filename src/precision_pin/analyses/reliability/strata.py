@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
@@ -44,7 +44,7 @@ _LEAST_PROBABILITY: Final = 1e-16
 
 @final
 @dataclass(frozen=True, eq=False)
-class Jump:
+class Jump(Fixed):
     """Normal number whose value has jumps.
 
     Attributes:
@@ -55,32 +55,26 @@ class Jump:
     row: int
     edges: Array
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     def pieces(self, normals: Array) -> NDArray[np.intp]:
         """Return the number of the piece between two edges, ``(N,)``, for each sample ``(d, N)``."""
         found = np.searchsorted(self.edges, special.ndtr(normals[self.row]), side="right") - 1
-        inside: NDArray[np.intp] = np.clip(found, 0, self.edges.size - 2)
-        return inside
+        return np.clip(found, 0, self.edges.size - 2)
 
     def scores(self, pieces: NDArray[np.intp], shares: Array) -> Array:
         """Return the normal numbers at a relative position (0 to 1) within the pieces."""
         low, high = self.edges[pieces], self.edges[pieces + 1]
-        scores: Array = np.clip(special.ndtri(low + (high - low) * shares), -FARTHEST, FARTHEST)
-        return scores
+        return np.clip(special.ndtri(low + (high - low) * shares), -FARTHEST, FARTHEST)
 
     def nearest(self, pieces: NDArray[np.intp]) -> Array:
         """Return the smallest normal number, by absolute value, within each piece."""
         low, high = self.edges[pieces], self.edges[pieces + 1]
         inside = np.clip(0.5, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
-        scores: Array = np.clip(special.ndtri(inside), -FARTHEST, FARTHEST)
-        return scores
+        return np.clip(special.ndtri(inside), -FARTHEST, FARTHEST)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Stratum:
+class Stratum(Fixed):
     """Stratum: some draws restricted to some of their values, in one or several combinations.
 
     Attributes:
@@ -97,9 +91,6 @@ class Stratum:
     cuts: Mapping[str, tuple[Array, ...]] = field(default_factory=dict)
     combinations: tuple[tuple[int, ...], ...] = ((),)
     shares: Array = field(default_factory=lambda: np.ones(1))
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def rare(self) -> tuple[str, ...]:
@@ -301,8 +292,7 @@ def _within(cut: Array, uniforms: Array) -> Array:
     ends = np.cumsum(lengths)
     at = uniforms * ends[-1]
     which = np.minimum(np.searchsorted(ends, at, side="right"), len(cut) - 1)
-    value: Array = np.minimum(cut[which, 0] + (at - (ends - lengths)[which]), np.nextafter(cut[which, 1], 0))
-    return value
+    return np.minimum(cut[which, 0] + (at - (ends - lengths)[which]), np.nextafter(cut[which, 1], 0))
 
 
 def _is_discrete(law: Law) -> bool:
@@ -325,10 +315,11 @@ def _cells(law: Law) -> Array | None:
 
 def _pieces(law: Law, cells: Array) -> Array:
     """Return the cells, merged where the law is continuous from one to the next."""
-    if law.lines is None:
-        return cells
-    torn = law.lines[1:, 1] != law.lines[:-1, 3]
-    starts = np.concatenate([[True], torn | (cells[1:, 0] != cells[:-1, 1])])
+    return cells if law.lines is None else _merged(cells, law.lines)
+
+
+def _merged(cells: Array, lines: Array) -> Array:
+    starts = np.concatenate([[True], (lines[1:, 1] != lines[:-1, 3]) | (cells[1:, 0] != cells[:-1, 1])])
     ends = np.append(starts[1:], True)
     return np.column_stack([cells[starts, 0], cells[ends, 1]])
 
@@ -363,9 +354,9 @@ def _groups(space: Space, draw: Draw, columns: slice, cells: Array, margin: Call
         reached[order] = np.cumsum(shares[order])
         decade = np.minimum(np.floor(np.log10(np.maximum(reached, _LEAST_PROBABILITY)) + 1e-9), math.log10(RARE) - 1)
         labels = np.where(reached < RARE, -decade, 0).astype(int)
-    usual = labels == 0
-    found = [_arrange_cells(draw.law, cells[usual], severity[usual], usual)]
-    for label in sorted(set(labels[~usual].tolist())):
+    found = []
+    # the usual cells have the label 0
+    for label in (0, *sorted(set(labels[labels != 0].tolist()))):
         chosen = labels == label
         found.append(_arrange_cells(draw.law, cells[chosen], severity[chosen], chosen))
     return found
@@ -399,9 +390,5 @@ def _severity(
 def _arrange_cells(law: Law, cells: Array, severity: Array, chosen: NDArray[np.bool_]) -> Array:
     """Return the chosen cells: values sorted by their margin, lines between quantiles merged where adjacent."""
     if law.lines is None:
-        ordered: Array = cells[np.argsort(severity, kind="stable")]
-        return ordered
-    lines = law.lines[chosen]
-    starts = np.concatenate([[True], (lines[1:, 1] != lines[:-1, 3]) | (cells[1:, 0] != cells[:-1, 1])])
-    ends = np.append(starts[1:], True)
-    return np.column_stack([cells[starts, 0], cells[ends, 1]])
+        return cells[np.argsort(severity, kind="stable")]
+    return _merged(cells, law.lines[chosen])

@@ -39,16 +39,8 @@ def _specification_lines(entry: SpecificationReliability) -> list[str]:
     rows = [["", "P(failure)", "interval", "c.o.v.", "evaluations", ""]]
     for estimate in entry.estimates:
         varies = f"{100 * estimate.variation:.2g} %" if math.isfinite(estimate.variation) else "-"
-        rows.append(
-            [
-                f"  {estimate.method}",
-                f"{estimate.probability:.3g}",
-                in_words(estimate.interval),
-                varies,
-                f"{estimate.evaluations:,}",
-                estimate.note,
-            ]
-        )
+        found = [f"  {estimate.method}", f"{estimate.probability:.3g}", in_words(estimate.interval), varies]
+        rows.append([*found, f"{estimate.evaluations:,}", estimate.note])
     return [
         _verdict(entry),
         *aligned(rows),

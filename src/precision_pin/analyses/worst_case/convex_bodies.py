@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_number
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import triangular_root
 from precision_pin.draws.space import Space
 
+# step of the central differences for the support point of a law given by its support function only
 _STEP: Final = 1e-7
-"""Step of the central differences for the support point of a law given by its support function only."""
 
 
 class Body(ABC):
@@ -39,17 +39,11 @@ class Body(ABC):
         """Return the support points, ``(N, m)``, for w ``(N, m)``; any point of the set where w is zero."""
 
     @property
-    @abstractmethod
-    def centre(self) -> Array:
-        """Centre of an ellipsoid or box, ``(m,)``; zero for other bodies."""
-
-    @property
-    @abstractmethod
-    def roots(self) -> tuple[Array, ...] | None:
-        """Matrices ``(m, p)`` with h(w) = w·centre + Σ |rootᵀ w|; None if the body has no such form."""
+    def form(self) -> tuple[Array, tuple[Array, ...]] | None:
+        """Centre ``(m,)`` and matrices ``(m, p)`` with h(w) = w·centre + Σ |rootᵀ w|; None if the body has no such form."""
+        return None
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Box(Body):
     """Box between the corners ``low`` and ``high``, ``(m,)``."""
@@ -60,24 +54,17 @@ class _Box(Body):
     """Value of numbers without influence: the median, which every law can take."""
 
     def heights(self, directions: Array) -> Array:
-        value: Array = np.maximum(directions * self.low, directions * self.high).sum(axis=1)
-        return value
+        return np.maximum(directions * self.low, directions * self.high).sum(axis=1)
 
     def points(self, directions: Array) -> Array:
         return np.where(directions > 0, self.high, np.where(directions < 0, self.low, self.middle))
 
     @property
-    def centre(self) -> Array:
-        value: Array = (self.low + self.high) / 2
-        return value
-
-    @property
-    def roots(self) -> tuple[Array, ...]:
+    def form(self) -> tuple[Array, tuple[Array, ...]]:
         half = (self.high - self.low) / 2
-        return tuple(column[:, None] for column in np.diag(half))
+        return (self.low + self.high) / 2, tuple(column[:, None] for column in np.diag(half))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Ellipsoid(Body):
     """Ellipsoid root·v with |v| ≤ 1, ``root`` ``(m, m)``: a disc, its rim, or a joint normal law that is cut."""
@@ -85,8 +72,7 @@ class _Ellipsoid(Body):
     root: Array
 
     def heights(self, directions: Array) -> Array:
-        value: Array = np.linalg.norm(directions @ self.root, axis=1)
-        return value
+        return np.linalg.norm(directions @ self.root, axis=1)
 
     def points(self, directions: Array) -> Array:
         seen = directions @ self.root
@@ -94,19 +80,13 @@ class _Ellipsoid(Body):
         largest = np.abs(seen).max(axis=1, keepdims=True)
         seen = np.divide(seen, largest, out=np.zeros_like(seen), where=largest > 0)
         seen[largest[:, 0] == 0, 0] = 1.0
-        value: Array = (seen / np.linalg.norm(seen, axis=1, keepdims=True)) @ self.root.T
-        return value
+        return (seen / np.linalg.norm(seen, axis=1, keepdims=True)) @ self.root.T
 
     @property
-    def centre(self) -> Array:
-        return np.zeros(len(self.root))
-
-    @property
-    def roots(self) -> tuple[Array, ...]:
-        return (self.root,)
+    def form(self) -> tuple[Array, tuple[Array, ...]]:
+        return np.zeros(len(self.root)), (self.root,)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Points(Body):
     """Finite set of points, ``(n, m)``."""
@@ -114,23 +94,12 @@ class _Points(Body):
     places: Array
 
     def heights(self, directions: Array) -> Array:
-        value: Array = (directions @ self.places.T).max(axis=1)
-        return value
+        return (directions @ self.places.T).max(axis=1)
 
     def points(self, directions: Array) -> Array:
-        value: Array = self.places[(directions @ self.places.T).argmax(axis=1)]
-        return value
-
-    @property
-    def centre(self) -> Array:
-        return np.zeros(self.places.shape[1])
-
-    @property
-    def roots(self) -> None:
-        return None
+        return self.places[(directions @ self.places.T).argmax(axis=1)]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Described(Body):
     """Support of a law of several numbers that is given by its support function only."""
@@ -150,18 +119,10 @@ class _Described(Body):
             result[k] = (upper - lower) / (2 * step)
         return result
 
-    @property
-    def centre(self) -> Array:
-        return np.zeros(self.law.size)
-
-    @property
-    def roots(self) -> None:
-        return None
-
 
 @final
 @dataclass(frozen=True, eq=False)
-class Supports:
+class Supports(Fixed):
     """Supports of all draws of a space, as deviations from the means.
 
     Attributes:
@@ -177,9 +138,6 @@ class Supports:
     columns: tuple[NDArray[np.intp], ...]
     bodies: tuple[Body, ...]
     cut: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def of(cls, space: Space, k: float) -> Supports:

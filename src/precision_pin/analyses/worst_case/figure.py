@@ -10,30 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.worst_case.table import listed_contributions
-from precision_pin.analyses.worst_case.worst_case_result import (
-    SEEN_LEVEL,
-    NormBound,
-    PoseWorstCase,
-    WorstCaseResult,
-)
-from precision_pin.render.display_units import WrittenUnit
-from precision_pin.render.draw_distribution import (
-    BLACK,
-    BLUE,
-    GREEN,
-    PURPLE,
-    SKY,
-    VERMILION,
-    display_unit,
-)
+from precision_pin.analyses.worst_case.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult
+from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION, display_unit
 from precision_pin.render.figure_style import (
     DOUBLE_COLUMN,
     LINE_HEIGHT,
     caption,
-    labelled,
-    legend_below,
+    end_figure,
     new_figure,
-    set_height,
     shortened,
     style,
 )
@@ -66,8 +50,8 @@ def figure(
         panels = drawn.subplots(2, 1, height_ratios=[max(len(rows), 4) for rows in bars])
         for axes, bound, rows in zip(panels, bounds, bars, strict=True):
             _draw(axes, bound, rows)
-        legend_below(drawn, labelled(panels[:1]), 2, lines)
-        set_height(drawn, 34 + _BAR * sum(max(len(rows), 4) for rows in bars) + LINE_HEIGHT * (len(lines) + 2))
+        height = 34 + _BAR * sum(max(len(rows), 4) for rows in bars) + LINE_HEIGHT * (len(lines) + 2)
+        end_figure(drawn, panels[:1], lines, height)
     return drawn
 
 
@@ -111,8 +95,15 @@ def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) ->
     axes.set_yticks(range(len(entries)), [name for name, _ in entries])
     axes.set_ylim(max(len(entries), 4) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
-    for value, colour, dashes, width, label in _lines(bound, shown):
-        axes.axvline(value, color=colour, linestyle=dashes, linewidth=width, label=label)
+    quantile = f"{100 * SEEN_LEVEL:g} % quantile of the samples"
+    for size, colour, dashes, width, label in (
+        (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),
+        (bound.found.norm, BLACK, (0, (1.2, 1.2)), 1.0, "largest error of the exact model found"),
+        (bound.seen.max, GREEN, (0, (4, 1.5)), 1.0, "largest seen among the samples"),
+        (bound.seen.quantile(SEEN_LEVEL), PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, quantile),
+    ):
+        if size is not None:
+            axes.axvline(size * shown.per_si, color=colour, linestyle=dashes, linewidth=width, label=label)
     axes.axvline(0, color=BLACK, linewidth=0.6)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 5, 10]))
     axes.ticklabel_format(axis="x", style="plain", useOffset=False)
@@ -123,17 +114,3 @@ def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) ->
         f"{bound.found.norm * shown.per_si:.5g}, largest seen {bound.seen.max * shown.per_si:.5g} {shown.name}",
         fontsize=7.5,
     )
-
-
-def _lines(bound: NormBound, shown: WrittenUnit) -> list[tuple[float, str, object, float, str]]:
-    quantile = bound.seen.quantile(SEEN_LEVEL)
-    lines: list[tuple[float, str, object, float, str]] = [
-        (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),
-        (bound.found.norm, BLACK, (0, (1.2, 1.2)), 1.0, "largest error of the exact model found"),
-        (bound.seen.max, GREEN, (0, (4, 1.5)), 1.0, "largest seen among the samples"),
-    ]
-    if quantile is not None:
-        lines.append(
-            (quantile, PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, f"{100 * SEEN_LEVEL:g} % quantile of the samples")
-        )
-    return [(value * shown.per_si, colour, dashes, width, label) for value, colour, dashes, width, label in lines]

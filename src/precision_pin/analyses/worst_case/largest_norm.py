@@ -20,7 +20,7 @@ from typing import Final, final
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 
 TOLERANCE: Final = 1e-9
@@ -36,7 +36,7 @@ _CHUNK: Final = 2**15
 
 @final
 @dataclass(frozen=True, eq=False)
-class Farthest:
+class Farthest(Fixed):
     """Bounds of the largest |z| over a body.
 
     Attributes:
@@ -50,9 +50,6 @@ class Farthest:
     lower: float
     upper: float
     cells: int
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def certified(self) -> bool:
@@ -201,5 +198,4 @@ def _plane_distance(corners: Array) -> Array:
     sides = corners - np.roll(corners, -1, axis=1)
     squares = (sides**2).sum(axis=2)
     area = (np.cross(sides[:, 0], sides[:, 1]) ** 2).sum(axis=1)
-    value: Array = np.sqrt(1 - squares.prod(axis=1) / (4 * area))
-    return value
+    return np.sqrt(1 - squares.prod(axis=1) / (4 * area))

@@ -48,12 +48,7 @@ def _assumptions(result: WorstCaseResult, results: Results) -> list[str]:
     words = {name: cause.words for cause in results.causes for name in cause.names}
     cut = list(dict.fromkeys(words.get(name, name) for name in result.cut))
     named = ", ".join(cut[:_CUT]) + (f" and {len(cut) - _CUT} more" if len(cut) > _CUT else "")
-    last = (
-        f"unbounded laws are cut at k = {result.k:g} standard deviations, beyond which samples may lie: {named}"
-        if cut
-        else "every law is bounded"
-    )
-    return [*result.assumptions[:-1], last, *explain_excess(result.poses[0])]
+    return [*result.assumptions[:-1], result.say_cut(named), *explain_excess(result.poses[0])]
 
 
 def _entries(bound: NormBound, results: Results, most: int) -> list[tuple[str, float]]:
@@ -76,28 +71,16 @@ def _described(bound: NormBound, results: Results) -> str:
 
 def _norms(pose: PoseWorstCase) -> Html:
     header = [
-        "",
-        "first-order bound",
-        "exact model there",
-        "largest exact error found",
-        "largest seen",
-        f"{100 * SEEN_LEVEL:g} % of the samples within",
-        "interval",
+        *("", "first-order bound", "exact model there", "largest exact error found", "largest seen"),
+        *(f"{100 * SEEN_LEVEL:g} % of the samples within", "interval"),
     ]
     rows = []
     for bound in (pose.position, pose.attitude):
         certified = "" if bound.first_order.certified else " (not certified to 1e-9)"
-        rows.append(
-            [
-                quantity_label(bound.quantity),
-                bound_milli(bound.first_order.upper, up=True) + certified,
-                milli(bound.exact_norm),
-                milli(bound.found.norm),
-                milli(bound.seen.max),
-                statistic(bound.seen, SEEN_LEVEL),
-                milli_interval(bound.seen, SEEN_LEVEL),
-            ]
-        )
+        upper = bound_milli(bound.first_order.upper, up=True) + certified
+        sizes = map(milli, (bound.exact_norm, bound.found.norm, bound.seen.max))
+        seen = statistic(bound.seen, SEEN_LEVEL), milli_interval(bound.seen, SEEN_LEVEL)
+        rows.append([quantity_label(bound.quantity), upper, *sizes, *seen])
     return table("Worst case of the sizes; exact model, samples beside it", header, rows)
 
 

@@ -6,8 +6,8 @@ model gives a lower bound. Reads the term table and the tangent only.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +49,8 @@ _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
 _EXCHANGES: Final = 100
 _STEP: Final = 1e-4
 _GAIN: Final = 1e-12
+# largest number of components, 8 bytes each, in one evaluation of the exact model
 _NUMBERS_AT_ONCE: Final = 2**22
-"""Largest number of components, 8 bytes each, in one evaluation of the exact model."""
 
 
 @warns_at_end
@@ -99,11 +99,8 @@ def worst_case(
             f"at most {MOST_NUMBERS:,} random numbers are allowed: merge draws"
         )
     supports = Supports.of(error_model.space, k)
-    results, warnings = [], list(map(str, known))
-    for one in chosen:
-        result, found = _at_pose(error_model, one, supports, seed, samples, confidence, progress)
-        results.append(result)
-        warnings += [line for line in found if line not in warnings]
+    sampling = {"samples": samples, "seed": seed, "confidence": confidence, "progress": progress}
+    found = [_at_pose(error_model, one, supports, sampling) for one in chosen]
     return WorstCaseResult(
         provenance=Provenance.of(error_model, seed),
         samples=int(samples),
@@ -111,63 +108,42 @@ def worst_case(
         k=float(k),
         cut=supports.cut,
         draws=len(error_model.space.draws),
-        poses=tuple(results),
+        poses=tuple(result for result, _ in found),
         findings=known,
-        warnings=list_warnings((), warnings),
+        warnings=list_warnings(known, (line for _, lines in found for line in lines)),
     )
 
 
 def _at_pose(
-    error_model: ErrorModel,
-    q: Pose,
-    supports: Supports,
-    seed: int,
-    samples: int,
-    confidence: float,
-    progress: Progress | bool | None,
+    error_model: ErrorModel, q: Pose, supports: Supports, sampling: Mapping[str, Any]
 ) -> tuple[PoseWorstCase, tuple[str, ...]]:
-    analysis = monte_carlo(
-        error_model, q, samples=samples, seed=seed, confidence=confidence, keep_samples=samples <= MOST_KEPT,
-        progress=progress,
-    )  # fmt: skip
+    analysis = monte_carlo(error_model, q, keep_samples=sampling["samples"] <= MOST_KEPT, **sampling)
     at = error_model.at(q)
     variants = side_variants(at)
     tangents = [variant.tangent for variant in variants]
     lows = np.min([error - supports.heights(-jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
     highs = np.max([error + supports.heights(jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
     components = []
-    for row, quantity in enumerate(_COMPONENTS):
+    for quantity, low, high in zip(_COMPONENTS, lows.tolist(), highs.tolist(), strict=True):
         seen = analysis.summary.distribution(quantity)
-        components.append(ComponentBound(quantity, float(lows[row]), float(highs[row]), (seen.min, seen.max)))
+        components.append(ComponentBound(quantity, low, high, (seen.min, seen.max)))
     layout = sampler.to_arrays(at)
     norms = []
     for quantity, rows in _NORMS.items():
         sampled = None
         if analysis.errors is not None:
             largest = int(np.linalg.norm(analysis.errors[rows], axis=0).argmax())
-            sampled = at.space.sample(seed, largest, 1)[:, 0]
-        distribution = analysis.summary.distribution(quantity)
-        bounds = [_bound(variant, layout, supports, rows, quantity, distribution, sampled) for variant in variants]
+            sampled = at.space.sample(sampling["seed"], largest, 1)[:, 0]
+        seen = analysis.summary.distribution(quantity)
+        bounds = [_bound(variant, layout, supports, rows, seen, sampled) for variant in variants]
         norms.append(max(bounds, key=lambda bound: bound.first_order.upper))
-    result = PoseWorstCase(
-        pose=PoseLabel.of(error_model, q, at),
-        error_at_means=at.error_at_means,
-        components=tuple(components),
-        position=norms[0],
-        attitude=norms[1],
-    )
+    result = PoseWorstCase(PoseLabel.of(error_model, q, at), at.error_at_means, tuple(components), *norms)
     unbounded = turnover_findings(at) if len(variants) == 1 else ()
     return result, (*analysis.warnings, *map(str, unbounded))
 
 
 def _bound(
-    at: PoseModel,
-    layout: SamplerArrays,
-    supports: Supports,
-    rows: slice,
-    quantity: str,
-    seen: Distribution,
-    sampled: Array | None,
+    at: PoseModel, layout: SamplerArrays, supports: Supports, rows: slice, seen: Distribution, sampled: Array | None
 ) -> NormBound:
     error, jacobian = at.tangent[0][rows], at.tangent[1][rows]
     bound = farthest_error(error, jacobian, supports)
@@ -178,31 +154,26 @@ def _bound(
     directions = np.concatenate([bound.direction[None], -bound.direction[None], np.eye(3), -np.eye(3)])
     starts = at.space.mean + supports.points(directions @ jacobian)
     if sampled is not None:
-        inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None], at.space.mean)[0]
+        inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None])[0]
         starts = np.concatenate([starts, inside[None]])
-    place, size = _climb(layout, supports, rows, starts, at.space.mean)
-    values = _written_values(at.space, x)
+    place, size = _climb(layout, supports, rows, starts)
+    values, names = _written_values(at.space, x), at.space.components
     contributions = [
-        Contribution(
-            name,
-            tuple(at.space.components[column] for column in columns),
-            float(share),
-            ", ".join(values[column] for column in columns),
-        )
-        for name, columns, share in zip(supports.names, supports.columns, shares, strict=True)
+        Contribution(name, tuple(names[k] for k in columns), share, ", ".join(values[k] for k in columns))
+        for name, columns, share in zip(supports.names, supports.columns, shares.tolist(), strict=True)
     ]
     return NormBound(
-        quantity=quantity,
+        quantity=seen.quantity,
         first_order=bound,
         nominal=float(bound.direction @ error),
         contributions=tuple(sorted(contributions, key=lambda entry: -entry.value)),
-        parameters=dict(zip(at.space.components, map(float, x), strict=True)),
+        parameters=dict(zip(names, x.tolist(), strict=True)),
         exact_error=exact,
         exact_norm=float(np.linalg.norm(exact[rows])),
         found=ExactMaximum(
             norm=size,
             error=sampler.errors_at(layout, "exact", place[:, None])[:, 0],
-            parameters=dict(zip(at.space.components, map(float, place), strict=True)),
+            parameters=dict(zip(names, place.tolist(), strict=True)),
             starts=len(starts),
         ),
         seen=seen,
@@ -218,26 +189,25 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
     """
 
     def heights(directions: Array) -> Array:
-        value: Array = directions @ error + supports.heights(directions @ jacobian).sum(axis=0)
-        return value
+        return directions @ error + supports.heights(directions @ jacobian).sum(axis=0)
 
     def touch(directions: Array) -> Array:
-        value: Array = error + supports.points(directions @ jacobian) @ jacobian.T
-        return value
+        return error + supports.points(directions @ jacobian) @ jacobian.T
 
     def bound(direction: Array) -> float:
         centre, roots = error.copy(), []
         for body, columns in zip(supports.bodies, supports.columns, strict=True):
-            if body.roots is None:
+            if body.form is None:
                 return np.inf
-            centre += jacobian[:, columns] @ body.centre
-            roots += [jacobian[:, columns] @ root for root in body.roots]
+            middle, own = body.form
+            centre += jacobian[:, columns] @ middle
+            roots += [jacobian[:, columns] @ root for root in own]
         return quadratic_bound(centre, roots, direction)
 
     return farthest(heights, touch, bound)
 
 
-def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array, mean: Array) -> tuple[Array, float]:
+def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array) -> tuple[Array, float]:
     """Return the best point ``(d,)``, and |error| there, of local ascents of the exact model from ``(S, d)``.
 
     Each step moves the draws to their support points along the gradient (Frank-Wolfe with a full step): all of them, or, if
@@ -246,14 +216,14 @@ def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array
     places, sizes = starts.copy(), _sizes(layout, rows, starts)
     groups = supports.columns
     for _ in range(_EXCHANGES if groups else 0):
-        aims = _toward(layout, supports, rows, places, mean)
+        aims = _toward(layout, supports, rows, places)
         reached = _sizes(layout, rows, aims)
         better = reached > sizes * (1 + _GAIN)
         places[better], sizes[better] = aims[better], reached[better]
         improved = bool(better.any())
         for start in np.flatnonzero(~better):
             tried = np.empty(len(groups))
-            for batch in _batches(len(groups), mean.size):
+            for batch in _batches(len(groups), supports.space.size):
                 single = np.repeat(places[start][None], batch.size, axis=0)
                 for row, group in enumerate(batch.tolist()):
                     single[row, groups[group]] = aims[start, groups[group]]
@@ -268,8 +238,9 @@ def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array
     return places[best], float(sizes[best])
 
 
-def _toward(layout: SamplerArrays, supports: Supports, rows: slice, places: Array, mean: Array) -> Array:
+def _toward(layout: SamplerArrays, supports: Supports, rows: slice, places: Array) -> Array:
     """Return the points of the supports ``(S, d)`` farthest along the gradient of |error| at points ``(S, d)``."""
+    mean = supports.space.mean
     low, high = (mean + end for end in supports.ends)
     # inside the supports, because a formula or a stiffness may be undefined outside
     inside = np.clip(places, low, high)
@@ -295,8 +266,7 @@ def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
 
 
 def _sizes(layout: SamplerArrays, rows: slice, places: Array) -> Array:
-    value: Array = np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
-    return value
+    return np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
 
 
 def _written_values(space: Space, x: Array) -> list[str]:

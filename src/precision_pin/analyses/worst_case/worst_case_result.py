@@ -14,7 +14,7 @@ from precision_pin.analyses.worst_case.largest_norm import Farthest
 from precision_pin.base.arrays import Array
 from precision_pin.base.record import Keys, Record
 from precision_pin.render.notebook import Table
-from precision_pin.render.tables import data_frame, milli, symbol, unit
+from precision_pin.render.tables import milli, symbol, unit
 from precision_pin.statistics import QUANTITIES, Distribution
 from precision_pin.statistics.digits import round_end
 
@@ -129,8 +129,7 @@ class NormBound(Record):
     @property
     def exact_found(self) -> dict[str, Any]:
         """Largest error that the search found, as in the JSON."""
-        found = {name: getattr(self.found, name) for name in ("norm", "error", "parameters", "starts")}
-        return found | {"exceeds_first_order": self.exceeded}
+        return self.found.to_dict() | {"exceeds_first_order": self.exceeded}
 
     @property
     def sampled(self) -> dict[str, Any]:
@@ -186,16 +185,7 @@ class WorstCaseResult(Result):
 
     schema: ClassVar[str] = "precision-pin/worst-case/1"
     KEYS: ClassVar[Keys] = (
-        "*head",
-        "samples",
-        "model",
-        "confidence",
-        "k",
-        "cut",
-        "assumptions",
-        "warnings",
-        "findings",
-        "poses",
+        *("*head", "samples", "model", "confidence", "k", "cut", "assumptions", "warnings", "findings", "poses"),
     )
     model: ClassVar[str] = "exact"
 
@@ -207,17 +197,17 @@ class WorstCaseResult(Result):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of the numbers, one sentence each."""
-        cut = (
-            f"unbounded laws are cut at k = {self.k:g} standard deviations, beyond which samples may lie: "
-            f"{', '.join(self.cut)}"
-            if self.cut
-            else "every law is bounded"
-        )
         return (
             "the bound is that of the first-order model about the means; the exact model may go beyond it",
             "the exact maximum is the largest that a local search found, a lower bound of the largest there is",
-            cut,
+            self.say_cut(", ".join(self.cut)),
         )
+
+    def say_cut(self, names: str) -> str:
+        """Return where unbounded laws are cut, with these names of them."""
+        if not self.cut:
+            return "every law is bounded"
+        return f"unbounded laws are cut at k = {self.k:g} standard deviations, beyond which samples may lie: {names}"
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
@@ -226,16 +216,8 @@ class WorstCaseResult(Result):
         norm that is proven to be reached. ``exact_there`` is the norm of the exact model at the same parameters,
         ``exact_found`` the largest norm found by the search (norms only). ``seen_min`` and ``seen_max`` are the smallest and
         largest sampled values. ``attrs`` gives the settings.
-
-        Raises:
-            InputError: pandas is not installed.
         """
-        rows = [
-            ((label, quantity), columns)
-            for label, pose in zip(self.labels, self.poses, strict=True)
-            for quantity, columns in _rows(pose).items()
-        ]
-        return data_frame(["pose", "quantity"], rows, self.attributes())
+        return self._frame("quantity", lambda pose: _rows(pose).items())
 
     @property
     def summary(self) -> str:
@@ -251,17 +233,11 @@ class WorstCaseResult(Result):
 
     def _table(self, pose: PoseWorstCase) -> Table:
         columns = ("", "unit", "first order, from", "to", "exact, found", "smallest seen", "largest seen")
-        fields = ("exact_found", "seen_min", "seen_max")
-        rows = [
-            [
-                symbol(name),
-                unit(name),
-                bound_milli(row["low"], up=False),
-                bound_milli(row["high"], up=True),
-                *(milli(row[field]) for field in fields),
-            ]
-            for name, row in _rows(pose).items()
-        ]
+        rows = []
+        for name, row in _rows(pose).items():
+            ends = bound_milli(row["low"], up=False), bound_milli(row["high"], up=True)
+            seen = (milli(row[field]) for field in ("exact_found", "seen_min", "seen_max"))
+            rows.append([symbol(name), unit(name), *ends, *seen])
         return Table(columns, rows, name_pose(pose.pose), words=2)
 
     def _notes(self) -> list[str]:
@@ -295,14 +271,7 @@ def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:
         for bound in (pose.position, pose.attitude)
     }
     nothing = dict.fromkeys(("attained", "exact_there", "exact_found"), np.nan)
-    rows |= {
-        entry.quantity: {
-            "low": entry.low,
-            "high": entry.high,
-            **nothing,
-            "seen_min": entry.seen[0],
-            "seen_max": entry.seen[1],
-        }
-        for entry in pose.components
-    }
+    for one in pose.components:
+        low, high = one.seen
+        rows[one.quantity] = {"low": one.low, "high": one.high, **nothing, "seen_min": low, "seen_max": high}
     return {quantity: rows[quantity] for quantity in QUANTITIES}
