@@ -201,13 +201,11 @@ class BlockCovariance:
 
     def between(self, one: Array, other: Array) -> Array:
         """Return the covariance ``(p, q)`` of linear combinations with slopes ``(p, d)`` and ``(q, d)``."""
-        result: Array = one @ self.times(other.T)
-        return result
+        return one @ self.times(other.T)
 
     def variances_of(self, slopes: Array) -> Array:
         """Return the variances ``(p,)`` of linear combinations with slopes ``(p, d)``."""
-        result: Array = np.einsum("ij,ji->i", slopes, self.times(slopes.T))
-        return result
+        return np.einsum("ij,ji->i", slopes, self.times(slopes.T))
 
     def within(self, columns: ArrayLike) -> Array:
         """Return the covariance ``(n, n)`` of n of the numbers."""

@@ -341,17 +341,13 @@ def _apply(operator: Operator, a: Array, b: Array) -> Array:
         case Operator.DIVIDE:
             return a / b
         case Operator.POWER:
-            powered: Array = np.power(a, b)
-            return powered
+            return np.power(a, b)
         case Operator.SQRT:
-            root: Array = np.sqrt(a)
-            return root
+            return np.sqrt(a)
         case Operator.SIN:
-            sine: Array = np.sin(a)
-            return sine
+            return np.sin(a)
         case Operator.COS:
-            cosine: Array = np.cos(a)
-            return cosine
+            return np.cos(a)
         case Operator.SIGN:
             return np.where(a >= 0, 1.0, -1.0)
 

@@ -276,8 +276,7 @@ def norm_edges() -> Array:
     first, last = ((1023 + exponent) << NORM_MANTISSA for exponent in NORM_EXPONENTS)
     magnitude = (np.arange(first, last + 1, dtype=np.int64) << (52 - NORM_MANTISSA)).view(np.float64)
     edges = np.concatenate(([0.0], magnitude[:-1], [np.inf]))
-    result: Array = np.concatenate((-edges[::-1], edges[1:]))
-    return result
+    return np.concatenate((-edges[::-1], edges[1:]))
 
 
 def observe_poses(

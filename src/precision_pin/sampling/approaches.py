@@ -48,15 +48,13 @@ class ApproachErrors:
     @returns_read_only
     def barycentres(self) -> Array:
         """Mean position error of each robot's visits under each approach, m, ``(A, 3, N)``."""
-        means: Array = self.shifts.mean(axis=1)
-        return means
+        return self.shifts.mean(axis=1)
 
     @property
     def variation(self) -> Array:
         """Largest distance between the barycentres of two approaches for each robot, m, ``(N,)``: vAP of ISO 9283."""
         apart = self.barycentres[:, None] - self.barycentres[None]
-        largest: Array = np.sqrt((apart**2).sum(axis=2)).max(axis=(0, 1))
-        return largest
+        return np.sqrt((apart**2).sum(axis=2)).max(axis=(0, 1))
 
     @property
     def unidirectional(self) -> Array:
@@ -134,5 +132,4 @@ def sample_approaches(
 def _repeatability(visits: Array) -> Array:
     """Return l̄ + 3 S_l of positions ``(n, 3, N)``: l the distances from their mean, n - 1 in S_l."""
     distances = np.sqrt(((visits - visits.mean(axis=0)) ** 2).sum(axis=1))
-    result: Array = distances.mean(axis=0) + 3 * distances.std(axis=0, ddof=1)
-    return result
+    return distances.mean(axis=0) + 3 * distances.std(axis=0, ddof=1)

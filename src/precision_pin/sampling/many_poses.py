@@ -366,5 +366,4 @@ def _inside(errors: Array, specifications: Sequence[Specification]) -> NDArray[n
     quantities[list(COMPONENTS)] = np.abs(errors)
     quantities[list(NORMS)] = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
     rows, limits = zip(*((spec.row, spec.limit) for spec in specifications), strict=True)
-    inside: NDArray[np.bool_] = quantities[list(rows)] <= np.array(limits)[:, None]
-    return inside
+    return quantities[list(rows)] <= np.array(limits)[:, None]

@@ -291,10 +291,7 @@ class MonteCarloResult(Record, JsonResult):
             InputError: All six components are to be drawn on one pair of axes.
         """
         # late: matplotlib takes half a second to import
-        drawn: Axes | Figure = import_module("precision_pin.sampling.figures").plot(
-            self.summary, self.seed, self.arm, quantity, axes
-        )
-        return drawn
+        return import_module("precision_pin.sampling.figures").plot(self.summary, self.seed, self.arm, quantity, axes)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not resolved: a row for each quantity.
@@ -373,8 +370,7 @@ class MonteCarloResult(Record, JsonResult):
             "component": list(_COMPONENTS),
             "component_2": list(_COMPONENTS),
         }
-        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._attributes()))
-        return made
+        return optional("xarray").Dataset(variables, coordinates, described(self._attributes()))
 
     def __repr__(self) -> str:
         norm = self.position.norm

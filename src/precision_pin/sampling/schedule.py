@@ -44,8 +44,7 @@ class Stream:
             length = min(self._size, self._end - self._next)
             self._futures[self._next] = self._workers.submit(self._work, self._next, length)
             self._next += self._size
-        found: Blocks = self._workers.result(self._futures[block])
-        return found
+        return self._workers.result(self._futures[block])
 
     def result_under_way(self, block: int) -> Blocks | None:
         """Wait for the task that begins with a block, None if it was not submitted; submit no further tasks."""

@@ -176,8 +176,7 @@ class _Process:
     def ask(self, task: tuple[Observing, int, int]) -> Any:
         """Return the blocks of a task, or the exception it raised."""
         self._pipe.send(task)
-        answer: Any = self._pipe.recv()
-        return answer
+        return self._pipe.recv()
 
     def kill(self) -> None:
         """Kill the process."""

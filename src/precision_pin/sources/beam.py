@@ -521,8 +521,7 @@ class BentShape:
     def _mean_place(self, begin: Array, stop: float) -> Array:
         """Return the mean displacement of the points between each of N places and ``stop``, ``(N, 3)``."""
         x = (begin[:, None] * (1 - _NODES) + stop * (1 + _NODES)) / 2
-        mean: Array = np.einsum("k,nki->ni", _WEIGHTS / 2, self.displacement(x)[..., :3])
-        return mean
+        return np.einsum("k,nki->ni", _WEIGHTS / 2, self.displacement(x)[..., :3])
 
 
 def _nodes(start: float, stop: float) -> tuple[Array, Array]:
@@ -540,5 +539,4 @@ def _at_end(turn: Array, reach: Array, weights: Array) -> Array:
 
 def _cross(one: Array, other: Array) -> Array:
     """Return the vector products ``(..., 3)``; for a few vectors faster than numpy's cross."""
-    result: Array = one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]
-    return result
+    return one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]

@@ -48,8 +48,7 @@ def seat_wrench(posture: Posture, joint: int) -> dict[Factors, Array]:
 def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
     """Return a wrench ``(6[, P])``, base axes, in axes ``(3, 3)`` of a frame turned by ``(3, 3[, P])``."""
     if rotation.ndim == 2:
-        turned: Array = _block_diagonal((rotation @ axes).T) @ wrench
-        return turned
+        return _block_diagonal((rotation @ axes).T) @ wrench
     back = np.einsum("ijp,jk->kip", rotation, axes)
     return np.concatenate([se3.turn(back, wrench[:3]), se3.turn(back, wrench[3:])])
 

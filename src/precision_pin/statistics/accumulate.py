@@ -158,8 +158,7 @@ def lane_sums(rows: Array) -> Array:
     while lanes.shape[1] > 1:
         half = lanes.shape[1] // 2
         lanes = lanes[:, :half] + lanes[:, half:]
-    sums: Array = lanes[:, 0]
-    return sums
+    return lanes[:, 0]
 
 
 def _tally(plan: Plan, values: Array, first: int) -> State:

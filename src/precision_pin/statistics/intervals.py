@@ -131,10 +131,7 @@ def studentised(normal: ArrayLike, skewness: ArrayLike) -> NDArray[np.float64]:
     a = np.asarray(skewness, dtype=float)
     shifted = np.asarray(normal, dtype=float) - a / 6
     skewed = np.abs(a) > _NONE
-    result: NDArray[np.float64] = np.where(
-        skewed, 3 * (np.cbrt(1 + a * shifted) - 1) / np.where(skewed, a, 1.0), shifted
-    )
-    return result
+    return np.where(skewed, 3 * (np.cbrt(1 + a * shifted) - 1) / np.where(skewed, a, 1.0), shifted)
 
 
 Interval = tuple[float, float]

@@ -204,8 +204,7 @@ class Plan:
 def _power_of_two(values: Array) -> Array:
     """Return the power of two nearest to each positive value on a logarithmic scale."""
     mantissa, exponent = np.frexp(values)
-    rounded: Array = np.ldexp(1.0, exponent - (mantissa < math.sqrt(0.5)))
-    return rounded
+    return np.ldexp(1.0, exponent - (mantissa < math.sqrt(0.5)))
 
 
 DEFAULT_PROBABILITY: Final = 0.95

@@ -112,8 +112,7 @@ class Summary(Record):
             UnknownNameError: There is no such quantity.
         """
         vector, part = quantity_name(quantity).split(".")
-        found: Distribution = getattr(self.position if vector == "position" else self.attitude, part)
-        return found
+        return getattr(self.position if vector == "position" else self.attitude, part)
 
     @property
     def _covariance_intervals(self) -> list[list[list[float] | None]] | None:
@@ -220,8 +219,7 @@ def _deviations(state: State, covariance: Array) -> Array:
     squares = state.norm_squares - state.sums[norms] ** 2 / state.count
     constant = state.lowest[norms] == state.highest[norms]
     variances[norms] = np.where(constant, 0.0, np.maximum(squares, 0.0) / (state.count - 1))
-    deviations: Array = np.sqrt(variances)
-    return deviations
+    return np.sqrt(variances)
 
 
 def _distribution(
@@ -240,8 +238,7 @@ def _distribution(
     lowest, highest = float(state.lowest[row]), float(state.highest[row])
 
     def ends(columns: NDArray[np.intp]) -> Array:
-        cut: Array = np.clip(plan.centre[row] + plan.scale[row] * edges[columns], lowest, highest)
-        return cut
+        return np.clip(plan.centre[row] + plan.scale[row] * edges[columns], lowest, highest)
 
     return Distribution(
         quantity=QUANTITIES[row],

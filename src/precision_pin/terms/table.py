@@ -71,8 +71,7 @@ class TermTable:
         """Return each term's product of factors, ``(T, N)``, for parameters ``(P, N)``."""
         # index -1, for no factor, reads the appended 1
         padded = np.concatenate([parameters, np.ones((1, parameters.shape[1]))])
-        result: Array = np.prod(padded[self.factors], axis=1)
-        return result
+        return np.prod(padded[self.factors], axis=1)
 
     def displacements(self, products: Array) -> Array:
         """Return every target's displacement, ``(K, 6, N)``, for products ``(T, N)``."""

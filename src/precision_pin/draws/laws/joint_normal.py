@@ -177,8 +177,7 @@ class JointNormal(Law):
         """Return exp(i t·mean - tᵀΣt/2)."""
         t = np.asarray(frequency, dtype=float)
         quadratic = np.einsum("i...,ij,j...->...", t, self.covariance, t)
-        value: NDArray[np.complex128] = np.exp(1j * np.einsum("i,i...->...", self.mean_vector, t) - quadratic / 2)
-        return value
+        return np.exp(1j * np.einsum("i,i...->...", self.mean_vector, t) - quadratic / 2)
 
 
 def _check_bounds(bounds: object, size: int) -> tuple[tuple[float, float], ...]:

@@ -161,8 +161,7 @@ class Empirical(BoundedLaw):
         p, x = self._knots
         step = np.diff(p)
         slopes = np.divide(np.diff(x), step, out=np.zeros_like(step), where=step > 0)
-        lines: Array = np.column_stack([p[:-1], x[:-1], slopes, x[1:]])[step > 0]
-        return lines
+        return np.column_stack([p[:-1], x[:-1], slopes, x[1:]])[step > 0]
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -187,8 +186,7 @@ class Empirical(BoundedLaw):
         """Return the quantiles at u, by straight lines."""
         begin, value, slope, end = self.segments.T
         k = np.searchsorted(begin, variates, side="right") - 1
-        result: Array = np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
-        return result
+        return np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
 
     @property
     def cell_edges(self) -> Array:
@@ -235,10 +233,7 @@ class Empirical(BoundedLaw):
 
         def of(part: Array) -> NDArray[np.complex128]:
             line = part[0][:, None]
-            value: NDArray[np.complex128] = (
-                np.exp(1j * line * ((a + b) / 2)) * np.sinc(line * ((b - a) / (2 * np.pi)))
-            ) @ self._shares
-            return value
+            return (np.exp(1j * line * ((a + b) / 2)) * np.sinc(line * ((b - a) / (2 * np.pi)))) @ self._shares
 
         return in_chunks(of, t, 4 * a.size)
 
@@ -366,8 +361,7 @@ class TwoPoint(BoundedLaw):
         """Return (cos(t half_width) + i (2p - 1) sin(t half_width)) exp(i t centre), t ``(1, …)``."""
         t = np.asarray(frequency, dtype=float)[0]
         swing = np.cos(t * self.half_width) + 1j * (2 * self.probability - 1) * np.sin(t * self.half_width)
-        value: NDArray[np.complex128] = np.exp(1j * t * self.centre) * swing
-        return value
+        return np.exp(1j * t * self.centre) * swing
 
 
 _ROWS_FILE: Final[Mapping[str, Any]] = {
@@ -449,21 +443,18 @@ class Rows(Law):
     @property
     def mean_vector(self) -> Array:
         """Mean of the rows, ``(size,)``."""
-        mean: Array = self.array.mean(axis=0)
-        return mean
+        return self.array.mean(axis=0)
 
     @property
     def covariance(self) -> Array:
         """Covariance ``(size, size)`` of the rows as the whole population: divided by their number, not by one less."""
         centred = self.array - self.mean_vector
-        value: Array = centred.T @ centred / len(self.table)
-        return value
+        return centred.T @ centred / len(self.table)
 
     def sample(self, variates: Array) -> Array:
         """Return row ⌊u₀ n⌋ of n; the other uniform numbers are not used."""
         chosen = np.floor(variates[0] * len(self.table)).astype(np.intp)
-        value: Array = self.array[chosen].T
-        return value
+        return self.array[chosen].T
 
     def support(self, direction: ArrayLike) -> float:
         """Return the largest w·x of the rows."""
@@ -472,8 +463,7 @@ class Rows(Law):
     @property
     def cell_edges(self) -> Array:
         """Uniform numbers between which one row is drawn, all equally far apart."""
-        edges: Array = np.arange(len(self.table) + 1) / len(self.table)
-        return edges
+        return np.arange(len(self.table) + 1) / len(self.table)
 
     @property
     def measured(self) -> Array:

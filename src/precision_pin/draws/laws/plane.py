@@ -65,15 +65,13 @@ class Disc(PlaneLaw):
 
     def sample(self, variates: Array) -> Array:
         """Return r √u₀ at the angle 2π u₁."""
-        value: Array = self.radius * np.sqrt(variates[0]) * direction(variates[1])
-        return value
+        return self.radius * np.sqrt(variates[0]) * direction(variates[1])
 
     def from_normals(self, normals: Array) -> Array:
         """Return r √(1 - exp(-|z|²/2)) in the direction of z: smoother than polar coordinates, which jump at one angle."""
         length = np.hypot(*normals)
         unit = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
-        value: Array = self.radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
-        return value
+        return self.radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
 
     def ellipsoid(self, k: float) -> Array:
         """Return the ellipsoid of the disc, for every k."""
@@ -101,8 +99,7 @@ class Disc(PlaneLaw):
         """Return 2 J₁(r|t|) / (r|t|)."""
         t = self.radius * np.hypot(*np.asarray(frequency, dtype=float))
         safe = np.where(t > 0, t, 1.0)
-        value: NDArray[np.complex128] = np.where(t > 0, 2 * lazy_special.j1(safe) / safe, 1.0).astype(complex)
-        return value
+        return np.where(t > 0, 2 * lazy_special.j1(safe) / safe, 1.0).astype(complex)
 
 
 @final
@@ -112,17 +109,14 @@ class _DiscProjection(SineProjection):
 
     def cumulative(self, z: Array) -> Array:
         t = self.scale_to_reach(z)
-        value: Array = 0.5 + (t * np.sqrt((1 - t) * (1 + t)) + np.arcsin(t)) / np.pi
-        return value
+        return 0.5 + (t * np.sqrt((1 - t) * (1 + t)) + np.arcsin(t)) / np.pi
 
     def density(self, z: Array) -> Array:
         t = self.scale_to_reach(z)
-        value: Array = 2 / (np.pi * self.reach) * np.sqrt((1 - t) * (1 + t))
-        return value
+        return 2 / (np.pi * self.reach) * np.sqrt((1 - t) * (1 + t))
 
     def weight(self, s: Array) -> Array:
-        value: Array = 2 / np.pi * np.cos(s) ** 2
-        return value
+        return 2 / np.pi * np.cos(s) ** 2
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         t = self.reach * frequency
@@ -184,5 +178,4 @@ class Circle(PlaneLaw):
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return J₀(r|t|)."""
         t = self.radius * np.hypot(*np.asarray(frequency, dtype=float))
-        value: NDArray[np.complex128] = lazy_special.j0(t).astype(complex)
-        return value
+        return lazy_special.j0(t).astype(complex)

@@ -100,13 +100,11 @@ class SymmetricProjection(Projection):
 
     def scale_to_reach(self, z: Array) -> Array:
         """Return z over the reach, limited to ±1."""
-        scaled: Array = np.clip(z / self.reach, -1.0, 1.0)
-        return scaled
+        return np.clip(z / self.reach, -1.0, 1.0)
 
     def limit_to_reach(self, z: Array, density: Array) -> Array:
         """Return the density, zero beyond the reach."""
-        value: Array = np.where(np.abs(z) < self.reach, density, 0.0)
-        return value
+        return np.where(np.abs(z) < self.reach, density, 0.0)
 
 
 @final
@@ -158,24 +156,21 @@ class Lines(Projection):
         ahead = z[..., None] - self.begins
         length = self.stops - self.begins
         passed = np.where(length > 0, np.clip(ahead / np.where(length > 0, length, 1.0), 0, 1), ahead >= 0)
-        value: Array = passed @ self.shares
-        return value
+        return passed @ self.shares
 
     def density(self, z: Array) -> Array:
         """Return the density; not-a-number where any value has a probability of its own."""
         if self.has_jumps:
             return np.full_like(z, np.nan)
         inside = (z[..., None] >= self.begins) & (z[..., None] < self.stops)
-        value: Array = inside @ (self.shares / (self.stops - self.begins))
-        return value
+        return inside @ (self.shares / (self.stops - self.begins))
 
     def position(self, s: Array) -> Array:
         """Return the quantile at s."""
         firsts = np.array(self.breaks[:-1])
         k = np.clip(np.searchsorted(firsts, s, side="right") - 1, 0, firsts.size - 1)
         along = np.clip((s - firsts[k]) / self.shares[k], 0, 1)
-        value: Array = self.begins[k] + along * (self.stops[k] - self.begins[k])
-        return value
+        return self.begins[k] + along * (self.stops[k] - self.begins[k])
 
     def weight(self, s: Array) -> Array:
         """Return 1."""
@@ -191,8 +186,7 @@ class Lines(Projection):
 
         def of(part: Array) -> NDArray[np.complex128]:
             turned = np.sinc(part.T * halves / np.pi) * np.exp(1j * part.T * middles)
-            value: NDArray[np.complex128] = turned @ self.shares
-            return value
+            return turned @ self.shares
 
         return in_chunks(of, frequency[None], 4 * halves.size)
 
@@ -211,8 +205,7 @@ class Lines(Projection):
 
 def power_bound(factor: float, power: float, z: Array) -> Array:
     """Return min(1, factor z^-power)."""
-    value: Array = np.minimum(1.0, factor * np.maximum(z, 1e-300 ** (1 / max(power, 1.0))) ** -power)
-    return value
+    return np.minimum(1.0, factor * np.maximum(z, 1e-300 ** (1 / max(power, 1.0))) ** -power)
 
 
 FARTHEST_NORMAL: Final = 8.6

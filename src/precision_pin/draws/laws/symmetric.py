@@ -66,8 +66,7 @@ class SymmetricLaw(Law):
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return E exp(i t x), t ``(1, …)``."""
         t = np.asarray(frequency, dtype=float)[0]
-        value: NDArray[np.complex128] = np.exp(1j * t * self.mean) * self._deviation_characteristic(t)
-        return value
+        return np.exp(1j * t * self.mean) * self._deviation_characteristic(t)
 
 
 @dataclass(frozen=True)
@@ -165,8 +164,7 @@ class _UniformProjection(_StraightProjection):
         return -1.0, 1.0
 
     def cumulative(self, z: Array) -> Array:
-        value: Array = (1 + self.scale_to_reach(z)) / 2
-        return value
+        return (1 + self.scale_to_reach(z)) / 2
 
     def density(self, z: Array) -> Array:
         return self.limit_to_reach(z, np.full_like(z, 0.5 / self.reach))
@@ -219,8 +217,7 @@ class _TriangularProjection(_StraightProjection):
     def cumulative(self, z: Array) -> Array:
         t = self.scale_to_reach(z)
         tail = (1 - np.abs(t)) ** 2 / 2
-        value: Array = np.where(t > 0, 1 - tail, tail)
-        return value
+        return np.where(t > 0, 1 - tail, tail)
 
     def density(self, z: Array) -> Array:
         return (1 - np.abs(self.scale_to_reach(z))) / self.reach
@@ -268,12 +265,10 @@ class SineProjection(SymmetricProjection):
         return -math.pi / 2, math.pi / 2
 
     def position(self, s: Array) -> Array:
-        value: Array = self.reach * np.sin(s)
-        return value
+        return self.reach * np.sin(s)
 
     def parameter(self, z: Array) -> Array:
-        value: Array = np.arcsin(self.scale_to_reach(z))
-        return value
+        return np.arcsin(self.scale_to_reach(z))
 
 
 @final
@@ -282,21 +277,18 @@ class ArcsineProjection(SineProjection):
     """Projection of an arcsine law, or of a circle."""
 
     def cumulative(self, z: Array) -> Array:
-        value: Array = 0.5 + np.arcsin(self.scale_to_reach(z)) / np.pi
-        return value
+        return 0.5 + np.arcsin(self.scale_to_reach(z)) / np.pi
 
     def density(self, z: Array) -> Array:
         inside = np.abs(z) < self.reach
         t = np.where(inside, z / self.reach, 0.0)
-        value: Array = np.where(inside, 1 / (np.pi * self.reach * np.sqrt((1 - t) * (1 + t))), 0.0)
-        return value
+        return np.where(inside, 1 / (np.pi * self.reach * np.sqrt((1 - t) * (1 + t))), 0.0)
 
     def weight(self, s: Array) -> Array:
         return np.full_like(s, 1 / np.pi)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
-        value: NDArray[np.complex128] = lazy_special.j0(self.reach * frequency).astype(complex)
-        return value
+        return lazy_special.j0(self.reach * frequency).astype(complex)
 
     def envelope(self, frequency: Array) -> Array:
         """min(1, √(2/(π r ω))), since √(πz/2) |J₀(z)| ≤ 1 (Watson, Bessel functions, 15.5)."""
@@ -399,8 +391,7 @@ class _TruncatedProjection(SymmetricProjection):
 
     def cumulative(self, z: Array) -> Array:
         score = self.k * self.scale_to_reach(z)
-        value: Array = (1 + lazy_special.erf(score / math.sqrt(2)) / self._inner) / 2
-        return value
+        return (1 + lazy_special.erf(score / math.sqrt(2)) / self._inner) / 2
 
     def density(self, z: Array) -> Array:
         return self.limit_to_reach(z, self.weight(self.k * self.scale_to_reach(z)) * self.k / self.reach)
@@ -409,8 +400,7 @@ class _TruncatedProjection(SymmetricProjection):
         return self.reach / self.k * s
 
     def weight(self, s: Array) -> Array:
-        value: Array = np.exp(-(s**2) / 2) / (math.sqrt(2 * math.pi) * self._inner)
-        return value
+        return np.exp(-(s**2) / 2) / (math.sqrt(2 * math.pi) * self._inner)
 
     def parameter(self, z: Array) -> Array:
         return self.k * self.scale_to_reach(z)
@@ -434,8 +424,7 @@ class _TruncatedProjection(SymmetricProjection):
         tails = np.minimum(2 * lazy_special.ndtr(-self.k), 4 * height / omega)
         cut = (np.exp(-(omega**2) / 2) + tails) / self._inner
         whole = 2 / (math.sqrt(2 * math.pi) * self._inner * omega)
-        bound: Array = np.minimum(np.minimum(cut, whole), 1.0)
-        return bound
+        return np.minimum(np.minimum(cut, whole), 1.0)
 
 
 _NOT_NEGATIVE: Final = "zero or more and finite"
@@ -540,8 +529,7 @@ class Normal(SymmetricLaw):
         return KernelRow("normal", np.array([self.mean, self.std]))
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
-        value: Array = np.exp(-((self.std * frequency) ** 2) / 2)
-        return value
+        return np.exp(-((self.std * frequency) ** 2) / 2)
 
 
 def _read_k(reader: SheetReader) -> float:
