@@ -234,7 +234,7 @@ def dataset(frame: pandas.DataFrame) -> xarray.Dataset:
     made = xarray.Dataset.from_dataframe(frame)
     # as the frame has them, not sorted
     made = made.sel({str(level): frame.index.unique(level) for level in frame.index.names})
-    return made.assign_attrs(described(frame.attrs))  # type: ignore[no-any-return]
+    return made.assign_attrs(described(frame.attrs))
 
 
 def described(attributes: Mapping[str, Any]) -> dict[str, str]:

@@ -101,12 +101,10 @@ class JointNormal(Law):
 
     @property
     def size(self) -> int:
-        """The number of components."""
         return len(self.matrix)
 
     @property
     def components(self) -> tuple[str, ...]:
-        """``.0``, ``.1``, …."""
         return tuple(f".{k}" for k in range(self.size))
 
     @property
@@ -151,7 +149,6 @@ class JointNormal(Law):
         return k * self.root
 
     def standardised_moments(self) -> Moments:
-        """Return the moments of independent normal numbers."""
         return NORMAL_MOMENTS
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:

@@ -20,7 +20,7 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_number, check_numbers, check_whole, shown
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import ReadOnly
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.memory import check_memory
@@ -214,7 +214,6 @@ class Law(ABC):
 
         An unbounded law is cut off at k standard deviations. None if the support is no ellipsoid.
         """
-        del k
         return None
 
     def standardised_moments(self) -> Moments | None:
@@ -230,7 +229,6 @@ class Law(ABC):
 
     def covariance_with(self, other: Law, correlation: float) -> float | None:
         """Return the covariance with a number whose normal score is correlated; None if there is no closed form."""
-        del other, correlation
         return None
 
     def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float | None:
@@ -243,7 +241,6 @@ class Law(ABC):
             nodes: Takes a distance beyond the usual range. Returns the scores z of the other number up to there, and
                 (value - mean) × density × weight at each.
         """
-        del correlation, nodes
         return None
 
     def from_normals(self, normals: Array) -> Array:
@@ -333,7 +330,7 @@ Branch = Literal[
 
 @final
 @dataclass(frozen=True, eq=False)
-class KernelRow:
+class KernelRow(ReadOnly):
     """The row of a law in the tables of the compiled loops.
 
     Attributes:
@@ -347,9 +344,6 @@ class KernelRow:
     branch: Branch
     numbers: Array
     intervals: tuple[tuple[float, float], ...] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 _NODES: Final = 24
@@ -393,7 +387,7 @@ def _values(law: Law, scores: Array) -> Array:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Series:
+class Series(ReadOnly):
     """Legendre series of the density of a law of one number, about its mean.
 
     Attributes:
@@ -413,9 +407,6 @@ class Series:
     moments: Array
     cells: Array
     shares: Array
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @cached_property
     def half(self) -> Array:

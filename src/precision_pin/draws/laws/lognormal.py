@@ -170,7 +170,6 @@ class Lognormal(Law):
         return f"lognormal, mean {write_number(self.mean, quantity)}, standard deviation {write_number(self.std, quantity)}"
 
     def kernel_row(self) -> KernelRow:
-        """Return the mean, σ and σ²/2."""
         return KernelRow("lognormal", np.array([self.mean, self.log_std, self.log_std**2 / 2]))
 
     def projection(self, weights: Array) -> _Projection:
@@ -192,10 +191,7 @@ class Lognormal(Law):
     def _along_saddles(self, frequency: Array) -> NDArray[np.complex128]:
         sigma = self.log_std
         scaled = np.abs(frequency[0]) * self.mean * math.exp(-(sigma**2) / 2)
-        saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
-        height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
-        centre = -lazy_special.lambertw(scaled * sigma**2 * np.sin(sigma * height)).real / sigma
-        z = (centre + 1j * height)[:, None] + _NODES
+        z = _saddle_nodes(scaled, sigma)
         integrand = np.exp(1j * scaled[:, None] * np.exp(sigma * z) - z**2 / 2)
         value = integrand.sum(axis=1) * (_STEP / math.sqrt(2 * math.pi))
         return np.where(frequency[0] < 0, value.conj(), value)
@@ -287,15 +283,19 @@ def lognormal_characteristic(frequency: Array, log_std: float) -> NDArray[np.com
     return np.where(frequency < 0, value.conj(), value)
 
 
+def _saddle_nodes(scaled: Array, sigma: float) -> NDArray[np.complex128]:
+    """Return the nodes ``(N, 721)`` on a line through the saddle point at each frequency or above it."""
+    saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
+    height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
+    centre = -lazy_special.lambertw(scaled * sigma**2 * np.sin(sigma * height)).real / sigma
+    return (centre + 1j * height)[:, None] + _NODES
+
+
 def _integrate(t: Array, sigma: float) -> NDArray[np.complex128]:
     parts = [np.zeros(0, dtype=complex)]
     for first in range(0, t.size, _BATCH):
         some = t[first : first + _BATCH]
-        scaled = some * math.exp(-(sigma**2) / 2)
-        saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
-        height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
-        centre = -lazy_special.lambertw(scaled * sigma**2 * np.sin(sigma * height)).real / sigma
-        z = (centre + 1j * height)[:, None] + _NODES
+        z = _saddle_nodes(some * math.exp(-(sigma**2) / 2), sigma)
         integrand = np.exp(1j * some[:, None] * np.expm1(sigma * z - sigma**2 / 2) - z**2 / 2)
         parts.append(integrand.sum(axis=1) * (_STEP / math.sqrt(2 * math.pi)))
     return np.concatenate(parts)

@@ -16,7 +16,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import ReadOnly
 from precision_pin.base.arrays import Array
 from precision_pin.draws import lazy_special
 
@@ -78,7 +78,6 @@ class Projection(ABC):
 
     def within(self, score: float) -> tuple[float, float]:
         """Return limits outside which lies no more probability than outside ± ``score`` of a standard normal law."""
-        del score
         return self.ends
 
     @property
@@ -109,7 +108,7 @@ class SymmetricProjection(Projection):
 
 @final
 @dataclass(frozen=True, eq=False)
-class Lines(Projection):
+class Lines(ReadOnly, Projection):
     """A projection of uniform pieces and single values: of empirical and two-point laws and of rows of a table.
 
     Attributes:
@@ -121,9 +120,6 @@ class Lines(Projection):
     begins: Array
     stops: Array
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @classmethod
     def of(cls, shares: Array, begins: Array, stops: Array) -> Lines:
         """Return the pieces in rising order."""
@@ -133,17 +129,14 @@ class Lines(Projection):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The lowest and the highest value."""
         return float(self.begins[0]), float(self.stops[-1])
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """0, 1 and the probabilities at which pieces meet."""
         return (0.0, *np.cumsum(self.shares)[:-1].tolist(), 1.0)
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """The ends of the pieces."""
         return tuple(np.unique(np.concatenate([self.begins, self.stops])).tolist())
 
     @property
@@ -152,7 +145,6 @@ class Lines(Projection):
         return bool((self.begins == self.stops).any())
 
     def cumulative(self, z: Array) -> Array:
-        """Return P(number ≤ z)."""
         ahead = z[..., None] - self.begins
         length = self.stops - self.begins
         passed = np.where(length > 0, np.clip(ahead / np.where(length > 0, length, 1.0), 0, 1), ahead >= 0)
@@ -166,22 +158,18 @@ class Lines(Projection):
         return inside @ (self.shares / (self.stops - self.begins))
 
     def position(self, s: Array) -> Array:
-        """Return the quantile at s."""
         firsts = np.array(self.breaks[:-1])
         k = np.clip(np.searchsorted(firsts, s, side="right") - 1, 0, firsts.size - 1)
         along = np.clip((s - firsts[k]) / self.shares[k], 0, 1)
         return self.begins[k] + along * (self.stops[k] - self.begins[k])
 
     def weight(self, s: Array) -> Array:
-        """Return 1."""
         return np.ones_like(s)
 
     def parameter(self, z: Array) -> Array:
-        """Return the cumulative probability."""
         return self.cumulative(z)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
-        """Return the sum over the pieces."""
         halves, middles = (self.stops - self.begins) / 2, (self.stops + self.begins) / 2
 
         def of(part: Array) -> NDArray[np.complex128]:
