@@ -24,7 +24,7 @@ from precision_pin.analyses.map.map_poses import map_poses
 from precision_pin.base import se3
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.kernel import sampler
-from precision_pin.kernel.many_poses import MOST_TOGETHER, JoinedTables, observe_norms, observe_poses
+from precision_pin.kernel.many_poses import MOST_TOGETHER, JoinedTables, observe_norms
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -41,8 +41,8 @@ LEAST_MAPPED: Final = 1000.0
 """Poses a second that a map in closed form is to make."""
 PRODUCT: Final = 4096
 """Samples of a matrix product, a good size for it."""
-MOST_FULL: Final = 8
-"""Poses up to which all eight large sketches are filled: 656 kB each."""
+MOST_ALONE: Final = 8
+"""Poses up to which one after another is timed."""
 
 
 def ur5_at(angles: NDArray[np.float64]) -> list[PoseModel]:
@@ -77,10 +77,6 @@ class Together:
     def norms(self, model: sampler.Model, blocks: int) -> None:
         """Draw once, displace at every pose and count what a map needs."""
         observe_norms(self.tables, self.plans, model, 0, 0, blocks)
-
-    def everything(self, blocks: int) -> None:
-        """Draw once, displace at every pose and count into all sketches."""
-        observe_poses(self.tables, self.plans, "exact", 0, 0, blocks)
 
     def one_at_a_time(self, blocks: int) -> None:
         """Draw, displace and count, one pose after another."""
@@ -121,14 +117,11 @@ def measure(turns: int) -> Part:
             "linear": Work(partial(_each, groups, "linear", blocks), samples),
             "product": Work(partial(np.matmul, jacobian, x, out), PRODUCT * poses),
         }
-        if poses <= MOST_FULL:
-            works["all"] = Work(partial(groups[0].everything, blocks), samples)
+        if poses <= MOST_ALONE:
             works["alone"] = Work(partial(groups[0].one_at_a_time, blocks), samples)
         found = nanoseconds(works, turns if poses < max(POSES) else min(turns, 3))
         cost[poses], product[poses] = found, found["product"]
-        cells = tuple(
-            figure(found[name]) if name in found else "" for name in ("exact", "linear", "all", "alone", "product")
-        )
+        cells = tuple(figure(found[name]) if name in found else "" for name in ("exact", "linear", "alone", "product"))
         rows.append((f"{poses}", *cells))
     pinocchio = nanoseconds(
         {
@@ -142,13 +135,13 @@ def measure(turns: int) -> Part:
     )
     table = Table(
         "A UR5 with 36 random parameters at P poses, one core, ns per sample and pose",
-        ("P", "exact", "linear", "exact, all sketches", "one pose at a time", "matrix product alone"),
+        ("P", "exact", "linear", "one pose at a time", "matrix product alone"),
         rows,
         tuple(f"{name}: {figure(cost)} ns, without drawing." for name, cost in pinocchio.items()),
     )
     loop = min(pinocchio.values())
     ratios = (
-        Ratio("one pose at a time to 64 together", cost[MOST_FULL]["alone"] / cost[64]["exact"]),
+        Ratio("one pose at a time to 64 together", cost[MOST_ALONE]["alone"] / cost[64]["exact"]),
         Ratio("exact at 64 poses to the tangent's matrix product", cost[64]["exact"] / product[64]),
         Ratio("Pinocchio's better loop to 64 poses together", loop / cost[64]["exact"]),
     )

@@ -13,7 +13,8 @@ from benchmarks.tables import Part, Ratio, Table, figure
 from benchmarks.timing import Work, nanoseconds
 from precision_pin.kernel import sampler
 from precision_pin.kernel.sampler import BLOCK
-from precision_pin.statistics import COLUMNS, QUANTITIES, finish, quantity_values
+from precision_pin.statistics import QUANTITIES, finish, quantity_values, start
+from precision_pin.statistics.sketch import COLUMNS
 
 __all__ = ["measure"]
 
@@ -25,7 +26,9 @@ def measure(quick: bool) -> Part:
     """Compare size, time and error with numpy's quantile on ten million samples (quick: 200,000)."""
     count, turns = (2 * 10**5, 2) if quick else (10**7, 20)
     ready = cases.prepared(cases.ur5())
-    state = sampler.accumulate(ready.layout, ready.plan, "exact", 0, 0, -(-count // BLOCK), samples=count)
+    state = sampler.observe_blocks(ready.layout, ready.plan, "exact", 0, 0, -(-count // BLOCK), samples=count).add_to(
+        start(ready.plan)
+    )
     summary = finish(ready.plan, state)
     values = np.empty((8, count))
     for first in range(0, count, _AT_ONCE):

@@ -124,7 +124,7 @@ def factors(model: ErrorModel, samples: int, seeds: int) -> Iterator[str]:
     layout = sampler.to_arrays(at)
     plan = Plan.from_moments(at.error_at_means, at.covariance)
     blocks = max(1, samples // BLOCK)
-    plain_time = timed(lambda: sampler.accumulate(layout, plan, "exact", 0, 0, blocks)) / (blocks * BLOCK)
+    plain_time = timed(lambda: sampler.observe_blocks(layout, plan, "exact", 0, 0, blocks)) / (blocks * BLOCK)
     yield f"{at.space.size} random numbers; plain sampling {1e9 * plain_time:.0f} ns a sample, one thread"
     plain = [Numbers.of(moments(model, method="plain", samples=samples, seed=k).poses[0]) for k in range(seeds)]
     spread = np.sqrt(np.diagonal(at.covariance))

@@ -314,7 +314,7 @@ def _of_model(name: str, at: PoseModel, runs: int) -> list[Coverage]:
     parts, norms = Tally(), Tally()
     for seed in range(runs):
         plan = planned(at, layout, "exact", seed)
-        found = finish(plan, sampler.accumulate(layout, plan, "exact", seed, 0, 1))
+        found = finish(plan, sampler.observe_blocks(layout, plan, "exact", seed, 0, 1).add_to(start(plan)))
         for row, truth in enumerate(truths):
             quantity = ("position", "attitude")[row // 4] + "." + ("norm", "x", "y", "z")[row % 4]
             distribution = found.distribution(quantity)

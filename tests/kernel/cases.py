@@ -14,7 +14,10 @@ from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Expression, Program, cos, sin, sqrt
 from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
 from precision_pin.draws.space import Space
+from precision_pin.kernel import sampler
+from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.statistics import Plan, State, start
 from precision_pin.terms.table import TermTable
 
 COVARIANCE = ((1.0, 0.3, 0.2), (0.3, 0.5, 0.0), (0.2, 0.0, 0.4))
@@ -129,3 +132,19 @@ def single_formula(formula: Expression, law: Law | None = None, scale: float = 1
 def pose_model(space: Space, table: TermTable) -> PoseModel:
     posture: Any = None
     return PoseModel(posture, space, table, ())
+
+
+def accumulate(
+    layout: SamplerArrays,
+    plan: Plan,
+    model: Any,
+    seed: int,
+    first_block: int,
+    blocks: int,
+    *,
+    state: State | None = None,
+    **units: Any,
+) -> State:
+    """Return the statistics after some blocks, added to those of ``state``."""
+    found = sampler.observe_blocks(layout, plan, model, seed, first_block, blocks, **units)
+    return found.add_to(start(plan) if state is None else state)

@@ -18,7 +18,8 @@ from precision_pin.draws.space import Space
 from precision_pin.kernel import loops as loops
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.statistics import LARGEST, sketch
+from precision_pin.statistics import sketch
+from precision_pin.statistics.accumulate import LARGEST
 
 ALPHA = 1e-6
 

@@ -20,8 +20,8 @@ from precision_pin.draws.space import Space
 from precision_pin.kernel import loops, many_poses, sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.loops import WIDE
-from precision_pin.kernel.many_poses import JoinedTables
-from precision_pin.kernel.sampler import BLOCK, Blocks
+from precision_pin.kernel.many_poses import JoinedTables, NormBlocks
+from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan, Specification
 from precision_pin.terms.table import TermTable
@@ -57,21 +57,14 @@ def planned(models: list[PoseModel]) -> list[Plan]:
     return [Plan.from_moments(at.error_at_means, at.covariance, SPECIFICATIONS) for at in models]
 
 
-def assert_same_bits(found: Blocks, expected: Blocks) -> None:
-    for field in fields(Blocks):
-        if field.name != "errors":
-            np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name), err_msg=field.name)
-
-
 def assert_as_one_at_a_time(
     models: list[PoseModel], model: Any, samples: int, *, pose: int = 0, visit: int = 0
 ) -> None:
-    """Compare both ways of observing many poses with one pose after another."""
+    """Compare many poses together with one pose after another."""
     layouts, plans = sampler.to_arrays_at_poses(models), planned(models)
     blocks = -(-samples // BLOCK)
     units: dict[str, Any] = {"samples": samples, "first_pose": pose, "visit": visit}
     tables = JoinedTables.of(layouts)
-    found = many_poses.observe_poses(tables, plans, model, 7, 0, blocks, **units)
     norms = many_poses.observe_norms(tables, plans, model, 7, 0, blocks, **units)
     edges = many_poses.norm_edges()
     assert norms.count == samples
@@ -80,7 +73,6 @@ def assert_as_one_at_a_time(
         expected = sampler.observe_blocks(
             alone, plan, model, 7, 0, blocks, samples=samples, keep_errors=True, pose=pose + p, visit=visit
         )
-        assert_same_bits(found[p], expected)
         np.testing.assert_array_equal(norms.inside[p], expected.inside)
         np.testing.assert_array_equal(norms.lowest[p], expected.lowest[[0, 4]])
         np.testing.assert_array_equal(norms.highest[p], expected.highest[[0, 4]])
@@ -185,10 +177,10 @@ def test_poses_laid_out_together_are_those_laid_out_alone() -> None:
 def test_poses_laid_out_alone_can_be_joined() -> None:
     models = at_poses(6, 3, targets=2, terms=9, shift=1e-3, turn=1e-3)
     plans = planned(models)
-    alone = many_poses.observe_poses([sampler.to_arrays(at) for at in models], plans, "exact", 0, 0, 1, samples=90)
-    together = many_poses.observe_poses(sampler.to_arrays_at_poses(models), plans, "exact", 0, 0, 1, samples=90)
-    for one, other in zip(alone, together, strict=True):
-        assert_same_bits(one, other)
+    alone = many_poses.observe_norms([sampler.to_arrays(at) for at in models], plans, "exact", 0, 0, 1, samples=90)
+    together = many_poses.observe_norms(sampler.to_arrays_at_poses(models), plans, "exact", 0, 0, 1, samples=90)
+    for field in fields(NormBlocks):
+        np.testing.assert_array_equal(getattr(alone, field.name), getattr(together, field.name), err_msg=field.name)
 
 
 def test_a_block_depends_on_nothing_but_its_number() -> None:
@@ -204,7 +196,7 @@ def test_one_compilation_serves_every_table() -> None:
         models = at_poses(seed, seed + 1, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3)
         many_poses.observe_norms(sampler.to_arrays_at_poses(models), planned(models), "exact", 0, 0, 1, samples=9)
         plans = [Plan(np.zeros(8), np.ones(8))] * len(models)
-        many_poses.observe_poses(
+        many_poses.observe_norms(
             sampler.to_arrays_at_poses(models),
             plans,
             "linear",
@@ -273,15 +265,15 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
     turning = layouts(4.0)
     x = space.sample(0, 0, 1000, pose=1)[0]
     first = int(np.flatnonzero(np.abs(4.0 * x) >= np.pi)[0])
-    for observe in (many_poses.observe_norms, many_poses.observe_poses):
-        with pytest.raises(InputError, match=r"pose 1, sample \d+: an error turns a place by half a turn") as caught:
-            observe(turning, plans, "exact", 0, 0, 1, samples=1000)
-        told = int(str(caught.value).split("sample ")[1].split(":")[0])
-        assert abs(4.0 * x[told]) >= np.pi
-        assert first // 256 == told // 256
-        with pytest.raises(InputError, match=r"pose 0, sample 0: a parameter's formula fails"):
-            observe(layouts(1e-3, 1 / (Component("a") * 0.0)), plans, "exact", 0, 0, 1, samples=300)
-        with pytest.raises(InputError, match=r"pose 1, sample \d+: the error is not a finite number"):
-            observe(layouts(1e200), plans, "linear", 0, 0, 1, samples=300)
+    observe = many_poses.observe_norms
+    with pytest.raises(InputError, match=r"pose 1, sample \d+: an error turns a place by half a turn") as caught:
+        observe(turning, plans, "exact", 0, 0, 1, samples=1000)
+    told = int(str(caught.value).split("sample ")[1].split(":")[0])
+    assert abs(4.0 * x[told]) >= np.pi
+    assert first // 256 == told // 256
+    with pytest.raises(InputError, match=r"pose 0, sample 0: a parameter's formula fails"):
+        observe(layouts(1e-3, 1 / (Component("a") * 0.0)), plans, "exact", 0, 0, 1, samples=300)
+    with pytest.raises(InputError, match=r"pose 1, sample \d+: the error is not a finite number"):
+        observe(layouts(1e200), plans, "linear", 0, 0, 1, samples=300)
     # beyond the last sample nothing is refused
-    assert many_poses.observe_norms(turning, plans, "exact", 0, 0, 1, samples=first or 1).count == (first or 1)
+    assert observe(turning, plans, "exact", 0, 0, 1, samples=first or 1).count == (first or 1)

@@ -103,7 +103,7 @@ def test_one_compilation_serves_every_table() -> None:
         sampler.errors_at(layout, "exact", fixed)
         sampler.errors(layout, "exact", np.uint64(3), np.uint64(5), np.int32(7))
         plan = Plan(np.zeros(8), np.ones(8), (Specification("position.x", 1.0, 0.5),))
-        sampler.accumulate(layout, plan, "exact", np.int64(1), np.int64(0), np.uint8(1), samples=np.int32(20))
+        sampler.observe_blocks(layout, plan, "exact", np.int64(1), np.int64(0), np.uint8(1), samples=np.int32(20))
     sampler.warm_up()
     assert sampler.is_compiled()
     if not INTERPRETED:

@@ -17,7 +17,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import workers as executors
 from precision_pin.sampling.blocks import Work, packages
-from precision_pin.sampling.schedule import Sampling
+from precision_pin.sampling.one_pose import Sampling
 from precision_pin.statistics import Plan, Specification, State, start
 
 SAMPLES = 17 * BLOCK + 1234
@@ -41,7 +41,7 @@ def sampled(
 
 def in_one_go(work: Work) -> State:
     """Return the state by the kernel's own loop over all blocks, without tasks."""
-    return sampler.accumulate(work.layout, work.plan, work.model, work.seed, 0, work.blocks, samples=work.samples)
+    return work.observe(0, work.blocks).add_to(start(work.plan))
 
 
 def assert_same_bits(first: State, second: State) -> None:

@@ -20,9 +20,8 @@ import precision_pin as pp
 from precision_pin.base.errors import InputError, OutputError
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling import journal as journal_module
-from precision_pin.sampling.checkpoint import SAMPLES, packed, unpacked
-from precision_pin.sampling.journal import MAGIC, differences, digest, identity, opened
-from precision_pin.sampling.schedule import Sampling
+from precision_pin.sampling.journal import MAGIC, SAMPLES, differences, digest, identity, opened, packed, unpacked
+from precision_pin.sampling.one_pose import Sampling
 from precision_pin.sampling.workers import Foreign
 from precision_pin.statistics import State, start
 from precision_pin.statistics.accumulate import LARGEST

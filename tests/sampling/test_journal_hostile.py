@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 
 from precision_pin.base.errors import InputError
-from precision_pin.sampling.checkpoint import SAMPLES, packed, unpacked
-from precision_pin.sampling.journal import MAGIC
+from precision_pin.sampling.journal import MAGIC, SAMPLES, packed, unpacked
 from sampling.cases import assert_same_bits
 from sampling.test_journal import EMPTY, IDENTITY, STATES, state_in
 

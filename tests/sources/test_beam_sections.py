@@ -13,8 +13,7 @@ from precision_pin.draws.laws import Fixed, Normal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.beam import Beam
-from precision_pin.sources.cross_sections import MATERIALS, Section, box, rod, tube
-from precision_pin.sources.profiles import Segment
+from precision_pin.sources.profiles import MATERIALS, Section, Segment, box, rod, tube
 from support.beam_elements import torsion_constant
 from support.checks.common import evaluated, one_link
 

@@ -6,19 +6,9 @@ import numpy as np
 import pytest
 
 from precision_pin.base.errors import InputError, InternalError, UnknownNameError
-from precision_pin.statistics import (
-    COLUMNS,
-    LARGEST,
-    QUANTITIES,
-    Plan,
-    Specification,
-    finish,
-    merge,
-    observe,
-    quantity_values,
-    start,
-)
-from precision_pin.statistics.accumulate import lane_sums
+from precision_pin.statistics import QUANTITIES, Plan, Specification, finish, observe, quantity_values, start
+from precision_pin.statistics.accumulate import LARGEST, lane_sums, merge
+from precision_pin.statistics.sketch import COLUMNS
 
 SPECIFICATIONS = (
     Specification("position.norm", 1.5e-3, 0.5),

@@ -8,7 +8,8 @@ import pytest
 from scipy.special import gammaincinv
 
 from precision_pin.base.errors import UnknownNameError
-from precision_pin.statistics import Plan, Specification, finish, format_supported, observe, significant_digits, start
+from precision_pin.statistics import Plan, Specification, finish, observe, start
+from precision_pin.statistics.digits import format_supported, significant_digits
 from precision_pin.statistics.verdicts import SpecificationResult, capability_index
 
 # norm of an isotropic 3-D normal vector, σ = 1 (chi law with three degrees of freedom)

@@ -7,18 +7,9 @@ import numpy as np
 import pytest
 
 from precision_pin.base.errors import InputError
-from precision_pin.statistics import (
-    Plan,
-    Specification,
-    clopper_pearson,
-    finish,
-    observe,
-    quantile_coverage,
-    quantile_ranks,
-    start,
-    tolerance_ranks,
-    upper_bound_rank,
-)
+from precision_pin.statistics import Plan, Specification, clopper_pearson, finish, observe, quantile_ranks, start
+from precision_pin.statistics.intervals import tolerance_ranks, upper_bound_rank
+from support.sampling_checks import quantile_coverage
 
 
 def at_most(k: int, samples: int, p: Fraction) -> Fraction:

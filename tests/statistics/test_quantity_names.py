@@ -9,8 +9,9 @@ import precision_pin as pp
 from precision_pin.analyses.budget.budget import check_quantities
 from precision_pin.render.tables import symbol
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.statistics import QUANTITIES, Specification, quantity_name
+from precision_pin.statistics import QUANTITIES, Specification
 from precision_pin.statistics.precision import target
+from precision_pin.statistics.quantities import quantity_name
 
 MODEL = pp.ErrorModel.load(PAPER_SHEET)
 NAMES = {

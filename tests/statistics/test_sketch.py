@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from precision_pin.statistics import BINS, COLUMNS, Plan, finish, observe, sketch_columns, sketch_edges, start
+from precision_pin.statistics import Plan, finish, observe, start
+from precision_pin.statistics.sketch import BINS, COLUMNS, sketch_columns, sketch_edges
 
 
 def column_by_logarithm(value: float) -> int:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_items, check_number, check_numbers, check_text, shown
-from precision_pin.base.array_checks import fix_fields, returns_read_only
+from precision_pin.base.array_checks import ReadOnly, returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws import lazy_special
@@ -172,7 +172,7 @@ class Correlation:
 
 @final
 @dataclass(frozen=True, eq=False)
-class BlockCovariance:
+class BlockCovariance(ReadOnly):
     """Covariance of d numbers, most of which are independent of one another.
 
     Attributes:
@@ -183,9 +183,6 @@ class BlockCovariance:
 
     variances: Array
     blocks: tuple[tuple[NDArray[np.intp], Array], ...]
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def dense(self) -> Array:
@@ -201,13 +198,11 @@ class BlockCovariance:
 
     def between(self, one: Array, other: Array) -> Array:
         """Return the covariance ``(p, q)`` of linear combinations with slopes ``(p, d)`` and ``(q, d)``."""
-        result: Array = one @ self.times(other.T)
-        return result
+        return one @ self.times(other.T)
 
     def variances_of(self, slopes: Array) -> Array:
         """Return the variances ``(p,)`` of linear combinations with slopes ``(p, d)``."""
-        result: Array = np.einsum("ij,ji->i", slopes, self.times(slopes.T))
-        return result
+        return np.einsum("ij,ji->i", slopes, self.times(slopes.T))
 
     def within(self, columns: ArrayLike) -> Array:
         """Return the covariance ``(n, n)`` of n of the numbers."""

@@ -38,13 +38,8 @@ def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
     """
     check_whole("the pose", pose, 0, MOST_POSES - 1)
     check_whole("the visit", visit, 0, MOST_VISITS - 1)
-    match scope:
-        case Scope.UNIT:
-            return 0
-        case Scope.POSE:
-            return (pose + 1) * 4096
-        case Scope.VISIT:
-            return (pose + 1) * 4096 + visit + 1
+    first = (pose + 1) * 4096
+    return {Scope.UNIT: 0, Scope.POSE: first, Scope.VISIT: first + visit + 1}[scope]
 
 
 @final

@@ -77,7 +77,10 @@ class Estimates:
         normal = JointNormal(tuple(map(tuple, ((matrix + matrix.T) / 2).tolist())), tuple(centre.tolist()))
         kept = [draw for draw in space.draws if draw.name not in touched]
         law = _clip(normal, [bounds_of(draw.law, k) for draw in members for k in range(draw.law.size)])
-        name = _free_name({name for draw in space.draws for name in (draw.name, *draw.components)})
+        taken = {name for draw in space.draws for name in (draw.name, *draw.components)}
+        name = "calibrated"
+        while name in taken:
+            name += "_"
         others = tuple(one for one in space.correlations if not touched & set(one.names))
         return Space((Draw(name, law, names=tuple(wanted)), *kept), others)
 
@@ -160,10 +163,3 @@ def _clip(normal: JointNormal, bounds: Sequence[tuple[float, float]]) -> Law:
             low, high = (low / 2 if low >= 0 else -np.inf), (high / 2 if high <= 0 else np.inf)
         reached.append((low if first < low else -np.inf, high if last > high else np.inf))
     return dataclasses.replace(normal, bounds=tuple(reached)) if np.isfinite(reached).any() else normal
-
-
-def _free_name(taken: set[str]) -> str:
-    name = "calibrated"
-    while name in taken:
-        name += "_"
-    return name

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Final, final
@@ -143,6 +143,19 @@ class Operation(Expression):
         return Operation, (self.operator, self.arguments)
 
 
+_RESULTS: Final[Mapping[Operator, Callable[[Array, Array], Array]]] = {
+    Operator.ADD: np.add,
+    Operator.SUBTRACT: np.subtract,
+    Operator.MULTIPLY: np.multiply,
+    Operator.DIVIDE: np.divide,
+    Operator.POWER: np.power,
+    Operator.SQRT: lambda a, _: np.sqrt(a),
+    Operator.SIN: lambda a, _: np.sin(a),
+    Operator.COS: lambda a, _: np.cos(a),
+    Operator.SIGN: lambda a, _: np.where(a >= 0, 1.0, -1.0),
+}
+
+
 Value = Expression | float
 """The value of a source's setting: a plain number, or an expression where it is random."""
 
@@ -205,8 +218,7 @@ class Program:
                     f"a parameter's formula takes {parameter.depth} operations or more, "
                     f"at most {MOST_OPERATIONS} are allowed"
                 )
-            own: dict[Expression, None] = {}
-            _collect(parameter, own)
+            own = _parts(parameter)
             count = _count(own)
             if count > MOST_OPERATIONS:
                 raise InputError(
@@ -266,7 +278,7 @@ class Program:
         for operator, left, right in self.operations:
             with np.errstate(divide="raise", invalid="raise", over="raise"):
                 try:
-                    values.append(_apply(operator, values[left], values[right]))
+                    values.append(_RESULTS[operator](values[left], values[right]))
                 except FloatingPointError as error:
                     raise InputError(
                         f"a parameter's formula fails for some sample ({error}); "
@@ -277,32 +289,23 @@ class Program:
 
 def component_names(expression: Expression) -> set[str]:
     """Return the names of the components in an expression."""
-    parts: dict[Expression, None] = {}
-    _collect(expression, parts)
-    return {part.name for part in parts if isinstance(part, Component)}
+    return {part.name for part in _parts(expression) if isinstance(part, Component)}
 
 
 def operations(expression: Expression) -> int:
     """Return the number of operations in an expression; a part that is used twice counts once."""
-    parts: dict[Expression, None] = {}
-    _collect(expression, parts)
-    return _count(parts)
+    return _count(_parts(expression))
 
 
 def signs_of(expressions: Sequence[Expression]) -> list[Expression]:
     """Return every sign in some expressions, each once."""
-    parts: dict[Expression, None] = {}
-    for expression in expressions:
-        _collect(expression, parts)
-    return [part for part in parts if _is_sign(part)]
+    return [part for part in _parts(*expressions) if _is_sign(part)]
 
 
 def fix_signs(expression: Expression, values: Mapping[Expression, float]) -> Expression:
     """Return an expression with its signs replaced by numbers."""
-    parts: dict[Expression, None] = {}
-    _collect(expression, parts)
     fixed: dict[Expression, Expression] = {}
-    for part in parts:
+    for part in _parts(expression):
         if _is_sign(part):
             fixed[part] = Constant(values[part])
         elif isinstance(part, Operation):
@@ -320,6 +323,14 @@ def _count(parts: Mapping[Expression, None]) -> int:
     return sum(isinstance(part, Operation) for part in parts)
 
 
+def _parts(*expressions: Expression) -> dict[Expression, None]:
+    """Return expressions and all their parts, each once."""
+    found: dict[Expression, None] = {}
+    for expression in expressions:
+        _collect(expression, found)
+    return found
+
+
 def _collect(expression: Expression, found: dict[Expression, None]) -> None:
     """Add an expression and its parts, arguments before what uses them."""
     if expression in found:
@@ -328,32 +339,6 @@ def _collect(expression: Expression, found: dict[Expression, None]) -> None:
         for argument in expression.arguments:
             _collect(argument, found)
     found[expression] = None
-
-
-def _apply(operator: Operator, a: Array, b: Array) -> Array:
-    match operator:
-        case Operator.ADD:
-            return a + b
-        case Operator.SUBTRACT:
-            return a - b
-        case Operator.MULTIPLY:
-            return a * b
-        case Operator.DIVIDE:
-            return a / b
-        case Operator.POWER:
-            powered: Array = np.power(a, b)
-            return powered
-        case Operator.SQRT:
-            root: Array = np.sqrt(a)
-            return root
-        case Operator.SIN:
-            sine: Array = np.sin(a)
-            return sine
-        case Operator.COS:
-            cosine: Array = np.cos(a)
-            return cosine
-        case Operator.SIGN:
-            return np.where(a >= 0, 1.0, -1.0)
 
 
 def _slopes(operator: Operator, a: float, b: float, result: float, da: Slopes, db: Slopes) -> Slopes:

@@ -90,8 +90,7 @@ def uniforms(seed: int, stream: int | Sequence[int], occasion: int, first_pair: 
     words = philox4x32(counter, (seed & 0xFFFFFFFF, seed >> 32))
     bits = np.array([words[0] | (words[1] << _HALF), words[2] | (words[3] << _HALF)])
     whole = (bits >> np.uint64(12)).astype(np.float64)
-    result: NDArray[np.float64] = (2 * whole + 1) * 2.0**-53
-    return result
+    return (2 * whole + 1) * 2.0**-53
 
 
 def direction(turns: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -100,10 +99,9 @@ def direction(turns: NDArray[np.float64]) -> NDArray[np.float64]:
     angle = 2 * np.pi * (turns - quarters / 4)
     cosine, sine = np.cos(angle), np.sin(angle)
     which = quarters.astype(int) % 4
-    result: NDArray[np.float64] = np.array(
+    return np.array(
         [np.choose(which, [cosine, -sine, -cosine, sine]), np.choose(which, [sine, cosine, -sine, -cosine])]
     )
-    return result
 
 
 @final

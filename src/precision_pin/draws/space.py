@@ -16,13 +16,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.base.arguments import (
-    check_items,
-    check_name,
-    check_number,
-    check_numbers,
-    check_whole,
-)
+from precision_pin.base.arguments import check_items, check_name, check_number, check_numbers, check_whole
 from precision_pin.base.array_checks import returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
@@ -118,7 +112,8 @@ class Space:
             blocks.append((columns, matrix))
         return BlockCovariance(variances, tuple(blocks))
 
-    @property
+    @cached_property
+    @returns_read_only
     def covariance(self) -> Array:
         """Covariance of the components, ``(d, d)``.
 
@@ -126,11 +121,6 @@ class Space:
             InputError: The matrix would not fit into memory.
         """
         self._check_matrix_memory("covariance")
-        return self._covariance
-
-    @cached_property
-    @returns_read_only
-    def _covariance(self) -> Array:
         return self.block_covariance.dense
 
     @cached_property

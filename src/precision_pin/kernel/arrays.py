@@ -523,15 +523,13 @@ class _Entries:
 
 
 def _stack(tables: Sequence[TermTable], name: str) -> Array:
-    stacked: Array = np.stack([getattr(table, name) for table in tables])
-    return stacked
+    return np.stack([getattr(table, name) for table in tables])
 
 
 def _rotate(rotation: Array, vector: Array) -> Array:
     """Return rotations ``(…, 3, 3)`` times vectors ``(…, 3)``."""
     parts = rotation * vector[..., None, :]
-    result: Array = parts[..., 0] + parts[..., 1] + parts[..., 2]
-    return result
+    return parts[..., 0] + parts[..., 1] + parts[..., 2]
 
 
 def _drop_rounding(vector: Array) -> Array:

@@ -199,9 +199,8 @@ _LONG_SINC = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(11, -1, 
 _LONG_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(20, -1, -1))
 
 # constants of other files are repeated here, not imported, because numba would not notice a change; a test compares them
-_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS, _SIGNUM = range(
-    9
-)  # precision_pin.draws.expressions.Operator
+# precision_pin.draws.expressions.Operator
+_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS, _SIGNUM = range(9)
 _SHIFT, _OFFSET, _BINS = 43, 1011 << 9, 10_241  # precision_pin.statistics.sketch
 _FARTHEST = 8.6  # precision_pin.draws.laws.FARTHEST_NORMAL
 
@@ -1382,14 +1381,8 @@ def _add_products(s: Array) -> None:
     # 64 samples at a time: the 23 sums of a lane are read and written once for four samples
     for begin in range(_ZERO, _TILE, _U(4 * LANES)):
         for lane in range(_LANE):
-            xx, xy, xz, xa, xb, xc = (
-                s[_P0 + lane],
-                s[_P1 + lane],
-                s[_P2 + lane],
-                s[_P3 + lane],
-                s[_P4 + lane],
-                s[_P5 + lane],
-            )
+            xx, xy, xz = s[_P0 + lane], s[_P1 + lane], s[_P2 + lane]
+            xa, xb, xc = s[_P3 + lane], s[_P4 + lane], s[_P5 + lane]
             yy, yz, ya, yb, yc = s[_P6 + lane], s[_P7 + lane], s[_P8 + lane], s[_P9 + lane], s[_P10 + lane]
             zz, za, zb, zc = s[_P11 + lane], s[_P12 + lane], s[_P13 + lane], s[_P14 + lane]
             aa, ab, ac = s[_P15 + lane], s[_P16 + lane], s[_P17 + lane]
@@ -1407,14 +1400,8 @@ def _add_products(s: Array) -> None:
                 bb, bc = bb + b * b, bc + b * c
                 cc = cc + c * c
                 dd, tt = dd + d * d, tt + t * t
-            s[_P0 + lane], s[_P1 + lane], s[_P2 + lane], s[_P3 + lane], s[_P4 + lane], s[_P5 + lane] = (
-                xx,
-                xy,
-                xz,
-                xa,
-                xb,
-                xc,
-            )
+            s[_P0 + lane], s[_P1 + lane], s[_P2 + lane] = xx, xy, xz
+            s[_P3 + lane], s[_P4 + lane], s[_P5 + lane] = xa, xb, xc
             s[_P6 + lane], s[_P7 + lane], s[_P8 + lane], s[_P9 + lane], s[_P10 + lane] = yy, yz, ya, yb, yc
             s[_P11 + lane], s[_P12 + lane], s[_P13 + lane], s[_P14 + lane] = zz, za, zb, zc
             s[_P15 + lane], s[_P16 + lane], s[_P17 + lane] = aa, ab, ac
@@ -1609,7 +1596,7 @@ def run_poses(
     s: Array,
     bins: Bins,
     products: Offsets,
-    workspaces: Array,
+    w: Array,
     lanes: Array,
     unit_draws: Draws,
     draws: Draws,
@@ -1628,20 +1615,16 @@ def run_poses(
     inverse_scale: Array,
     limit_rows: Offsets,
     limits: Array,
-    norms_only: bool,
     sums: Array,
     lowest: Array,
     highest: Array,
     sketch: NDArray[np.uint32],
     inside: NDArray[np.int64],
-    largest: Array,
-    largest_units: NDArray[np.int64],
 ) -> tuple[Scalar, Scalar, Scalar]:
     """Sample P poses tile by tile, with the draws of unit scope shared by all poses.
 
     Args:
-        s, bins, products, workspaces: Work arrays as in `run`; the last is ``(T, rows)`` for the tiles that are
-            processed together, T ≤ `HELD`.
+        s, bins, products, w: Work arrays as in `run`.
         lanes: ``(P, LANE_DOUBLES)`` work array.
         unit_draws, unit_formulas, unit_words: Draws and formulas evaluated once for a tile.
         draws, formulas, words: Draws and formulas evaluated at every pose; ``words`` is ``(P, streams)``.
@@ -1651,40 +1634,33 @@ def run_poses(
         seed, first, count: As in `run`.
         centre, inverse_scale: ``(P, 8)`` centres and reciprocals of the scales.
         limit_rows, limits: ``(S,)`` quantities and their limits.
-        norms_only: Fill the small sketches of the two norms instead of the large ones of all quantities, and no largest
-            errors.
-        sums, lowest, highest, sketch, inside, largest, largest_units: As in `run`, with a first axis of length P.
+        sums, lowest, highest, sketch, inside: As in `run`, with a first axis of length P; the sketches are the small
+            ones of the two norms.
 
     Returns:
         Reason for stopping, 0 if the run is complete, the pose and the sample.
     """
     # variables, because literal constants are other types to numba, for which it would compile the callees again
     nobody, sampled = np.int64(0), count > 0
-    together = workspaces.shape[0]
-    for t in range(together):
-        w = workspaces[t]
-        for row in range(unit_draws.fixed_rows.size):
-            for i in range(_TILE):
-                w[unit_draws.fixed_rows[row] + i] = unit_draws.fixed_values[row]
+    for row in range(unit_draws.fixed_rows.size):
+        for i in range(_TILE):
+            w[unit_draws.fixed_rows[row] + i] = unit_draws.fixed_values[row]
     _clear(s, _X0)
     poses = centre.shape[0]
     for pose in range(poses):
         _empty_lanes(s, lowest[pose], highest[pose])
         _keep_lanes(s, lanes[pose])
     tiles = (count + TILE - 1) // TILE
-    for begin in range(0, tiles, together):
-        end = begin + together if begin + together < tiles else tiles
-        for tile in range(begin, end):
-            w = workspaces[tile - begin]
-            pair = (first >> _ONE) + _U(tile) * _PAIRS
-            uniforms(w, unit_draws.stream_rows, unit_draws.streams, unit_words, seed, pair, products)
-            apply_laws(w, unit_draws, rare)
-            if _derive(w, unit_formulas):
-                size = TILE if count - tile * TILE > TILE else count - tile * TILE
-                sample = _failed_formula(w, unit_formulas, 0, size, True)
-                if sample >= 0:
-                    return FORMULA, 0, tile * TILE + sample
-        # outer loop over poses, inner loop over tiles: the arrays and the sketch of a pose stay in the cache
+    for tile in range(tiles):
+        begin = tile * TILE
+        size = TILE if count - begin > TILE else count - begin
+        pair = (first >> _ONE) + _U(tile) * _PAIRS
+        uniforms(w, unit_draws.stream_rows, unit_draws.streams, unit_words, seed, pair, products)
+        apply_laws(w, unit_draws, rare)
+        if _derive(w, unit_formulas):
+            sample = _failed_formula(w, unit_formulas, 0, size, True)
+            if sample >= 0:
+                return FORMULA, 0, begin + sample
         for pose in range(poses):
             at = Motions(
                 motions.shift_starts[pose],
@@ -1697,44 +1673,33 @@ def run_poses(
                 motions.series[pose],
             )
             counting = Counting(centre[pose], inverse_scale[pose], limit_rows, limits)
-            own_lanes, own_sketch, own_inside = lanes[pose], sketch[pose], inside[pose]
-            for tile in range(begin, end):
-                w = workspaces[tile - begin]
-                size = TILE if count - tile * TILE > TILE else count - tile * TILE
-                if draws.stream_rows.size:
-                    pair = (first >> _ONE) + _U(tile) * _PAIRS
-                    uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair, products)
-                    apply_laws(w, draws, rare)
-                if _derive(w, formulas):
-                    sample = _failed_formula(w, formulas, 0, size, True)
-                    if sample >= 0:
-                        return FORMULA, pose, tile * TILE + sample
-                if linear is not None:
-                    _superpose(s, w, superposition, _U(pose))
-                else:
-                    sample = _displace(s, w, at, nobody, size, sampled)
-                    if sample >= 0:
-                        return ANGLE, pose, tile * TILE + sample
-                # restore the pose's sums after its preceding tile
-                for k in range(_U(LANE_DOUBLES)):
-                    s[_LANES + k] = own_lanes[k]
-                if _measure(s, counting.centre, size):
-                    sample = _not_finite(s, 0, size, True)
-                    if sample >= 0:
-                        return NOT_FINITE, pose, tile * TILE + sample
-                if not norms_only:
-                    _keep_largest(s, size, first + _U(tile * TILE), largest[pose], largest_units[pose])
-                _count_inside(s, size, counting, own_inside)
-                _add_products(s)
-                if norms_only:
-                    _sketch_norms(s, bins, size, counting.inverse_scale, own_sketch)
-                else:
-                    _find_bins(s, bins, tile - begin, counting.inverse_scale)
-                    if tile == end - 1:
-                        _count_all_bins(bins, end - begin, size, own_sketch)
-                if (tile + 1) * TILE % ATOM == 0 or tile == tiles - 1:
-                    _fold(s, sums[pose, tile * TILE // ATOM])
-                _keep_lanes(s, own_lanes)
+            own_lanes = lanes[pose]
+            if draws.stream_rows.size:
+                uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair, products)
+                apply_laws(w, draws, rare)
+            if _derive(w, formulas):
+                sample = _failed_formula(w, formulas, 0, size, True)
+                if sample >= 0:
+                    return FORMULA, pose, begin + sample
+            if linear is not None:
+                _superpose(s, w, superposition, _U(pose))
+            else:
+                sample = _displace(s, w, at, nobody, size, sampled)
+                if sample >= 0:
+                    return ANGLE, pose, begin + sample
+            # restore the pose's sums after its preceding tile
+            for k in range(_U(LANE_DOUBLES)):
+                s[_LANES + k] = own_lanes[k]
+            if _measure(s, counting.centre, size):
+                sample = _not_finite(s, 0, size, True)
+                if sample >= 0:
+                    return NOT_FINITE, pose, begin + sample
+            _count_inside(s, size, counting, inside[pose])
+            _add_products(s)
+            _sketch_norms(s, bins, size, counting.inverse_scale, sketch[pose])
+            if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
+                _fold(s, sums[pose, begin // ATOM])
+            _keep_lanes(s, own_lanes)
     for pose in range(poses):
         for k in range(_U(LANE_DOUBLES)):
             s[_LANES + k] = lanes[pose, k]

@@ -3,9 +3,8 @@
 A unit's draws of unit scope are the same at every pose; those of pose and visit scope are drawn at each pose. The cost of
 the shared draws does not grow with the number of poses.
 
-`observe_poses` returns the statistics of :func:`precision_pin.kernel.sampler.observe_blocks` at each pose, with the same
-bits. `observe_norms` keeps only the statistics for a map, in 4 kB per pose instead of 656: the moments of all six
-components, counts inside specifications, and a small sketch of |d| and |δ|.
+`observe_norms` keeps only the statistics for a map, in 4 kB per pose instead of the 656 of one pose alone: the moments of all
+six components, counts inside specifications, and a small sketch of |d| and |δ|.
 
 The small sketch is that of :mod:`precision_pin.statistics.sketch` with 32 bins per octave, from 1/16 to 16 of the planned
 spread on each side of the planned mean (`norm_edges`). With v the distance from the mean in units of the spread, the bin
@@ -31,33 +30,9 @@ from precision_pin.draws.draw import Scope, occasion
 from precision_pin.draws.space import check_seed
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import BESIDE, SamplerArrays, empty_table
-from precision_pin.kernel.loops import (
-    HELD,
-    LANE_DOUBLES,
-    LINEAR,
-    NORM_COLUMNS,
-    NORM_EXPONENTS,
-    NORM_MANTISSA,
-    SUMS,
-    Draws,
-    Formulas,
-    Motions,
-    Offsets,
-    Superposition,
-    Wanted,
-)
 from precision_pin.kernel.parts import compile_parts
-from precision_pin.kernel.sampler import (
-    BLOCK,
-    REASONS,
-    Blocks,
-    Model,
-    allocate_rows,
-    allocate_scratch,
-    check_blocks,
-    stage_of,
-)
-from precision_pin.statistics import COLUMNS, LARGEST, NORMS, Plan
+from precision_pin.kernel.sampler import BLOCK, REASONS, Model, allocate_rows, allocate_scratch, check_blocks, stage_of
+from precision_pin.statistics import NORMS, Plan
 
 
 @final
@@ -75,13 +50,13 @@ class JoinedTables:
     """
 
     layouts: tuple[SamplerArrays, ...]
-    unit_draws: Draws
-    unit_formulas: Formulas
-    draws: Draws
-    formulas: Formulas
+    unit_draws: loops.Draws
+    unit_formulas: loops.Formulas
+    draws: loops.Draws
+    formulas: loops.Formulas
     scopes: tuple[Scope, ...]
-    superposition: Superposition
-    motions: Motions
+    superposition: loops.Superposition
+    motions: loops.Motions
 
     @classmethod
     def of(cls, layouts: Sequence[SamplerArrays]) -> JoinedTables:
@@ -109,7 +84,7 @@ class JoinedTables:
             motions=_join_motions(layouts),
         )
 
-    def words(self, first_pose: int, visit: int) -> Offsets:
+    def words(self, first_pose: int, visit: int) -> loops.Offsets:
         """Return the last counter word of every stream of ``draws`` at every pose, ``(P, streams)``."""
         poses = range(first_pose, first_pose + len(self.layouts))
         occasions = {scope: [occasion(scope, pose, visit) for pose in poses] for scope in dict.fromkeys(self.scopes)}
@@ -133,7 +108,7 @@ def is_alike(one: SamplerArrays, other: SamplerArrays) -> bool:
 # draws and formulas by scope -----------------------------------------------------------------------------------------
 
 
-def _find_varying(layout: SamplerArrays) -> Offsets:
+def _find_varying(layout: SamplerArrays) -> loops.Offsets:
     """Return the rows that differ between poses: draws of pose and visit scope, and results computed from them."""
     space = layout.space
     found = {
@@ -156,12 +131,12 @@ def _find_varying(layout: SamplerArrays) -> Offsets:
     return np.array(sorted(found), dtype=np.uint64)
 
 
-def _all_rows(draws: Draws) -> Offsets:
+def _all_rows(draws: loops.Draws) -> loops.Offsets:
     rows = [getattr(draws, name) for name in draws._fields if name.endswith("_rows")]
     return np.unique(np.concatenate(rows))
 
 
-def _select_draws(draws: Draws, rows: Offsets) -> Draws:
+def _select_draws(draws: loops.Draws, rows: loops.Offsets) -> loops.Draws:
     """Return the draws in the given rows."""
     kept = {name: np.isin(getattr(draws, name), rows) for name in BESIDE}
     chosen = {field: getattr(draws, field)[kept[name]] for name in BESIDE for field in (name, *BESIDE[name])}
@@ -180,30 +155,27 @@ def _select_draws(draws: Draws, rows: Offsets) -> Draws:
         "empirical_starts": line_starts,
         "empirical": lines,
     }
-    return Draws(**{name: _freeze_copy(part) for name, part in parts.items()})
+    return loops.Draws(**{name: _freeze_copy(part) for name, part in parts.items()})
 
 
-def _select_runs(starts: Offsets, values: NDArray[Any], chosen: Sequence[int]) -> tuple[Offsets, NDArray[Any]]:
+def _select_runs(
+    starts: loops.Offsets, values: NDArray[Any], chosen: Sequence[int]
+) -> tuple[loops.Offsets, NDArray[Any]]:
     """Return starts and values of the chosen ones of the runs ``values[starts[k] … starts[k + 1]]``."""
     runs = [values[int(starts[k]) : int(starts[k + 1])] for k in chosen]
     return np.cumsum([0, *map(len, runs)]).astype(np.uint64), np.concatenate([values[:0], *runs])
 
 
-def _split_formulas(formulas: Formulas, varying: Offsets) -> tuple[Formulas, Formulas]:
+def _split_formulas(formulas: loops.Formulas, varying: loops.Offsets) -> tuple[loops.Formulas, loops.Formulas]:
     """Return the formulas with the same results at every pose, and the others."""
     steps, products = np.isin(formulas.results, varying), np.isin(formulas.products, varying)
-    unit, each = (
-        Formulas(
-            operators=_freeze_copy(formulas.operators[of_steps]),
-            left=_freeze_copy(formulas.left[of_steps]),
-            right=_freeze_copy(formulas.right[of_steps]),
-            results=_freeze_copy(formulas.results[of_steps]),
-            product_factors=_freeze_copy(formulas.product_factors[of_products]),
-            products=_freeze_copy(formulas.products[of_products]),
-        )
-        for of_steps, of_products in ((~steps, ~products), (steps, products))
-    )
-    return unit, each
+
+    def part(of_steps: NDArray[np.bool_], of_products: NDArray[np.bool_]) -> loops.Formulas:
+        fields = formulas._asdict().items()
+        chosen = (values[of_products if name.startswith("product") else of_steps] for name, values in fields)
+        return loops.Formulas(*map(_freeze_copy, chosen))
+
+    return part(~steps, ~products), part(steps, products)
 
 
 def _freeze_copy(array: NDArray[Any]) -> NDArray[Any]:
@@ -216,28 +188,28 @@ def _freeze_copy(array: NDArray[Any]) -> NDArray[Any]:
 # concatenation of poses ----------------------------------------------------------------------------------------------
 
 
-def _join_entries(parts: Sequence[Superposition | Motions]) -> dict[str, NDArray[Any]]:
+def _join_entries(parts: Sequence[loops.Superposition | loops.Motions]) -> dict[str, NDArray[Any]]:
     return {
         name: _freeze_copy(np.concatenate([getattr(part, name) for part in parts]))
         for name in ("shift_rows", "shifts", "turn_rows", "turns")
     }
 
 
-def _join_superpositions(layouts: Sequence[SamplerArrays]) -> Superposition:
+def _join_superpositions(layouts: Sequence[SamplerArrays]) -> loops.Superposition:
     parts = [layout.superposition for layout in layouts]
     before = np.cumsum([(0, 0), *(part.starts[-1] for part in parts)], axis=0).astype(np.uint64)
     starts = [part.starts[:-1] + begin for part, begin in zip(parts, before[:-1], strict=True)]
-    return Superposition(**_join_entries(parts), starts=_freeze_copy(np.concatenate([*starts, before[-1:]])))
+    return loops.Superposition(**_join_entries(parts), starts=_freeze_copy(np.concatenate([*starts, before[-1:]])))
 
 
-def _join_motions(layouts: Sequence[SamplerArrays]) -> Motions:
+def _join_motions(layouts: Sequence[SamplerArrays]) -> loops.Motions:
     parts = [layout.motions for layout in layouts]
 
-    def starts(name: str, rows: str) -> Offsets:
+    def starts(name: str, rows: str) -> loops.Offsets:
         before = np.cumsum([0, *(getattr(part, rows).size for part in parts[:-1])]).astype(np.uint64)
         return np.stack([getattr(part, name) for part in parts]) + before[:, None]
 
-    return Motions(
+    return loops.Motions(
         **_join_entries(parts),
         shift_starts=_freeze_copy(starts("shift_starts", "shift_rows")),
         turn_starts=_freeze_copy(starts("turn_starts", "turn_rows")),
@@ -273,42 +245,10 @@ class NormBlocks:
 
 def norm_edges() -> Array:
     """Return the 515 ascending edges of the small sketch, in units of the planned spread from the planned mean."""
-    first, last = ((1023 + exponent) << NORM_MANTISSA for exponent in NORM_EXPONENTS)
-    magnitude = (np.arange(first, last + 1, dtype=np.int64) << (52 - NORM_MANTISSA)).view(np.float64)
+    first, last = ((1023 + exponent) << loops.NORM_MANTISSA for exponent in loops.NORM_EXPONENTS)
+    magnitude = (np.arange(first, last + 1, dtype=np.int64) << (52 - loops.NORM_MANTISSA)).view(np.float64)
     edges = np.concatenate(([0.0], magnitude[:-1], [np.inf]))
-    result: Array = np.concatenate((-edges[::-1], edges[1:]))
-    return result
-
-
-def observe_poses(
-    tables: Sequence[SamplerArrays] | JoinedTables,
-    plans: Sequence[Plan],
-    model: Model,
-    seed: int,
-    first_block: int,
-    blocks: int,
-    *,
-    samples: int | None = None,
-    first_pose: int = 0,
-    visit: int = 0,
-) -> list[Blocks]:
-    """Return the statistics of blocks at P poses, as :func:`precision_pin.kernel.sampler.observe_blocks` at each."""
-    units = _Units(seed, *check_blocks(first_block, blocks, samples), first_pose, visit)
-    counts = _run(tables, plans, model, units, 8 * COLUMNS, LARGEST, tiles=HELD)
-    return [
-        Blocks(
-            count=units.count,
-            lowest=counts.lowest[pose],
-            highest=counts.highest[pose],
-            sums=counts.sums[pose],
-            sketch=counts.sketch[pose].reshape(8, COLUMNS),
-            inside=counts.inside[pose],
-            largest=counts.largest[pose],
-            largest_units=counts.largest_units[pose],
-            errors=None,
-        )
-        for pose in range(len(plans))
-    ]
+    return np.concatenate((-edges[::-1], edges[1:]))
 
 
 def observe_norms(
@@ -325,71 +265,12 @@ def observe_norms(
 ) -> NormBlocks:
     """Return the sums and small sketches of blocks at P poses; release Python's global lock.
 
-    Parameters and errors as in `observe_poses`. Only the scales of the norms are used.
+    Sums and counts have the bits of :func:`precision_pin.kernel.sampler.observe_blocks` at each pose. Only the scales of the
+    norms are used.
     """
-    units = _Units(seed, *check_blocks(first_block, blocks, samples), first_pose, visit)
-    counts = _run(tables, plans, model, units, 2 * NORM_COLUMNS, 0, tiles=1)
-    return NormBlocks(
-        count=units.count,
-        lowest=counts.lowest[:, NORMS],
-        highest=counts.highest[:, NORMS],
-        sums=counts.sums,
-        sketch=counts.sketch.reshape(-1, 2, NORM_COLUMNS),
-        inside=counts.inside,
-    )
-
-
-def warm_up(rare: Wanted = None, linear: Wanted = None) -> None:
-    """Compile a variant of the loops over poses, or load it from numba's cache; the first sampling does so by itself."""
-    plan = Plan(np.zeros(8), np.ones(8), ())
-    observe_norms([empty_table(rare)], [plan], "linear" if linear else "exact", 0, 0, 1, samples=1)
-
-
-# private -------------------------------------------------------------------------------------------------------------
-
-
-@final
-@dataclass(frozen=True)
-class _Units:
-    """Range of units, with the first pose and the visit."""
-
-    seed: int
-    first: int
-    count: int
-    first_pose: int
-    visit: int
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Counts:
-    """Arrays that the loops fill; the first axis of each is the pose."""
-
-    sums: Array
-    lowest: Array
-    highest: Array
-    sketch: NDArray[np.uint32]
-    inside: NDArray[np.int64]
-    largest: Array
-    largest_units: NDArray[np.int64]
-
-
-def _run(
-    tables: Sequence[SamplerArrays] | JoinedTables,
-    plans: Sequence[Plan],
-    model: Model,
-    units: _Units,
-    columns: int,
-    largest: int,
-    *,
-    tiles: int,
-) -> _Counts:
-    """Run the compiled loops over the poses; raise an error where they stop.
-
-    With `largest` 0 the small sketches of the norms are filled, and no largest errors are kept.
-    """
-    check_seed(units.seed)
-    linear: Wanted = True if stage_of(model) == LINEAR else None
+    first, count = check_blocks(first_block, blocks, samples)
+    check_seed(seed)
+    linear: loops.Wanted = True if stage_of(model) == loops.LINEAR else None
     joined = tables if isinstance(tables, JoinedTables) else JoinedTables.of(tables)
     poses = len(joined.layouts)
     if len(plans) != poses:
@@ -397,20 +278,15 @@ def _run(
     specifications = plans[0].specifications
     if any(plan.specifications != specifications for plan in plans):
         raise InputError("the plans of poses that are sampled together have different specifications")
-    counts = _Counts(
-        sums=np.zeros((poses, -(-units.count // BLOCK), SUMS)),
-        lowest=np.full((poses, 8), np.inf),
-        highest=np.full((poses, 8), -np.inf),
-        sketch=np.zeros((poses, columns), dtype=np.uint32),
-        inside=np.zeros((poses, len(specifications)), dtype=np.int64),
-        largest=np.full((poses, 2, largest), -np.inf),
-        largest_units=np.full((poses, 2, largest), -1),
-    )
-    rows, variant = joined.layouts[0].rows, (joined.layouts[0].rare, linear)
+    sums = np.zeros((poses, -(-count // BLOCK), loops.SUMS))
+    lowest, highest = np.full((poses, 8), np.inf), np.full((poses, 8), -np.inf)
+    sketch = np.zeros((poses, 2 * loops.NORM_COLUMNS), dtype=np.uint32)
+    inside = np.zeros((poses, len(specifications)), dtype=np.int64)
+    variant = (joined.layouts[0].rare, linear)
     arguments = (
         *allocate_scratch(),
-        allocate_rows(rows * tiles).reshape(tiles, -1),
-        np.empty((poses, LANE_DOUBLES)),
+        allocate_rows(joined.layouts[0].rows),
+        np.empty((poses, loops.LANE_DOUBLES)),
         joined.unit_draws,
         joined.draws,
         joined.unit_formulas,
@@ -418,26 +294,31 @@ def _run(
         joined.superposition,
         joined.motions,
         *variant,
-        np.uint64(units.seed),
+        np.uint64(seed),
         np.zeros(joined.unit_draws.streams.size, dtype=np.uint64),
-        joined.words(units.first_pose, units.visit),
-        np.uint64(units.first),
-        int(units.count),
+        joined.words(first_pose, visit),
+        np.uint64(first),
+        int(count),
         np.array([plan.centre for plan in plans]),
         np.array([1 / plan.scale for plan in plans]),
         np.array([specification.row for specification in specifications], dtype=np.uint64),
         np.array([specification.limit for specification in specifications], dtype=float),
-        largest == 0,
-        counts.sums,
-        counts.lowest,
-        counts.highest,
-        counts.sketch,
-        counts.inside,
-        counts.largest,
-        counts.largest_units,
+        sums,
+        lowest,
+        highest,
+        sketch,
+        inside,
     )
     ahead = partial(compile_parts, *variant, __name__)
     reason, pose, where = map(int, call(loops.run_poses, arguments, variant, ahead))
     if reason:
-        raise InputError(f"pose {units.first_pose + pose}, sample {units.first + where}: {REASONS[reason]}")
-    return counts
+        raise InputError(f"pose {first_pose + pose}, sample {first + where}: {REASONS[reason]}")
+    return NormBlocks(
+        count, lowest[:, NORMS], highest[:, NORMS], sums, sketch.reshape(-1, 2, loops.NORM_COLUMNS), inside
+    )
+
+
+def warm_up(rare: loops.Wanted = None, linear: loops.Wanted = None) -> None:
+    """Compile a variant of the loops over poses, or load it from numba's cache; the first sampling does so by itself."""
+    plan = Plan(np.zeros(8), np.ones(8), ())
+    observe_norms([empty_table(rare)], [plan], "linear" if linear else "exact", 0, 0, 1, samples=1)

@@ -29,29 +29,13 @@ from precision_pin.base.memory import check_memory
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import SamplerArrays, convert_table, convert_tables, empty_table, rare_laws
-from precision_pin.kernel.loops import (
-    ANGLE,
-    ATOM,
-    DRAW,
-    EXACT,
-    FORMULA,
-    HELD,
-    LINEAR,
-    NOT_FINITE,
-    SCRATCH,
-    STRIDE,
-    SUMS,
-    TILE,
-    WIDE,
-    Counting,
-    Motions,
-    Wanted,
-)
 from precision_pin.kernel.parts import compile_parts
-from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, largest_of, start
+from precision_pin.statistics import Plan, State
+from precision_pin.statistics.accumulate import LARGEST, largest_of
+from precision_pin.statistics.sketch import COLUMNS
 from precision_pin.terms.table import TermTable
 
-BLOCK: Final = ATOM
+BLOCK: Final = loops.ATOM
 """Units in a block, 16,384."""
 
 MOST_UNITS: Final = 2**63
@@ -140,13 +124,13 @@ def check_blocks(first_block: int, blocks: int, samples: int | None) -> tuple[in
 Model = Literal["exact", "linear"]
 
 _NOTHING: Final = np.zeros((0, 0))
-_STAGES: Final = {"linear": LINEAR, "exact": EXACT}
+_STAGES: Final = {"linear": loops.LINEAR, "exact": loops.EXACT}
 """Stage of the compiled loops for each model."""
 
 REASONS: Final = {
-    FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
-    ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
-    NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
+    loops.FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
+    loops.ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
+    loops.NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
 }
 """Messages for the reasons why the compiled loops stop."""
 
@@ -178,7 +162,7 @@ def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: in
     skip = _check_units(first, count)
     _check_kept(layout.space.size, count)
     kept = np.empty((layout.space.size, skip + count))
-    _run(layout, DRAW, _Units(seed, first - skip, skip, skip + count, pose, visit), components=kept)
+    _run(layout, loops.DRAW, _Units(seed, first - skip, skip, skip + count, pose, visit), components=kept)
     return kept[:, skip:]
 
 
@@ -187,7 +171,7 @@ def errors(
 ) -> Array:
     """Return the errors ``(6, count)``, ``[d; δ]`` in m and rad, base axes, of units ``first … first + count - 1``.
 
-    The bits do not depend on the range and are those that `accumulate` uses.
+    The bits do not depend on the range and are those that `observe_blocks` uses.
 
     Args:
         layout: The error model at a pose.
@@ -223,7 +207,7 @@ def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
     inside = (values >= layout.lowest[:, None]) & (values <= layout.highest[:, None])
     if not inside.all():
         # the short series are valid within the bounds of the laws only
-        series = np.full_like(motions.series, WIDE)
+        series = np.full_like(motions.series, loops.WIDE)
         series.flags.writeable = False
         motions = motions._replace(series=series)
     units = _Units(0, 0, 0, values.shape[1], 0, 0)
@@ -250,7 +234,7 @@ def observe_blocks(
         count=count,
         lowest=np.full(8, np.inf),
         highest=np.full(8, -np.inf),
-        sums=np.zeros((-(-count // BLOCK), SUMS)),
+        sums=np.zeros((-(-count // BLOCK), loops.SUMS)),
         sketch=np.zeros((8, COLUMNS), dtype=np.uint32),
         inside=np.zeros(len(plan.specifications), dtype=np.int64),
         largest=np.full((2, LARGEST), -np.inf),
@@ -269,31 +253,9 @@ def observe_blocks(
     return result
 
 
-def accumulate(
-    layout: SamplerArrays,
-    plan: Plan,
-    model: Model,
-    seed: int,
-    first_block: int,
-    blocks: int,
-    *,
-    samples: int | None = None,
-    state: State | None = None,
-    pose: int = 0,
-    visit: int = 0,
-) -> State:
-    """Return the statistics after blocks ``first_block … first_block + blocks - 1``, added to ``state``.
-
-    Parameters and errors as in `observe_blocks`, to which this function applies `Blocks.add_to`. Continuing from the
-    state of the preceding blocks gives the same bits as one call for all blocks.
-    """
-    found = observe_blocks(layout, plan, model, seed, first_block, blocks, samples=samples, pose=pose, visit=visit)
-    return found.add_to(start(plan) if state is None else state)
-
-
-def is_compiled(rare: Wanted = None, linear: Wanted = None) -> bool:
+def is_compiled(rare: loops.Wanted = None, linear: loops.Wanted = None) -> bool:
     """Return whether a variant of the loops is compiled, in this process or presumably in numba's cache."""
-    layout, stage = empty_table(rare), LINEAR if linear else EXACT
+    layout, stage = empty_table(rare), loops.LINEAR if linear else loops.EXACT
     return is_kept(loops.run, _arguments(layout, stage, _ONE_UNIT))
 
 
@@ -303,15 +265,15 @@ def stage_of(model: Model) -> int:
     return _STAGES[model]
 
 
-def variant_of(space: Space, model: Model) -> tuple[Wanted, Wanted]:
+def variant_of(space: Space, model: Model) -> tuple[loops.Wanted, loops.Wanted]:
     """Return the variant of the loops for a model of a space: whether it has rare laws, and whether it is linear."""
-    return rare_laws(space), True if stage_of(model) == LINEAR else None
+    return rare_laws(space), True if stage_of(model) == loops.LINEAR else None
 
 
-def warm_up(rare: Wanted = None, linear: Wanted = None) -> None:
+def warm_up(rare: loops.Wanted = None, linear: loops.Wanted = None) -> None:
     """Compile a variant of the loops, or load it from numba's cache; the first sampling does so by itself."""
     # one unit of a model without errors, which has the array types of every model
-    _run(empty_table(rare), LINEAR if linear else EXACT, _ONE_UNIT)
+    _run(empty_table(rare), loops.LINEAR if linear else loops.EXACT, _ONE_UNIT)
 
 
 # private -------------------------------------------------------------------------------------------------------------
@@ -343,7 +305,7 @@ def _check_units(first: int, count: int) -> int:
         raise InputError(
             f"{count!r} units from {first!r} on: both must be whole numbers, and units are numbered from 0 to 2^63 - 1"
         )
-    return int(first) % TILE
+    return int(first) % loops.TILE
 
 
 def _check_kept(rows: int, count: int) -> None:
@@ -352,14 +314,18 @@ def _check_kept(rows: int, count: int) -> None:
 
 def allocate_scratch() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
     """Return the scratch arrays of the compiled loops, the same for every model: values, bins, products."""
-    return allocate_rows(SCRATCH), np.empty(8 * (HELD + 1) * TILE, dtype=np.uint32), allocate_rows(2).view(np.uint64)
+    return (
+        allocate_rows(loops.SCRATCH),
+        np.empty(8 * (loops.HELD + 1) * loops.TILE, dtype=np.uint32),
+        allocate_rows(2).view(np.uint64),
+    )
 
 
 def allocate_rows(rows: int) -> Array:
     """Return an array for rows, aligned to 64 bytes: a vector load across two cache lines costs twice as much."""
-    longer = np.zeros(rows * STRIDE + 8)
+    longer = np.zeros(rows * loops.STRIDE + 8)
     begin = -longer.ctypes.data // 8 % 8
-    return longer[begin : begin + rows * STRIDE]
+    return longer[begin : begin + rows * loops.STRIDE]
 
 
 def _run(layout: SamplerArrays, stage: int, units: _Units, **given: Any) -> None:
@@ -370,7 +336,7 @@ def _run(layout: SamplerArrays, stage: int, units: _Units, **given: Any) -> None
     if not units.count:
         return
     # None, not False: the code of the other model is then not compiled
-    linear: Wanted = True if stage == LINEAR else None
+    linear: loops.Wanted = True if stage == loops.LINEAR else None
     ahead = partial(compile_parts, layout.rare, linear, __name__)
     reason, where = map(int, call(loops.run, arguments, (layout.rare, linear), ahead))
     if reason:
@@ -385,14 +351,14 @@ def _arguments(
     given: Array | None = None,
     components: Array = _NOTHING,
     errors: Array = _NOTHING,
-    motions: Motions | None = None,
+    motions: loops.Motions | None = None,
     plan: Plan | None = None,
     into: Blocks | None = None,
 ) -> tuple[Any, ...]:
     """Return the arguments of the compiled loops."""
     centre, scale = (np.zeros(8), np.ones(8)) if plan is None else (plan.centre, plan.scale)
     specifications = () if plan is None else plan.specifications
-    counting = Counting(
+    counting = loops.Counting(
         centre=np.array(centre),
         # inverted once, so that the loops multiply instead of dividing
         inverse_scale=1 / scale,
@@ -411,7 +377,7 @@ def _arguments(
         layout.motions if motions is None else motions,
         stage,
         layout.rare,
-        True if stage == LINEAR else None,
+        True if stage == loops.LINEAR else None,
         np.uint64(units.seed),
         layout.words(units.pose, units.visit),
         np.uint64(units.first),
@@ -421,7 +387,7 @@ def _arguments(
         components,
         errors,
         counting,
-        np.zeros((0, SUMS)) if into is None else into.sums,
+        np.zeros((0, loops.SUMS)) if into is None else into.sums,
         np.zeros(8) if into is None else into.lowest,
         np.zeros(8) if into is None else into.highest,
         np.zeros(0, dtype=np.uint32) if into is None else into.sketch.reshape(-1),

@@ -207,8 +207,7 @@ class Feedback:
         result = np.zeros((len(self.loaded), 6, len(ways)))
         rows = self._is_loaded
         np.add.at(result, self._slots[rows], self._products[rows, None, None] * term_slopes[rows])
-        slopes: Array = np.einsum("mki,kin->mn", ways, result)
-        return slopes
+        return np.einsum("mki,kin->mn", ways, result)
 
     def products(self, terms: tuple[Term, ...]) -> dict[Factors, float]:
         """Return the product of each term's factors, by the factors, for the terms at rest."""
@@ -314,8 +313,7 @@ class _Path:
     def displacements(self) -> Array:
         """Displacements of all slots, ``(2K, 6)``."""
         others = np.where(self.feedback.loaded[:, None], 0.0, self.others)
-        displacements: Array = others + np.einsum("m,mki->ki", self.moved, self.ways)
-        return displacements
+        return others + np.einsum("m,mki->ki", self.moved, self.ways)
 
     def follow_to(self, share: float, within: float) -> _Path | None:
         """Return the arm at rest under another share of its loads; None if no stable rest state is near the prediction."""

@@ -13,13 +13,7 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.arguments import (
-    check_choice,
-    check_instance,
-    check_items,
-    check_mapping,
-    check_path,
-)
+from precision_pin.base.arguments import check_choice, check_instance, check_items, check_mapping, check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
@@ -35,16 +29,7 @@ from precision_pin.robot.chain import Chain, Posture, pose_findings
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.sheet.provenance import MEASURED
-from precision_pin.terms.bound_source import (
-    BoundSource,
-    draw_owners,
-    draw_words,
-    labels,
-    load_posture,
-    own_draws,
-    terms_at_many,
-    with_quantities,
-)
+from precision_pin.terms import bound_source
 from precision_pin.terms.source import Source, fix_settings
 from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import Term, TermsOfPose
@@ -94,9 +79,9 @@ class ErrorModel:
         self.statics = statics
         self.chain = chain
         self.sources = tuple(fix_settings(source) for source in check_items("the sources", sources, Source))  # type: ignore[type-abstract]
-        self.labels = labels(self.sources)
-        drawn = space.including(own_draws(self.sources, self.labels))
-        self.space = with_quantities(drawn, self.sources, self.labels, chain)
+        self.labels = bound_source.labels(self.sources)
+        drawn = space.including(bound_source.own_draws(self.sources, self.labels))
+        self.space = bound_source.with_quantities(drawn, self.sources, self.labels, chain)
         self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
         self.origins: Mapping[str, str] = {}
@@ -165,7 +150,7 @@ class ErrorModel:
             InputError: A name is not that of a number drawn once for each robot.
         """
         space = estimates.remaining_space(self.space)
-        other = self.like(self.chain, with_quantities(space, self.sources, self.labels, self.chain))
+        other = self.like(self.chain, bound_source.with_quantities(space, self.sources, self.labels, self.chain))
         learned = dict.fromkeys(estimates.learned(self.space), MEASURED)
         other.origins = {**self.origins, **learned} if self.origins else {}
         return other
@@ -352,9 +337,9 @@ class ErrorModel:
         if self.statics == "nominal" and len(bare) > 1:
             together = Posture(self.chain, many.q, many.joint_poses, self.chain.loads)
             with suppress(InputError):  # of one pose: it is raised again when its turn comes
-                terms = terms_at_many(together, bare, self.bound_sources)
+                terms = bound_source.terms_at_many(together, bare, self.bound_sources)
                 if terms is not None:
-                    return self._models(load_posture(together, self.bound_sources), terms, bare)
+                    return self._models(bound_source.load_posture(together, self.bound_sources), terms, bare)
         return map(self._at, bare)
 
     def _models(self, posture: Posture, terms: tuple[Term, ...], bare: Sequence[Posture]) -> Iterator[PoseModel]:
@@ -372,7 +357,7 @@ class ErrorModel:
 
     def _at(self, bare: Posture) -> PoseModel:
         """Return the model at a posture with the chain's own loads."""
-        posture = load_posture(bare, self.bound_sources)
+        posture = bound_source.load_posture(bare, self.bound_sources)
         if self.statics == "nominal":
             terms = self._make_terms(posture)
         else:
@@ -380,20 +365,20 @@ class ErrorModel:
         return PoseModel(posture, self.space, self._layout_of(terms).at(posture, terms), terms)
 
     @cached_property
-    def bound_sources(self) -> tuple[BoundSource, ...]:
+    def bound_sources(self) -> tuple[bound_source.BoundSource, ...]:
         """Every source with the values of its settings."""
         pairs = zip(self.sources, self.labels, strict=True)
-        return tuple(BoundSource(source, LabelledSpace(self.space, label)) for source, label in pairs)
+        return tuple(bound_source.BoundSource(source, LabelledSpace(self.space, label)) for source, label in pairs)
 
     @cached_property
     def draw_words(self) -> tuple[str, ...]:
         """Each draw of the space in words, such as ``tilt of joint2 about z``."""
-        return draw_words(self.space, self.sources, self.labels)
+        return bound_source.draw_words(self.space, self.sources, self.labels)
 
     @cached_property
     def owners(self) -> tuple[tuple[str, ...], ...]:
         """Labels of the sources that use each draw of the space."""
-        return draw_owners(self.space, self.sources, self.labels)
+        return bound_source.draw_owners(self.space, self.sources, self.labels)
 
     def like(self, chain: Chain, space: Space) -> ErrorModel:
         """Return a model with the same sources of an arm with another target or payload, or with other laws of its numbers."""

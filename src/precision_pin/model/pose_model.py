@@ -58,8 +58,7 @@ class PoseModel:
         """
         values = self._check(x)
         moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
-        result: Array = np.einsum("kij,kjn->in", self.table.sensitivities, moved)
-        return result
+        return np.einsum("kij,kjn->in", self.table.sensitivities, moved)
 
     def exact(self, x: ArrayLike) -> Array:
         """Return the errors ``(6, N)`` of the displaced chain as a product of poses, for component values ``(d, N)``.

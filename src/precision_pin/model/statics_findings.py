@@ -197,8 +197,7 @@ def _signs(at: PoseModel) -> list[Expression]:
 
 
 def _at_means(at: PoseModel, signs: list[Expression]) -> list[float]:
-    values: list[float] = Program.compile(signs, at.space.index).evaluate(at.space.mean[:, None])[:, 0].tolist()
-    return values
+    return Program.compile(signs, at.space.index).evaluate(at.space.mean[:, None])[:, 0].tolist()
 
 
 def _with_sides(at: PoseModel, sides: dict[Expression, float]) -> PoseModel:

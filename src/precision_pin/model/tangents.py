@@ -14,7 +14,7 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin.base import se3
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import ReadOnly
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.space import Space
@@ -27,7 +27,7 @@ AT_ONCE: Final = 256
 
 @final
 @dataclass(frozen=True, eq=False)
-class Tangents:
+class Tangents(ReadOnly):
     """First-order models ``e = error + jacobian · (x - mean of x)`` at P poses.
 
     Attributes:
@@ -42,9 +42,6 @@ class Tangents:
     jacobian: Array
     arms: Array
     table: TermTable
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 def tangents(models: Iterable[PoseModel]) -> Iterator[Tangents]:
@@ -105,10 +102,7 @@ def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
     error = np.concatenate([shift, se3.log_rotation(motion[:3, :3])])
     turn = np.moveaxis(np.linalg.inv(np.moveaxis(se3.left_jacobian(error[3:]), -1, 0)), 0, -1)
     rates = np.concatenate(
-        [
-            spatial[:3] - _cross((tip + error[:3])[:, None], spatial[3:]),
-            np.einsum("ijp,jtp->itp", turn, spatial[3:]),
-        ]
+        [spatial[:3] - _cross((tip + error[:3])[:, None], spatial[3:]), np.einsum("ijp,jtp->itp", turn, spatial[3:])]
     )
     jacobian = np.zeros((6, mean.size, poses))
     for term, component, slope in entries:

@@ -124,13 +124,8 @@ def exact_findings(model: ErrorModel, values: Array, approaches: NDArray[np.int8
         low, high = 100 * own.min(), 100 * own.max()
         spread = f"{high:.3g}" if high - low < 0.05 else f"{low:.3g} to {high:.3g}"
         texts.append(f"{spread} % of the variance of the {name}")
-    over = (
-        ""
-        if poses == 1
-        else f" (over {len(chosen)} of {poses:,} poses)"
-        if len(chosen) < poses
-        else f" (over {poses} poses)"
-    )
+    of_all = f"{len(chosen)} of {poses:,}" if len(chosen) < poses else f"{poses}"
+    over = f" (over {of_all} poses)" if poses > 1 else ""
     are = "are" if len(lost.names) > 1 else "is"
     message = (
         f"{', '.join(map(visible, lost.names))} {are} taken as exact by a change of the sheet; with this went "

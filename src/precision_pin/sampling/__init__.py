@@ -31,9 +31,7 @@ _HOMES: Final = {
     "dask_cluster": "workers",
     "monte_carlo": "one_pose",
 }
-__all__ = [
-    *_HOMES,
-]
+__all__ = [*_HOMES]
 
 
 def __getattr__(name: str) -> Any:

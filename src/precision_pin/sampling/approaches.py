@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance, check_items, check_whole
-from precision_pin.base.array_checks import fix_fields, returns_read_only
+from precision_pin.base.array_checks import ReadOnly, returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.memory import check_memory
@@ -28,7 +28,7 @@ from precision_pin.robot.approach import Approach
 
 @final
 @dataclass(frozen=True, eq=False)
-class ApproachErrors:
+class ApproachErrors(ReadOnly):
     """Errors of N built robots at one pose, in n visits under each of A approaches.
 
     Attributes:
@@ -41,22 +41,17 @@ class ApproachErrors:
     errors: Array
     shifts: Array
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @cached_property
     @returns_read_only
     def barycentres(self) -> Array:
         """Mean position error of each robot's visits under each approach, m, ``(A, 3, N)``."""
-        means: Array = self.shifts.mean(axis=1)
-        return means
+        return self.shifts.mean(axis=1)
 
     @property
     def variation(self) -> Array:
         """Largest distance between the barycentres of two approaches for each robot, m, ``(N,)``: vAP of ISO 9283."""
         apart = self.barycentres[:, None] - self.barycentres[None]
-        largest: Array = np.sqrt((apart**2).sum(axis=2)).max(axis=(0, 1))
-        return largest
+        return np.sqrt((apart**2).sum(axis=2)).max(axis=(0, 1))
 
     @property
     def unidirectional(self) -> Array:
@@ -134,5 +129,4 @@ def sample_approaches(
 def _repeatability(visits: Array) -> Array:
     """Return l̄ + 3 S_l of positions ``(n, 3, N)``: l the distances from their mean, n - 1 in S_l."""
     distances = np.sqrt(((visits - visits.mean(axis=0)) ** 2).sum(axis=1))
-    result: Array = distances.mean(axis=0) + 3 * distances.std(axis=0, ddof=1)
-    return result
+    return distances.mean(axis=0) + 3 * distances.std(axis=0, ddof=1)

@@ -12,6 +12,7 @@ import io
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,33 +24,8 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.files import write_files
 from precision_pin.base.text_escape import visible
+from precision_pin.render import draw_distribution, figure_style
 from precision_pin.render.display_units import WrittenUnit
-from precision_pin.render.draw_distribution import (
-    BLACK,
-    BLUE,
-    LIMIT_COLOURS,
-    PURPLE,
-    SKY,
-    VERMILION,
-    display_unit,
-    draw_cumulative,
-    draw_histogram,
-    moments_text,
-    share_scale,
-)
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    SINGLE_COLUMN,
-    figure_of,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-    wrapped,
-)
 from precision_pin.render.tables import symbol
 from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary
 from precision_pin.statistics.verdicts import Verdict
@@ -86,7 +62,7 @@ def plot(summary: Summary, seed: int, arm: str, quantity: str, axes: Axes | None
         specifications=summary.specifications,
         axes=axes,
     )
-    return figure_of(drawn) if axes is None else drawn
+    return figure_style.figure_of(drawn) if axes is None else drawn
 
 
 def histogram(
@@ -97,22 +73,21 @@ def histogram(
     seed: int | None = None,
     specifications: Sequence[SpecificationResult] = (),
     axes: Axes | None = None,
+    draw: _Draw = draw_distribution.draw_histogram,
 ) -> Axes:
     """Draw the probability density with mean, quantiles (and their intervals) and limits marked."""
-    return _alone_or_on(axes, distribution, draw_histogram, title, unit, seed, specifications)
+    with figure_style.style():
+        own = axes if axes is not None else figure_style.new_figure(figure_style.SINGLE_COLUMN).subplots()
+        draw(own, distribution, unit or draw_distribution.display_unit(distribution), specifications)
+        if axes is not None:
+            own.set_title(title)
+            return own
+        _finish(figure_style.figure_of(own), 50.0, title, figure_style.labelled([own]), distribution, seed, columns=1)
+    return own
 
 
-def cumulative(
-    distribution: Distribution,
-    *,
-    title: str = "",
-    unit: WrittenUnit | None = None,
-    seed: int | None = None,
-    specifications: Sequence[SpecificationResult] = (),
-    axes: Axes | None = None,
-) -> Axes:
-    """Draw the cumulative distribution, marked as the histogram is; arguments as in `histogram`."""
-    return _alone_or_on(axes, distribution, draw_cumulative, title, unit, seed, specifications)
+cumulative = partial(histogram, draw=draw_distribution.draw_cumulative)
+"""Draw the cumulative distribution, marked as the histogram is; arguments as in `histogram`."""
 
 
 def figure_position(
@@ -138,22 +113,22 @@ def figure_components(
     attitude_unit: WrittenUnit | None = None,
 ) -> Figure:
     """Return the densities of dx, dy, dz, δx, δy, δz as two rows of three, 174 mm wide."""
-    with style():
-        figure = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        figure = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         grid = figure.subplots(2, 3)
         rows = ((summary.position, position_unit), (summary.attitude, attitude_unit))
         for row, (vector, given) in zip(grid, rows, strict=True):
             parts = (vector.x, vector.y, vector.z)
-            unit = given or display_unit(*parts)
+            unit = given or draw_distribution.display_unit(*parts)
             for axes, part in zip(row, parts, strict=True):
-                draw_histogram(axes, part, unit, summary.specifications)
-                axes.set_title(moments_text(part, unit), fontsize=7)
-            shared = share_scale(list(row), parts, unit)
+                draw_distribution.draw_histogram(axes, part, unit, summary.specifications)
+                axes.set_title(draw_distribution.moments_text(part, unit), fontsize=7)
+            shared = draw_distribution.share_scale(list(row), parts, unit)
             for axes, is_shared in zip(row, shared, strict=True):
                 if not is_shared and any(shared):
                     axes.set_title(f"{axes.get_title()}\nown scale", fontsize=7)
         entries: dict[str, Any] = {}
-        for label, handle in labelled(grid.flat).items():
+        for label, handle in figure_style.labelled(grid.flat).items():
             entries.setdefault(label.split(":")[0], handle)
         _finish(figure, 95.0, title, entries, summary, seed, columns=4)
     return figure
@@ -172,7 +147,7 @@ def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[P
     files: dict[str | os.PathLike[str], bytes] = {}
     for suffix, entries in metadata.items():
         stream = io.BytesIO()
-        with style():
+        with figure_style.style():
             figure.savefig(stream, dpi=DOTS_PER_INCH, format=suffix, metadata=entries)
         files[base.with_name(f"{base.name}.{suffix}")] = stream.getvalue()
     write_files(files)
@@ -186,33 +161,18 @@ def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[P
 def _figure_of_norm(
     summary: Summary, norm: Distribution, title: str, seed: int | None, unit: WrittenUnit | None
 ) -> Figure:
-    with style():
-        figure = new_figure(SINGLE_COLUMN)
+    with figure_style.style():
+        figure = figure_style.new_figure(figure_style.SINGLE_COLUMN)
         upper, lower = figure.subplots(2, 1, sharex=True)
-        draw_histogram(upper, norm, unit or display_unit(norm), summary.specifications)
-        draw_cumulative(lower, norm, unit or display_unit(norm), summary.specifications)
+        draw_distribution.draw_histogram(
+            upper, norm, unit or draw_distribution.display_unit(norm), summary.specifications
+        )
+        draw_distribution.draw_cumulative(
+            lower, norm, unit or draw_distribution.display_unit(norm), summary.specifications
+        )
         upper.set_xlabel("")
-        _finish(figure, 85.0, title, labelled([upper]), norm, seed, columns=1)
+        _finish(figure, 85.0, title, figure_style.labelled([upper]), norm, seed, columns=1)
     return figure
-
-
-def _alone_or_on(
-    axes: Axes | None,
-    distribution: Distribution,
-    draw: _Draw,
-    title: str,
-    unit: WrittenUnit | None,
-    seed: int | None,
-    specifications: Sequence[SpecificationResult],
-) -> Axes:
-    with style():
-        own = axes if axes is not None else new_figure(SINGLE_COLUMN).subplots()
-        draw(own, distribution, unit or display_unit(distribution), specifications)
-        if axes is not None:
-            own.set_title(title)
-            return own
-        _finish(figure_of(own), 50.0, title, labelled([own]), distribution, seed, columns=1)
-    return own
 
 
 def _finish(
@@ -228,12 +188,12 @@ def _finish(
     """Add title, legend and caption outside the axes, where they cover nothing, and set the height (mm)."""
     caption = f"N = {counted.samples:,}" + ("" if seed is None else f", seed {seed}")
     caption += f"; intervals at {100 * counted.confidence:g} % confidence"
-    above, below = wrapped(title, figure), wrapped(caption, figure)
+    above, below = figure_style.wrapped(title, figure), figure_style.wrapped(caption, figure)
     if above:
         figure.suptitle("\n".join(above))
-    legend_below(figure, entries, columns, below)
+    figure_style.legend_below(figure, entries, columns, below)
     lines = len(above) + len(below) + sum(1 + label.count("\n") for label in entries) / columns
-    set_height(figure, height + lines * LINE_HEIGHT)
+    figure_style.set_height(figure, height + lines * figure_style.LINE_HEIGHT)
 
 
 _MOST_NAMED: Final = 24
@@ -242,7 +202,7 @@ _MOST_LETTERS: Final = 18
 _MOST_LEVEL: Final = 80
 """Most letters of all names together without turning them."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
-_STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
+_STYLES: Final = ((draw_distribution.SKY, ":"), (draw_distribution.BLUE, "-"), (draw_distribution.PURPLE, "--"))
 """Colour and dashes of each quantile."""
 
 
@@ -271,14 +231,14 @@ class ErrorAtPoses:
 
 def figure_of_poses(shown: ErrorAtPoses) -> Figure:
     """Return the figure of a quantity at several poses, 174 mm wide."""
-    with style():
-        made = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         axes = made.subplots()
         _draw_poses(axes, shown)
-        entries, below = labelled([axes]), wrapped(shown.caption, made)
-        made.suptitle("\n".join(wrapped(shown.title, made)))
-        legend_below(made, entries, 3, below)
-        set_height(made, 80.0 + (len(below) + 1 + len(entries) / 3) * LINE_HEIGHT)
+        entries, below = figure_style.labelled([axes]), figure_style.wrapped(shown.caption, made)
+        made.suptitle("\n".join(figure_style.wrapped(shown.title, made)))
+        figure_style.legend_below(made, entries, 3, below)
+        figure_style.set_height(made, 80.0 + (len(below) + 1 + len(entries) / 3) * figure_style.LINE_HEIGHT)
     return made
 
 
@@ -286,7 +246,7 @@ def plot_poses(shown: ErrorAtPoses, axes: Axes | None) -> Axes | Figure:
     """Return what :meth:`precision_pin.sampling.poses_result.PosesResult.plot` does."""
     if axes is None:
         return figure_of_poses(shown)
-    with style():
+    with figure_style.style():
         _draw_poses(axes, shown)
         axes.set_title(shown.title)
     return axes
@@ -311,7 +271,7 @@ def _draw_poses(axes: Axes, shown: ErrorAtPoses) -> None:
         if specified.quantity == shown.quantity:
             axes.axhline(
                 specified.limit * unit.per_si,
-                color=LIMIT_COLOURS.get(verdict, BLACK),
+                color=draw_distribution.LIMIT_COLOURS.get(verdict, draw_distribution.BLACK),
                 linestyle=_LIMIT_DASHES,
                 linewidth=1.2,
                 label=f"limit {unit.short(specified.limit)} for {100 * specified.required:.6g} %",
@@ -319,14 +279,16 @@ def _draw_poses(axes: Axes, shown: ErrorAtPoses) -> None:
     judged = [results for _, results in shown.specifications]
     missed = [pose + 1 for pose in range(poses) if any(results[pose].verdict == "not met" for results in judged)]
     for place in missed:
-        axes.axvspan(place - 0.5, place + 0.5, color=VERMILION, alpha=0.15, linewidth=0)
+        axes.axvspan(place - 0.5, place + 0.5, color=draw_distribution.VERMILION, alpha=0.15, linewidth=0)
     if missed:
-        axes.fill_between([], [], [], color=VERMILION, alpha=0.15, linewidth=0, label="specification not met")
+        axes.fill_between(
+            [], [], [], color=draw_distribution.VERMILION, alpha=0.15, linewidth=0, label="specification not met"
+        )
     axes.set_xlim(0.5, poses + 0.5)
     axes.set_ylim(bottom=0)
     axes.set_ylabel(f"{symbol(shown.quantity)} [{unit.name}]")
     if poses <= _MOST_NAMED:
-        labels = [shortened(visible(label), _MOST_LETTERS) for label in shown.labels]
+        labels = [figure_style.shortened(visible(label), _MOST_LETTERS) for label in shown.labels]
         turned = sum(map(len, labels)) > _MOST_LEVEL
         axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
     else:

@@ -60,8 +60,7 @@ def reach(at: PoseModel, layout: SamplerArrays, slopes: Array) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         farthest = np.maximum(layout.highest - at.space.mean, at.space.mean - layout.lowest)
         largest = (np.abs(slopes) * np.minimum(farthest, _FARTHEST)).sum(axis=1)
-    result: Array = np.minimum(np.nan_to_num(largest), _FARTHEST)
-    return result
+    return np.minimum(np.nan_to_num(largest), _FARTHEST)
 
 
 _NO_SLOPE = 1e-3

@@ -11,9 +11,9 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,20 +28,20 @@ from precision_pin.draws.draw import MOST_POSES, Scope
 from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.kernel.many_poses import MOST_TOGETHER, JoinedTables, is_alike
+from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
+from precision_pin.kernel.many_poses import MOST_TOGETHER, JoinedTables, NormBlocks, is_alike, norm_edges, observe_norms
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, strained_findings
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import pose_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
-from precision_pin.sampling.blocks import Work, packages
-from precision_pin.sampling.checkpoint import POSES, PosesDone, start_of_poses
-from precision_pin.sampling.journal import Journal, digest, identity, opened
+from precision_pin.sampling.blocks import Sent, Work, check_packages, packages
+from precision_pin.sampling.journal import POSES, Journal, PosesDone, digest, identity, opened, start_of_poses
 from precision_pin.sampling.one_pose import do_nothing
-from precision_pin.sampling.pose_group import PILOTS, Model, PoseGroup, PosesWork
-from precision_pin.sampling.poses_result import PosesResult
+from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.sampling.workers import Submitter, Workers, chosen
 from precision_pin.statistics import (
     COMPONENTS,
@@ -49,11 +49,15 @@ from precision_pin.statistics import (
     Plan,
     Specification,
     check_confidence,
+    clopper_pearson,
+    quantile_ranks,
 )
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 MOST_SAMPLES: Final = 2**32 - 1
 """Most samples at each pose; the sketches count with 32 bits."""
+
+Model = Literal["exact", "linear"]
 
 _STRAINS: Final = ("W_STATICS", "W_DEFLECTION", "W_TURNOVER")
 """Warnings about statics, which a caller may have looked for at every pose."""
@@ -61,6 +65,8 @@ _NUMBERS: Final = 73
 """Numbers in the result of a pose, including its name, without the specifications."""
 _TASK: Final = 256
 """Blocks times poses in a task, which takes a fraction of a second."""
+_ROBOTS: Final = 4 * BLOCK
+"""Robots of a task that counts them everywhere."""
 
 
 @warns_at_end
@@ -135,6 +141,7 @@ def sample_poses(
     q = q if approach is None else ApproachedPose(q, approach)
     values, names = _poses(error_model, q, work.specifications)
     approaches = error_model.approaches_of(q, values)
+    run = _Run(error_model, values, approaches, work, confidence)
     count = values.shape[1]
     found = (*pose_findings(error_model.chain, values, names), *exact_findings(error_model, values, approaches))
     add(found)
@@ -146,19 +153,16 @@ def sample_poses(
         step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or do_nothing
         state, kept_in = None, None
         if journal is not None:
-            start = start_of_poses(_first_part(error_model, values, approaches, work, confidence), count)
-            known_run = _identity(error_model, values, approaches, work, confidence, files or {})
+            start, known_run = start_of_poses(run.first_part(), count), run.identity(files or {})
             kept_in, state = stack.enter_context(
                 opened(journal, known_run, start, POSES, resume=resume, tell=tell or do_nothing)
             )
             step(state.count * work.samples)
-        sampled = _sample(error_model, values, approaches, work, workers, state, kept_in, confidence, step)
+        sampled = run.sample(workers, state, kept_in, step)
         kept = None
         if everywhere:
             pool = stack.enter_context(ThreadPoolExecutor(threads or available_cores()))
-            kept = count_everywhere(
-                error_model, values, approaches, work.specifications, model, work.seed, work.samples, pool, step
-            )
+            kept = run.count_everywhere(pool, step)
     if not any(finding.code in _STRAINS for finding in known):
         worst = int(sampled.arrays()["norm_mean"][0].argmax())
         own = () if approaches is None else tuple(approaches[:, worst].tolist())
@@ -188,58 +192,137 @@ def sample_poses(
     )
 
 
-def _sample(
-    error_model: ErrorModel,
-    values: Array,
-    approaches: NDArray[np.int8] | None,
-    work: PosesWork,
-    workers: Workers,
-    state: PosesDone | None,
-    journal: Journal[PosesDone] | None,
-    confidence: float,
-    step: Callable[[int], object],
-) -> PosesDone:
-    """Return the statistics of all poses; ``state`` holds those of the first ones, if there are any."""
-    under_way: deque[tuple[PoseGroup, Any]] = deque()
+@final
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """The model at poses ``(n, P)``, how their joints moved last, and the settings that are the same for all of them."""
 
-    def add_oldest() -> None:
-        nonlocal state
-        group, future = under_way.popleft()
-        found = workers.result(future)
-        group.add(found)
-        step(found.count * group.poses)
-        if group.count == work.samples:
-            part = group.to_arrays(confidence)
-            state = (state or start_of_poses(part, values.shape[1])).with_part(part)
-            if journal is not None:
-                journal.save_if_due(state)
+    error_model: ErrorModel
+    values: Array
+    approaches: NDArray[np.int8] | None
+    work: PosesWork
+    confidence: float
 
-    done = False
-    try:
-        for group, first_block, blocks in _tasks(error_model, values, approaches, work, state.count if state else 0):
-            under_way.append((group, workers.submit(group.work, first_block, blocks)))
-            # finished tasks are added at once: with few robots, preparing further groups takes longer than sampling
-            while under_way and (len(under_way) >= workers.most or workers.is_done(under_way[0][1])):
+    def sample(
+        self,
+        workers: Workers,
+        state: PosesDone | None,
+        journal: Journal[PosesDone] | None,
+        step: Callable[[int], object],
+    ) -> PosesDone:
+        """Return the statistics of all poses; ``state`` holds those of the first ones, if there are any."""
+        under_way: deque[tuple[PoseGroup, Any]] = deque()
+
+        def add_oldest() -> None:
+            nonlocal state
+            group, future = under_way.popleft()
+            found = workers.result(future)
+            group.add(found)
+            step(found.count * group.poses)
+            if group.count == self.work.samples:
+                part = group.to_arrays(self.confidence)
+                state = (state or start_of_poses(part, self.values.shape[1])).with_part(part)
+                if journal is not None:
+                    journal.save_if_due(state)
+
+        done = False
+        try:
+            for group, first_block, blocks in self._tasks(state.count if state else 0):
+                under_way.append((group, workers.submit(group.work, first_block, blocks)))
+                # finished tasks are added at once: with few robots, preparing further groups takes longer than sampling
+                while under_way and (len(under_way) >= workers.most or workers.is_done(under_way[0][1])):
+                    add_oldest()
+            while under_way:
                 add_oldest()
-        while under_way:
-            add_oldest()
-        done = True
-    except KeyboardInterrupt as interrupt:
-        if journal is not None and state is not None:
+            done = True
+        except KeyboardInterrupt as interrupt:
+            if journal is not None and state is not None:
+                journal.save(state)
+                note = f"the journal {journal.name} holds the first {journal.saved:,} of {self.values.shape[1]:,} poses"
+                interrupt.add_note(note)
+            raise
+        finally:
+            # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
+            workers.close(done=done)
+        assert state is not None
+        if journal is not None:
             journal.save(state)
-            note = f"the journal {journal.name} holds the first {journal.saved:,} of {values.shape[1]:,} poses"
-            interrupt.add_note(note)
-        raise
-    finally:
-        # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
-        workers.close(done=done)
-    assert state is not None
-    if journal is not None:
-        journal.save(state)
-    return state
+        return state
 
+    def first_part(self) -> dict[str, Array]:
+        """Return the arrays of the first pose from the first samples alone, which have the types and shapes of a result."""
+        few = replace(self.work, samples=min(self.work.samples, PILOTS[0]))
+        own = None if self.approaches is None else self.approaches[:, :1]
+        first = replace(self, values=self.values[:, :1], approaches=own, work=few)
+        group, first_block, blocks = next(first._tasks(0))
+        group.add(group.work.observe(first_block, blocks))
+        return group.to_arrays(self.confidence)
 
-# poses ---------------------------------------------------------------------------------------------------------------
+    def identity(self, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:
+        """Return all inputs that determine the bits of the run."""
+        work = self.work
+        models = list(self._models(sorted({0, self.values.shape[1] - 1})))
+        plan = Plan(np.zeros(8), np.ones(8), work.specifications)
+        layouts = [sampler.to_arrays(at) for at in models]
+        single = Work(layouts[0], plan, work.model, work.seed, work.samples, False, packages())
+        urdf = self.error_model.chain.robot.file
+        read_from = {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **files}
+        return {
+            **{name: text for name, text in identity(single, models[0].posture, read_from).items() if name != "pose"},
+            "the list of poses": digest((self.values, self.approaches)),
+            "the error model at the last pose": digest(layouts[-1]),
+            "confidence": repr(self.confidence),
+        }
+
+    def _models(self, columns: slice | list[int]) -> Iterator[PoseModel]:
+        own = None if self.approaches is None else self.approaches[:, columns]
+        return self.error_model.at_columns(self.values[:, columns], own)
+
+    def _tasks(self, first_pose: int) -> Iterator[tuple[PoseGroup, int, int]]:
+        """Yield each group of poses from a first one on with the blocks to observe; groups are prepared one at a time."""
+        models = self._models(slice(first_pose, None))
+        blocks = -(-self.work.samples // BLOCK)
+        while together := list(islice(models, MOST_TOGETHER)):
+            layouts = sampler.to_arrays_at_poses(together)
+            while layouts:
+                # one group needs the same formulas at all its poses, which may change from pose to pose but rarely do
+                alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))
+                group = PoseGroup.with_plans(JoinedTables.of(layouts[:alike]), first_pose, self.work)
+                # at least 16 tasks, so that a single group occupies all threads
+                size = min(max(1, _TASK // alike), -(-blocks // 16))
+                for first_block in range(0, blocks, size):
+                    yield group, first_block, min(size, blocks - first_block)
+                first_pose += alike
+                layouts = layouts[alike:]
+
+    def count_everywhere(self, pool: Executor, step: Callable[[int], object]) -> tuple[int, ...]:
+        """Return how many robots keep each specification at all poses.
+
+        Robot k has the draws that it has where each pose is sampled alone, so the counts are the same for any pool.
+        """
+        work, specifications = self.work, self.work.specifications
+        if not specifications:
+            return ()
+        check_memory(
+            float(work.samples * len(specifications)), f"marking {work.samples:,} robots", "sample fewer of them"
+        )
+        kept = np.ones((len(specifications), work.samples), dtype=np.bool_)
+        models, first_pose = self._models(slice(None)), 0
+        while together := list(islice(models, MOST_TOGETHER)):
+            layouts = sampler.to_arrays_at_poses(together)
+
+            def mark(first: int, layouts: Sequence[SamplerArrays], first_pose: int) -> int:
+                count = min(_ROBOTS, work.samples - first)
+                for pose, layout in enumerate(layouts, start=first_pose):
+                    errors = sampler.errors(layout, work.model, work.seed, first, count, pose=pose)
+                    kept[:, first : first + count] &= _inside(errors, specifications)
+                return count * len(layouts)
+
+            tasks = [pool.submit(mark, first, layouts, first_pose) for first in range(0, work.samples, _ROBOTS)]
+            for task in tasks:
+                step(task.result())
+            first_pose += len(layouts)
+        return tuple(kept.sum(axis=1).tolist())
 
 
 def _poses(
@@ -262,109 +345,174 @@ def _poses(
     return values, names
 
 
-def _first_part(
-    error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None, work: PosesWork, confidence: float
-) -> dict[str, Array]:
-    """Return the arrays of the first pose from the first samples alone, which have the types and shapes of a result."""
-    few = replace(work, samples=min(work.samples, PILOTS[0]))
-    group, first_block, blocks = next(
-        _tasks(error_model, values[:, :1], None if approaches is None else approaches[:, :1], few, 0)
-    )
-    group.add(group.work.observe(first_block, blocks))
-    return group.to_arrays(confidence)
-
-
-def _identity(
-    error_model: ErrorModel,
-    values: Array,
-    approaches: NDArray[np.int8] | None,
-    work: PosesWork,
-    confidence: float,
-    files: Mapping[str, str | os.PathLike[str]],
-) -> dict[str, str]:
-    """Return all inputs that determine the bits of a run at several poses."""
-    ends = sorted({0, values.shape[1] - 1})
-    own = None if approaches is None else approaches[:, ends]
-    models = list(error_model.at_columns(values[:, ends], own))
-    plan = Plan(np.zeros(8), np.ones(8), work.specifications)
-    layouts = [sampler.to_arrays(at) for at in models]
-    single = Work(layouts[0], plan, work.model, work.seed, work.samples, False, packages())
-    urdf = error_model.chain.robot.file
-    read_from = {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **files}
-    return {
-        **{name: text for name, text in identity(single, models[0].posture, read_from).items() if name != "pose"},
-        "the list of poses": digest((values, approaches)),
-        "the error model at the last pose": digest(layouts[-1]),
-        "confidence": repr(confidence),
-    }
-
-
-def _tasks(
-    error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None, work: PosesWork, first_pose: int
-) -> Iterator[tuple[PoseGroup, int, int]]:
-    """Yield each group of poses from a first one on with the blocks to observe; groups are prepared one at a time."""
-    models = error_model.at_columns(values[:, first_pose:], None if approaches is None else approaches[:, first_pose:])
-    blocks = -(-work.samples // BLOCK)
-    while together := list(islice(models, MOST_TOGETHER)):
-        layouts = sampler.to_arrays_at_poses(together)
-        while layouts:
-            # one group needs the same formulas at all its poses, which may change from pose to pose but rarely do
-            alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))
-            group = PoseGroup.with_plans(JoinedTables.of(layouts[:alike]), first_pose, work)
-            # at least 16 tasks, so that a single group occupies all threads
-            size = min(max(1, _TASK // alike), -(-blocks // 16))
-            for first_block in range(0, blocks, size):
-                yield group, first_block, min(size, blocks - first_block)
-            first_pose += alike
-            layouts = layouts[alike:]
-
-
-_ROBOTS: Final = 4 * BLOCK
-"""Robots of a task."""
-
-
-def count_everywhere(
-    error_model: ErrorModel,
-    values: Array,
-    approaches: NDArray[np.int8] | None,
-    specifications: Sequence[Specification],
-    model: Literal["exact", "linear"],
-    seed: int,
-    samples: int,
-    pool: Executor,
-    step: Callable[[int], object],
-) -> tuple[int, ...]:
-    """Return how many robots keep each specification at all poses ``(n, P)``.
-
-    Robot k has the draws that it has where each pose is sampled alone, so the counts are the same for any pool.
-    """
-    if not specifications:
-        return ()
-    check_memory(float(samples * len(specifications)), f"marking {samples:,} robots", "sample fewer of them")
-    kept = np.ones((len(specifications), samples), dtype=np.bool_)
-    models, first_pose = error_model.at_columns(values, approaches), 0
-    while together := list(islice(models, MOST_TOGETHER)):
-        layouts = sampler.to_arrays_at_poses(together)
-
-        def mark(first: int, layouts: Sequence[SamplerArrays], first_pose: int) -> int:
-            count = min(_ROBOTS, samples - first)
-            for pose, layout in enumerate(layouts, start=first_pose):
-                errors = sampler.errors(layout, model, seed, first, count, pose=pose)
-                kept[:, first : first + count] &= _inside(errors, specifications)
-            return count * len(layouts)
-
-        tasks = [pool.submit(mark, first, layouts, first_pose) for first in range(0, samples, _ROBOTS)]
-        for task in tasks:
-            step(task.result())
-        first_pose += len(layouts)
-    return tuple(kept.sum(axis=1).tolist())
-
-
 def _inside(errors: Array, specifications: Sequence[Specification]) -> NDArray[np.bool_]:
     """Return which errors ``(6, N)`` keep each specification, ``(S, N)``."""
     quantities = np.empty((8, errors.shape[1]))
     quantities[list(COMPONENTS)] = np.abs(errors)
     quantities[list(NORMS)] = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
     rows, limits = zip(*((spec.row, spec.limit) for spec in specifications), strict=True)
-    inside: NDArray[np.bool_] = quantities[list(rows)] <= np.array(limits)[:, None]
-    return inside
+    return quantities[list(rows)] <= np.array(limits)[:, None]
+
+
+# groups --------------------------------------------------------------------------------------------------------------
+
+Counts = NDArray[np.int64]
+
+PILOTS: Final = (256, 1024)
+"""Numbers of samples from which first the centres, then the spreads are planned: the first samples of the run."""
+
+
+@final
+@dataclass(frozen=True)
+class PosesWork:
+    """Settings of a run that are the same for all poses."""
+
+    model: Model
+    seed: int
+    samples: int
+    specifications: tuple[Specification, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class GroupWork(Sent):
+    """Poses that are sampled together. Can be pickled."""
+
+    tables: JoinedTables
+    first_pose: int
+    work: PosesWork
+    plans: tuple[Plan, ...]
+    packages: tuple[tuple[str, str], ...]
+
+    def observe(self, first_block: int, blocks: int) -> NormBlocks:
+        """Return the statistics of some blocks."""
+        check_packages(self.packages)
+        work = self.work
+        return observe_norms(
+            self.tables, self.plans, work.model, work.seed, first_block, blocks,
+            samples=work.samples, first_pose=self.first_pose,
+        )  # fmt: skip
+
+
+@final
+class PoseGroup:
+    """Poses that are sampled together, and their accumulated statistics."""
+
+    def __init__(self, tables: JoinedTables, first_pose: int, work: PosesWork, plans: Sequence[Plan]) -> None:
+        self.poses = len(tables.layouts)
+        self.count = 0
+        self._plans = tuple(plans)
+        self.work = GroupWork(tables, first_pose, work, self._plans, packages())
+        self._sums = np.zeros((self.poses, SUMS))
+        self._lowest, self._highest = np.full((self.poses, 2), np.inf), np.full((self.poses, 2), -np.inf)
+        self._sketch = np.zeros((self.poses, 2, NORM_COLUMNS), dtype=np.uint32)
+        self._inside = np.zeros((self.poses, len(work.specifications)), dtype=np.int64)
+
+    @classmethod
+    def with_plans(cls, tables: JoinedTables, first_pose: int, work: PosesWork) -> PoseGroup:
+        """Return a group with centres and spreads planned from the first samples."""
+        poses = len(tables.layouts)
+        plans = [Plan(np.zeros(8), np.ones(8), work.specifications)] * poses
+        for samples in PILOTS:
+            pilot = cls(tables, first_pose, replace(work, samples=min(samples, work.samples)), plans)
+            pilot.add(pilot.work.observe(0, 1))
+            try:
+                with np.errstate(over="raise", invalid="raise"):
+                    mean, spread = pilot._moments()
+            except FloatingPointError:
+                raise InputError(
+                    f"the errors at poses {first_pose} to {first_pose + poses - 1} are too large to compute with; "
+                    "the tolerances or loads are far too large"
+                ) from None
+            plans = [Plan(mean[pose], spread[pose], work.specifications) for pose in range(poses)]
+        return cls(tables, first_pose, work, plans)
+
+    def add(self, found: NormBlocks) -> None:
+        """Add blocks, in block order."""
+        self.count += found.count
+        for block in range(found.sums.shape[1]):
+            self._sums += found.sums[:, block]
+        self._lowest = np.minimum(self._lowest, found.lowest)
+        self._highest = np.maximum(self._highest, found.highest)
+        self._sketch += found.sketch
+        self._inside += found.inside
+
+    def to_arrays(self, confidence: float) -> dict[str, Array]:
+        """Return the group's part of the result's arrays; the last axis is the pose."""
+        mean, std = self._moments()
+        covariance = np.full((6, 6, self.poses), np.nan)
+        if self.count > 1:
+            rows, columns = _UPPER
+            sums = self._sums[:, COMPONENTS]
+            upper = (self._sums[:, 8:29] - sums[:, rows] * sums[:, columns] / self.count) / (self.count - 1)
+            covariance[rows, columns] = covariance[columns, rows] = upper.T
+            diagonal = np.arange(6)
+            covariance[diagonal, diagonal] = np.maximum(covariance[diagonal, diagonal], 0.0)
+        cumulative = np.cumsum(self._sketch, axis=2, dtype=np.int64)
+        quantiles = [self._quantile(cumulative, level, confidence) for level in LEVELS]
+        inside = self._inside.T
+        intervals = [[clopper_pearson(kept, self.count, confidence) for kept in row] for row in inside.tolist()]
+        return {
+            "mean": mean[:, COMPONENTS].T,
+            "covariance": covariance,
+            "norm_mean": mean[:, NORMS].T,
+            "norm_std": (std if self.count > 1 else np.full_like(std, np.nan))[:, NORMS].T,
+            "norm_max": self._highest.T,
+            "quantile": np.stack([quantile for quantile, _, _ in quantiles]),
+            "quantile_interval": np.stack([interval for _, interval, _ in quantiles]),
+            "quantile_resolution": np.stack([resolution for _, _, resolution in quantiles]),
+            "probability": inside / self.count,
+            "probability_interval": np.moveaxis(np.reshape(intervals, (len(inside), self.poses, 2)), 2, 1),
+        }
+
+    def _moments(self) -> tuple[Array, Array]:
+        """Return mean and standard deviation of the eight quantities, ``(P, 8)``; the deviation of one sample is zero."""
+        centre = np.array([plan.centre for plan in self._plans])
+        sums, squares = self._sums[:, :8], np.empty((self.poses, 8))
+        squares[:, COMPONENTS] = self._sums[:, 8 + np.flatnonzero(_UPPER[0] == _UPPER[1])]
+        squares[:, NORMS] = self._sums[:, 29:]
+        variance = np.maximum(squares - sums * sums / self.count, 0.0) / max(self.count - 1, 1)
+        return centre + sums / self.count, np.sqrt(variance)
+
+    def _quantile(self, cumulative: Counts, level: float, confidence: float) -> tuple[Array, Array, Array]:
+        """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins.
+
+        As in :meth:`precision_pin.statistics.Distribution.quantile`, the order statistics at rank 1 + (N - 1) p are
+        interpolated linearly, each placed inside its bin by its rank in the bin.
+        """
+        ranks = quantile_ranks(self.count, level, confidence)
+        if ranks is None:
+            nothing = np.full((2, self.poses), np.nan)
+            return nothing, np.full((2, 2, self.poses), np.nan), nothing
+        position = (self.count - 1) * level
+        below = min(int(position), self.count - 1)
+        first, lower, upper = self._order_statistic(cumulative, below + 1)
+        second, _, second_upper = self._order_statistic(cumulative, min(below + 2, self.count))
+        # value - centre was rounded before binning: widen by one unit in the last place on each side
+        _, low, _ = self._order_statistic(cumulative, ranks[0])
+        _, _, high = self._order_statistic(cumulative, ranks[1])
+        ends = (
+            np.maximum(np.nextafter(low, -np.inf), self._lowest),
+            np.minimum(np.nextafter(high, np.inf), self._highest),
+        )
+        quantile = first + (position - below) * (second - first)
+        return quantile.T, np.stack([end.T for end in ends], axis=1), (np.maximum(upper, second_upper) - lower).T
+
+    def _order_statistic(self, cumulative: Counts, rank: int) -> tuple[Array, Array, Array]:
+        """Return estimates of the rank-th smallest norms (from 1), ``(P, 2)``, and the edges of their bins."""
+        if rank in (1, self.count):
+            seen = self._lowest if rank == 1 else self._highest
+            return seen, seen, seen
+        column = (cumulative < rank).sum(axis=2)[..., None]
+        counts = np.take_along_axis(self._sketch, column, axis=2)[..., 0].astype(np.int64)
+        before = np.take_along_axis(cumulative, column, axis=2)[..., 0] - counts
+        centre, scale = (
+            np.array([getattr(plan, name) for plan in self._plans])[:, NORMS] for name in ("centre", "scale")
+        )
+        lower = np.maximum(centre + _EDGES[column[..., 0]] * scale, self._lowest)
+        upper = np.minimum(centre + _EDGES[column[..., 0] + 1] * scale, self._highest)
+        return lower + (rank - before - 0.5) / counts * (upper - lower), lower, upper
+
+
+_UPPER: Final = np.triu_indices(6)
+_EDGES: Final = norm_edges()

@@ -4,50 +4,32 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
-from typing import Any, Final, Literal
+from contextlib import ExitStack, suppress
+from typing import Any, Final, Literal, final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.base import arguments
 from precision_pin.base import progress as progress_bar
-from precision_pin.base.arguments import (
-    check_callable,
-    check_flag,
-    check_instance,
-    check_items,
-    check_mapping,
-    check_path,
-    shown,
-)
 from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, OutputError
 from precision_pin.base.memory import check_kept
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.kernel.sampler import BLOCK, Blocks
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel, origin_shares
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import Work, check_samples, packages
-from precision_pin.sampling.checkpoint import SAMPLES
 from precision_pin.sampling.histogram_plan import planned
-from precision_pin.sampling.journal import identity, opened
+from precision_pin.sampling.journal import SAMPLES, Journal, identity, opened
 from precision_pin.sampling.result import Correlated, MonteCarloResult, Until
-from precision_pin.sampling.schedule import Sampling
-from precision_pin.sampling.workers import Submitter, chosen
-from precision_pin.statistics import (
-    QUANTITIES,
-    Plan,
-    Specification,
-    State,
-    Summary,
-    check_confidence,
-    finish,
-    start,
-)
+from precision_pin.sampling.workers import Submitter, Workers, chosen
+from precision_pin.statistics import QUANTITIES, Plan, Specification, State, Summary, check_confidence, finish, start
 from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
@@ -129,23 +111,23 @@ def monte_carlo(
             another run.
         OutputError: The journal cannot be written.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    arguments.check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     if pose is not None and q is not None:
         raise InputError("q and pose mean the same; give one of them")
     pose = q if pose is None else pose
     pose = pose if approach is None else ApproachedPose(pose, approach)
     specifications = check_run(samples, seed, model, confidence, specifications)
-    until = (until,) if isinstance(until, str) else check_items("until, targets,", until, str)
-    findings = check_items("findings", findings, Finding)
-    check_flag("keep_samples", keep_samples)
-    check_flag("resume", resume)
+    until = (until,) if isinstance(until, str) else arguments.check_items("until, targets,", until, str)
+    findings = arguments.check_items("findings", findings, Finding)
+    arguments.check_flag("keep_samples", keep_samples)
+    arguments.check_flag("resume", resume)
     if journal is not None:
-        check_path("the journal", journal)
-    for name, path in check_mapping("files", {} if files is None else files).items():
-        check_path(f"{name} among the files", path)
+        arguments.check_path("the journal", journal)
+    for name, path in arguments.check_mapping("files", {} if files is None else files).items():
+        arguments.check_path(f"{name} among the files", path)
     check_progress(progress)
     if tell is not None:
-        check_callable("tell", tell)
+        arguments.check_callable("tell", tell)
     if resume and journal is None:
         raise InputError("resume needs a journal to resume from")
     if keep_samples:
@@ -250,7 +232,7 @@ def result_at(
 def check_progress(progress: object) -> None:
     """Check that progress is a function of a number of samples, a flag or None."""
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
-        raise InputError(f"progress must be a function, or True for a bar, got {shown(progress)}")
+        raise InputError(f"progress must be a function, or True for a bar, got {arguments.shown(progress)}")
 
 
 def _enough(
@@ -351,3 +333,123 @@ def find_coarse_bins(summary: Summary) -> list[Finding]:
             )
             found.append(Finding("warning", "W_BINS", message))
     return found
+
+
+# blocks merged in order and saved in a journal -----------------------------------------------------------------------
+
+
+def task_size(blocks: int, most: int) -> int:
+    """Return the number of blocks in a task: enough to keep a worker busy, few enough for regular progress."""
+    return min(most, max(1, blocks // 8))
+
+
+@final
+class Stream:
+    """Tasks submitted ahead of the one being awaited, at most as many as the workers accept."""
+
+    def __init__(self, work: Work, workers: Workers, first_block: int, end_block: int, size: int) -> None:
+        self._work = work
+        self._workers = workers
+        self._size = size
+        self._next = first_block
+        self._end = end_block
+        self._futures: dict[int, Any] = {}
+
+    def result(self, block: int) -> Blocks:
+        """Wait for the task that begins with a block, and submit further tasks.
+
+        The block must be the one after the last of the task before.
+        """
+        self._forget_before(block)
+        while len(self._futures) < self._workers.most and self._next < self._end:
+            length = min(self._size, self._end - self._next)
+            self._futures[self._next] = self._workers.submit(self._work, self._next, length)
+            self._next += self._size
+        return self._workers.result(self._futures[block])
+
+    def result_under_way(self, block: int) -> Blocks | None:
+        """Wait for the task that begins with a block, None if it was not submitted; submit no further tasks."""
+        self._forget_before(block)
+        return self._workers.result(self._futures[block]) if block in self._futures else None
+
+    def _forget_before(self, block: int) -> None:
+        for known in [known for known in self._futures if known < block]:
+            del self._futures[known]
+
+
+@final
+class Sampling:
+    """Run from a given state to the last sample."""
+
+    def __init__(
+        self, work: Work, state: State, progress: Callable[[int], None], journal: Journal[State] | None
+    ) -> None:
+        self.state = state
+        self.errors: NDArray[np.float64] | None = np.empty((6, work.samples)) if work.keep_errors else None
+        self._work = work
+        self._progress = progress
+        self._journal = journal
+
+    def run(
+        self, workers: Workers, blocks_in_a_task: int | None = None, enough: Callable[[State], bool] | None = None
+    ) -> None:
+        """Sample to the end, or to the first check that is passed: after 1, 2, 4, 8 … blocks.
+
+        The checks do not depend on the workers, and so neither does the result.
+        """
+        for end in self._check_blocks() if enough is not None else [self._work.blocks]:
+            if self._next_block() < end and self.state.count < self._work.samples:
+                self._run_to(end, workers, blocks_in_a_task)
+            if enough is not None and self._next_block() == end and enough(self.state):
+                break
+        if self._journal is not None:
+            self._journal.save(self.state)
+
+    def _check_blocks(self) -> list[int]:
+        """Return the numbers of blocks after which to check."""
+        blocks = self._work.blocks
+        return [*(2**k for k in range((blocks - 1).bit_length())), blocks]
+
+    def _run_to(self, end: int, workers: Workers, blocks_in_a_task: int | None) -> None:
+        first = self._next_block()
+        size = blocks_in_a_task or task_size(end - first, workers.blocks_in_a_task)
+        stream = Stream(self._work, workers, first, end, size)
+        try:
+            while self._next_block() < end and self.state.count < self._work.samples:
+                found = stream.result(self._next_block())
+                self._add(found)
+                if self._journal is not None:
+                    self._journal.save_if_due(self.state)
+                self._progress(found.count)
+        except KeyboardInterrupt as interrupt:
+            if self._journal is not None:
+                self._finish_running(stream)
+                self._journal.save(self.state)
+                interrupt.add_note(self._saved_note(self._journal))
+            raise
+        except OutputError:
+            raise
+        except Exception:
+            if self._journal is not None:
+                self._journal.save(self.state)
+            raise
+
+    def _next_block(self) -> int:
+        return self.state.count // BLOCK
+
+    def _add(self, found: Blocks) -> None:
+        if self.errors is not None and found.errors is not None:
+            self.errors[:, self.state.count : self.state.count + found.count] = found.errors
+        self.state = found.add_to(self.state)
+
+    def _finish_running(self, stream: Stream) -> None:
+        """Add the running tasks; one that fails now fails again in the resumed run, which reports it."""
+        with suppress(Exception):
+            while self.state.count < self._work.samples:
+                found = stream.result_under_way(self._next_block())
+                if found is None:
+                    return
+                self._add(found)
+
+    def _saved_note(self, journal: Journal[State]) -> str:
+        return f"the journal {journal.name} holds the first {journal.saved:,} of {self._work.samples:,} samples"

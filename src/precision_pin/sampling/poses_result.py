@@ -225,8 +225,7 @@ class PosesResult(Record, JsonResult):
     @property
     def std(self) -> Array:
         """Standard deviations of the components, ``(6, P)``."""
-        result: Array = np.sqrt(np.diagonal(self.covariance).T)
-        return result
+        return np.sqrt(np.diagonal(self.covariance).T)
 
     @property
     def met(self) -> bool:
@@ -321,8 +320,7 @@ class PosesResult(Record, JsonResult):
             },
             specifications=[(of.verdict, of.results) for of in judged if of.results[0].quantity.startswith(quantity)],
         )
-        drawn: Axes | Figure = figures.plot_poses(shown, axes)
-        return drawn
+        return figures.plot_poses(shown, axes)
 
     def between(self, one: int, other: int) -> Array:
         """Return the covariance ``(6, 6)`` between a robot's errors at two poses, in closed form from the tangent model.
@@ -444,8 +442,7 @@ class PosesResult(Record, JsonResult):
             "end": ["lower", "upper"],
             "specification": [f"{spec.quantity} {spec.limit:g} @ {spec.required:g}" for spec in self.specifications],
         }
-        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._head))
-        return made
+        return optional("xarray").Dataset(variables, coordinates, described(self._head))
 
     @property
     def _head(self) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, Literal, final
 
 import numpy as np
@@ -26,16 +27,8 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
-from precision_pin.sampling import Progress, available_cores, check_progress
+from precision_pin.sampling import Progress, available_cores, check_progress, one_pose
 from precision_pin.sampling.histogram_plan import PILOT, first_order_skewness, reach
-from precision_pin.sampling.one_pose import (
-    check_run,
-    do_nothing,
-    find_coarse_bins,
-    find_constant_error,
-    model_at_pose,
-    result_at,
-)
 from precision_pin.sampling.result import MonteCarloResult, RelativeTo
 from precision_pin.statistics import Plan, finish, observe, quantity_values, start
 from precision_pin.statistics.plan import Specifications
@@ -98,7 +91,7 @@ def relative(
     same joint values: then they are shared, and what is left is what two visits differ by.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    listed = check_run(samples, seed, model, confidence, specifications)
+    listed = one_pose.check_run(samples, seed, model, confidence, specifications)
     known = check_items("findings", findings, Finding)
     check_flag("keep_samples", keep_samples)
     if threads is not None:
@@ -106,11 +99,15 @@ def relative(
     check_progress(progress)
     if keep_samples:
         check_kept(samples)
-    pair = _Pair.of(model_at_pose(error_model, pose), model_at_pose(error_model, other), model, int(seed))
+    pair = _Pair(
+        one_pose.model_at_pose(error_model, pose), one_pose.model_at_pose(error_model, other), model, int(seed)
+    )
     plan = replace(pair.plan, specifications=listed)
     state, kept = start(plan), []
     with ExitStack() as stack:
-        step = stack.enter_context(progress_bar.progress(samples)) if progress is True else progress or do_nothing
+        step = (
+            stack.enter_context(progress_bar.progress(samples)) if progress is True else progress or one_pose.do_nothing
+        )
         workers = threads or available_cores()
         pool = ThreadPoolExecutor(workers)
         # after a failure or an interrupt the running blocks are awaited; each takes a fraction of a second
@@ -135,12 +132,12 @@ def relative(
         *pair.at.findings(model), *error_model.statics_findings(pair.at),
         *exact_findings_at(error_model, pair.at),
         *_named((*pair.other.findings(model), *error_model.statics_findings(pair.other)), label),
-        *find_constant_error(summary, known, "between these poses: all robots have the same relative error"),
-        *find_coarse_bins(summary),
+        *one_pose.find_constant_error(summary, known, "between these poses: all robots have the same relative error"),
+        *one_pose.find_coarse_bins(summary),
     )  # fmt: skip
     add(found)
     joints, approach = error_model.chain.joint_names, pair.other.posture.approach
-    return result_at(
+    return one_pose.result_at(
         error_model, pair.at, pose, summary, pair.layouts[0], int(seed), model,
         relative_to=RelativeTo(
             label, dict(zip(joints, map(float, pair.other.posture.q), strict=True)), written_approach(joints, approach)
@@ -159,19 +156,18 @@ class _Pair:
 
     Attributes:
         at, other: The models.
-        layouts: Their arrays for the sampler.
         model, seed: ``"exact"`` or ``"linear"``; 64-bit seed.
     """
 
     at: PoseModel
     other: PoseModel
-    layouts: tuple[SamplerArrays, SamplerArrays]
     model: Literal["exact", "linear"]
     seed: int
 
-    @classmethod
-    def of(cls, at: PoseModel, other: PoseModel, model: Literal["exact", "linear"], seed: int) -> _Pair:
-        return cls(at, other, (sampler.to_arrays(at), sampler.to_arrays(other)), model, seed)
+    @cached_property
+    def layouts(self) -> tuple[SamplerArrays, SamplerArrays]:
+        """The arrays of both for the sampler."""
+        return sampler.to_arrays(self.at), sampler.to_arrays(self.other)
 
     @property
     def is_same_pose(self) -> bool:

@@ -17,25 +17,9 @@ from precision_pin.base.text_escape import visible
 from precision_pin.base.versions import versions
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import OriginShares
+from precision_pin.render import tables
 from precision_pin.render.notebook import Table, rendered
 from precision_pin.render.result_io import JsonResult
-from precision_pin.render.tables import (
-    ROUNDING,
-    UNITS,
-    absolute,
-    data_frame,
-    described,
-    interval_columns,
-    joint_text,
-    milli,
-    number,
-    optional,
-    origins_entry,
-    plus_minus,
-    resting_on,
-    symbol,
-    unit,
-)
 from precision_pin.robot.approach import approach_entry
 from precision_pin.statistics import (
     QUANTITIES,
@@ -161,30 +145,9 @@ class MonteCarloResult(Record, JsonResult):
     axes: ClassVar[str] = "base"
 
     KEYS: ClassVar[Keys] = (
-        *(
-            "schema",
-            "complete",
-            "robot",
-            "base",
-            "tip",
-            "axes",
-            "pose=_pose",
-            "*_relative_to",
-            "samples",
-            "seed",
-            "model",
-        ),
-        *(
-            "statics",
-            "scopes",
-            "confidence=summary.confidence",
-            "versions",
-            "warnings",
-            "findings",
-            "assumed",
-            "*_origins",
-        ),
-        *("nominal=_nominal", "*summary", "largest=_largest", "*_until", "*_correlations"),
+        *("schema", "complete", "robot", "base", "tip", "axes", "pose=_pose", "*_relative_to", "samples", "seed"),
+        *("model", "statics", "scopes", "confidence=summary.confidence", "versions", "warnings", "findings", "assumed"),
+        *("*_origins", "nominal=_nominal", "*summary", "largest=_largest", "*_until", "*_correlations"),
     )
 
     robot: str
@@ -242,7 +205,7 @@ class MonteCarloResult(Record, JsonResult):
 
     @property
     def _origins(self) -> dict[str, Any]:
-        return origins_entry(self.origins)
+        return tables.origins_entry(self.origins)
 
     @property
     def _nominal(self) -> dict[str, Array]:
@@ -291,10 +254,7 @@ class MonteCarloResult(Record, JsonResult):
             InputError: All six components are to be drawn on one pair of axes.
         """
         # late: matplotlib takes half a second to import
-        drawn: Axes | Figure = import_module("precision_pin.sampling.figures").plot(
-            self.summary, self.seed, self.arm, quantity, axes
-        )
-        return drawn
+        return import_module("precision_pin.sampling.figures").plot(self.summary, self.seed, self.arm, quantity, axes)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not resolved: a row for each quantity.
@@ -307,7 +267,7 @@ class MonteCarloResult(Record, JsonResult):
         """
         levels = sorted({level for name in QUANTITIES for level in self.summary.distribution(name).levels})
         rows = [((name,), _columns(self.summary.distribution(name), levels)) for name in QUANTITIES]
-        return data_frame(["quantity"], rows, {**self._attributes(), "warnings": list(self.warnings)})
+        return tables.data_frame(["quantity"], rows, {**self._attributes(), "warnings": list(self.warnings)})
 
     def samples_to_pandas(self) -> pandas.DataFrame:
         """Return every sampled error as a data frame: a row for each built robot, dx, dy, dz in m and rx, ry, rz in rad.
@@ -317,9 +277,9 @@ class MonteCarloResult(Record, JsonResult):
         """
         if self.errors is None:
             raise InputError("the samples were not kept; sample with keep_samples=True")
-        frame = optional("pandas").DataFrame(self.errors.T.copy(), columns=list(_COMPONENTS))
+        frame = tables.optional("pandas").DataFrame(self.errors.T.copy(), columns=list(_COMPONENTS))
         frame.index.name = "sample"
-        frame.attrs = {**self._attributes(), "units": dict(UNITS)}
+        frame.attrs = {**self._attributes(), "units": dict(tables.UNITS)}
         return frame
 
     def to_xarray(self) -> xarray.Dataset:
@@ -344,10 +304,12 @@ class MonteCarloResult(Record, JsonResult):
 
         covariance, interval = self.covariance, self.summary.covariance_interval
         variables: dict[str, Any] = {
-            name: over(lambda one: number(getattr(one, name)))  # noqa: B023 - called at once
+            name: over(lambda one: tables.number(getattr(one, name)))  # noqa: B023 - called at once
             for name in ("mean", "std", "min", "max", "mode")
         }
-        variables["quantile"] = over(lambda one: [number(one.quantile(level)) for level in levels], "probability")
+        variables["quantile"] = over(
+            lambda one: [tables.number(one.quantile(level)) for level in levels], "probability"
+        )
         variables["quantile_interval"] = over(
             lambda one: [one.quantile_interval(level) or nothing for level in levels], "probability", "end"
         )
@@ -373,8 +335,7 @@ class MonteCarloResult(Record, JsonResult):
             "component": list(_COMPONENTS),
             "component_2": list(_COMPONENTS),
         }
-        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._attributes()))
-        return made
+        return tables.optional("xarray").Dataset(variables, coordinates, tables.described(self._attributes()))
 
     def __repr__(self) -> str:
         norm = self.position.norm
@@ -397,8 +358,8 @@ class MonteCarloResult(Record, JsonResult):
             ("specification", "limit", "required", "inside", "interval", ""),
             [
                 (
-                    absolute(spec.quantity),
-                    f"{milli(spec.limit)} {unit(spec.quantity)}",
+                    tables.absolute(spec.quantity),
+                    f"{tables.milli(spec.limit)} {tables.unit(spec.quantity)}",
                     f"{100 * spec.required:.10g} %",
                     *_share_cells(spec),
                     spec.verdict if spec.met else spec.verdict.upper(),
@@ -410,10 +371,10 @@ class MonteCarloResult(Record, JsonResult):
             f"Pose error of {self.robot}: {self.base} to {self.tip}, pose {pose}{self._other_pose}",
             [statistics, *([specifications] if specifications.rows else [])],
             [
-                f"{joint_text(self.q, self.sliding_joints, self.approach)}; base axes",
+                f"{tables.joint_text(self.q, self.sliding_joints, self.approach)}; base axes",
                 f"{self.samples:,} samples, seed {self.seed}, {self.model} model, statics {self.statics}; "
                 f"± half of an interval at {100 * self.summary.confidence:g} % confidence, - not resolved",
-                *resting_on(self.assumed, self.sources, self.origins),
+                *tables.resting_on(self.assumed, self.sources, self.origins),
                 *self.warnings,
             ],
         )
@@ -431,21 +392,23 @@ class MonteCarloResult(Record, JsonResult):
 
 def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:
     """Return a row of :meth:`MonteCarloResult.to_pandas`."""
-    row = interval_columns("mean", distribution.mean, distribution.mean_interval())
-    row |= interval_columns("std", distribution.std, distribution.std_interval())
+    row = tables.interval_columns("mean", distribution.mean, distribution.mean_interval())
+    row |= tables.interval_columns("std", distribution.std, distribution.std_interval())
     row |= {"min": distribution.min, "max": distribution.max}
-    row |= interval_columns("mode", distribution.mode, distribution.mode_interval())
+    row |= tables.interval_columns("mode", distribution.mode, distribution.mode_interval())
     for level in levels:
         # the low quantiles of a norm are not reported, as in the JSON
         shown = level in distribution.levels
         quantile = distribution.quantile(level) if shown else None
-        row |= interval_columns(f"quantile_{level}", quantile, distribution.quantile_interval(level) if shown else None)
+        row |= tables.interval_columns(
+            f"quantile_{level}", quantile, distribution.quantile_interval(level) if shown else None
+        )
     return row
 
 
 def _cells(distribution: Distribution) -> list[str]:
     """Return a row of the table in a notebook."""
-    vanishes = max(abs(distribution.min), abs(distribution.max)) < ROUNDING
+    vanishes = max(abs(distribution.min), abs(distribution.max)) < tables.ROUNDING
     cells = []
     for statistic in ("mean", "std", 0.5, 0.95, 0.9973):
         value = distribution.quantile(statistic) if isinstance(statistic, float) else getattr(distribution, statistic)
@@ -453,9 +416,15 @@ def _cells(distribution: Distribution) -> list[str]:
         if value is None or half_width is None:
             cells.append("-")
         else:
-            cells.append("0" if vanishes else plus_minus(1e3 * value, 1e3 * half_width))
+            cells.append("0" if vanishes else tables.plus_minus(1e3 * value, 1e3 * half_width))
     name = distribution.quantity
-    return [symbol(name), unit(name), *cells, milli(distribution.min), milli(distribution.max)]
+    return [
+        tables.symbol(name),
+        tables.unit(name),
+        *cells,
+        tables.milli(distribution.min),
+        tables.milli(distribution.max),
+    ]
 
 
 def _share_cells(result: SpecificationResult) -> tuple[str, str]:

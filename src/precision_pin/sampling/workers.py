@@ -64,9 +64,9 @@ class Workers(ABC):
         done = getattr(future, "done", None)
         return bool(done()) if callable(done) else False
 
-    @abstractmethod
     def result(self, future: Any) -> Any:
         """Wait for a task and return its blocks."""
+        return future.result()
 
     @abstractmethod
     def close(self, *, done: bool) -> None:
@@ -84,10 +84,6 @@ class Threads(Workers):
     def submit(self, work: Observing, first_block: int, blocks: int) -> Future[Any]:
         """Submit a task and return its future."""
         return self._pool.submit(work.observe, first_block, blocks)
-
-    def result(self, future: Future[Any]) -> Any:
-        """Wait for a task and return its blocks."""
-        return future.result()
 
     def close(self, *, done: bool) -> None:
         """End the threads after waiting for the running tasks."""
@@ -117,10 +113,6 @@ class Processes(Workers):
     def submit(self, work: Observing, first_block: int, blocks: int) -> Future[Any]:
         """Submit a task and return its future."""
         return self._threads.submit(self._observe, work, first_block, blocks)
-
-    def result(self, future: Future[Any]) -> Any:
-        """Wait for a task and return its blocks."""
-        return future.result()
 
     def close(self, *, done: bool) -> None:
         """End the processes."""
@@ -178,8 +170,7 @@ class _Process:
     def ask(self, task: tuple[Observing, int, int]) -> Any:
         """Return the blocks of a task, or the exception it raised."""
         self._pipe.send(task)
-        answer: Any = self._pipe.recv()
-        return answer
+        return self._pipe.recv()
 
     def kill(self) -> None:
         """Kill the process."""

@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
-import numpy as np
-
 from precision_pin.base import units
 from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw, Scope
@@ -15,8 +13,8 @@ from precision_pin.draws.laws import Disc
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.places import Place
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import Term
+from precision_pin.sources.places import seat_axes
+from precision_pin.terms import Dependence, Source, Term
 
 
 @final
@@ -41,6 +39,7 @@ class AxisInstall(Source):
         InputError: Not exactly one of radius and diameter; a span that is not positive.
     """
 
+    depends_on: ClassVar[Dependence] = "chain"
     words: ClassVar[Mapping[str, str]] = {"A": "axis of {subject}, bearing A", "B": "axis of {subject}, bearing B"}
 
     joint: str
@@ -57,16 +56,6 @@ class AxisInstall(Source):
         if not self.span > 0:
             raise InputError(f"the span of axis_install must be positive, got {self.span} m")
 
-    @property
-    def subject(self) -> str:
-        """The joint."""
-        return self.joint
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
-
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the two points A and B."""
         radius = self.radius if self.radius is not None else (self.diameter or 0.0) / 2
@@ -76,10 +65,7 @@ class AxisInstall(Source):
         """Yield a term for each coordinate of A and B."""
         chain = posture.chain
         joint = chain.joint_index(self.joint)
-        turn = chain.axis_alignment(joint)
-        axes = np.zeros((6, 6))
-        axes[:3, :3] = axes[3:, 3:] = turn
-        place = chain.seat(joint)
+        axes, place = seat_axes(chain, joint), chain.seat(joint)
         if chain.reversed_joints[joint]:
             # the frame before the joint's motion is beyond it; the displaced part is the link with that frame
             place, axes = Place.start(joint + 1, f"seat of {self.joint}"), -axes

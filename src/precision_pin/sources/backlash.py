@@ -15,9 +15,8 @@ from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.loads import Factors
+from precision_pin.terms import JointValue, Source, Term, at_means
 from precision_pin.terms.sides import side_of
-from precision_pin.terms.source import Source
-from precision_pin.terms.term import JointValue, Term, at_means
 
 
 @final
@@ -63,11 +62,6 @@ class Backlash(Source):
         allowed = [scope.value for scope in Scope]
         if self.scope not in allowed:
             raise InputError(f"scope of backlash must be one of {', '.join(allowed)}, got {self.scope!r}")
-
-    @property
-    def subject(self) -> str:
-        """The joint."""
-        return self.joint
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the position in the gap, -1 to 1, for a load below the band."""

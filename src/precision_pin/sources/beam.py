@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal, final
+from typing import Annotated, ClassVar, Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,10 +19,9 @@ from precision_pin.draws.expressions import Expression, Value
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors, Load
-from precision_pin.sources.places import in_axes
+from precision_pin.sources.places import block_diagonal, in_axes
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
-from precision_pin.terms.source import Source
-from precision_pin.terms.term import Term
+from precision_pin.terms import Source, Term
 
 _PARALLEL: Final = 1e-9
 """Sine of the angle below which an axis counts as parallel to the beam."""
@@ -38,11 +37,6 @@ class OnLink(Source):
     """Base class of a source on one link."""
 
     link: str
-
-    @property
-    def subject(self) -> str:
-        """The link."""
-        return self.link
 
 
 @final
@@ -63,7 +57,7 @@ class Beam(Profile, OnLink):
     times Euler's load; with segments later, at 1.05 times if one half has a quarter of the other's rigidity. Source:
     section 3.2 and eq 21 of Wei, Jia and Chen (2015), which prints θ_z before θ_y and gives EI and GI in
     N·m/rad; here EI and GI are rigidities in N·m², and stiffnesses of the whole link in N·m/rad are separate settings
-    (``EI = k l``). Sections: :mod:`precision_pin.sources.cross_sections`.
+    (``EI = k l``). Sections: :mod:`precision_pin.sources.profiles`.
 
     Attributes:
         link: A URDF link of the chain link that bends.
@@ -99,6 +93,8 @@ class Beam(Profile, OnLink):
             segments whose lengths do not add up to it, or two sources that give a link its weight by section.
     """
 
+    takes_many: ClassVar[bool] = True
+
     segments: tuple[Segment, ...] = ()
     bending_stiffness: Annotated[Setting | None, units.ANGULAR_STIFFNESS] = None
     torsion_stiffness: Annotated[Setting | None, units.ANGULAR_STIFFNESS] = None
@@ -124,11 +120,6 @@ class Beam(Profile, OnLink):
         for part in stretches(self, self.segments):
             part.check(may_be_rigid=bool(at_end), weighs=self.self_weight == "section")
 
-    def accepts_many(self, chain: Chain) -> bool:
-        """Return True."""
-        del chain
-        return True
-
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
         """Yield, if the section gives the weight, loads that cancel the URDF's masses, and the weights in their place."""
         if self.self_weight != "section":
@@ -147,7 +138,7 @@ class Beam(Profile, OnLink):
         place = chain.end(link)
         axes = beam_axes(chain, link, self.roll)
         length = float(np.linalg.norm(place.frame[:3, 3]))
-        turn = _block_diagonal(place.frame[:3, :3].T @ axes)
+        turn = block_diagonal(place.frame[:3, :3].T @ axes)
         shape = BentShape.of(posture, link, axes)
         beam_loads = list(self._beam_loads(posture, space, link, length, axes, shape))
         if shape is not None:
@@ -227,7 +218,7 @@ class Beam(Profile, OnLink):
             point = axes[:, 0] * reach
             if shape is not None:
                 # a body bolted to a bent beam moves and turns with it
-                moved = _block_diagonal(axes) @ shape.displacement(reach)
+                moved = block_diagonal(axes) @ shape.displacement(reach)
                 about = se3.compose(se3.translation(point), se3.displacement(moved), se3.translation(-point))
                 load, point = dataclasses.replace(load, frame=about @ load.frame), point + moved[:3]
             for beam_load in beam_loads([load], se3.turn(base[:3, :3], point) + base[:3, 3], reach, reach):
@@ -408,12 +399,6 @@ def beam_axes(chain: Chain, link: int, roll: float = 0.0) -> Array:
     return axes * [-1.0, -1.0, 1.0] if backwards else axes
 
 
-def _block_diagonal(turn: Array) -> Array:
-    result = np.zeros((6, 6))
-    result[:3, :3] = result[3:, 3:] = turn
-    return result
-
-
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 """Gauss-Legendre rule, exact up to degree 9."""
 _ALONG: Final = np.array([1.0, 0.0, 0.0])
@@ -521,8 +506,7 @@ class BentShape:
     def _mean_place(self, begin: Array, stop: float) -> Array:
         """Return the mean displacement of the points between each of N places and ``stop``, ``(N, 3)``."""
         x = (begin[:, None] * (1 - _NODES) + stop * (1 + _NODES)) / 2
-        mean: Array = np.einsum("k,nki->ni", _WEIGHTS / 2, self.displacement(x)[..., :3])
-        return mean
+        return np.einsum("k,nki->ni", _WEIGHTS / 2, self.displacement(x)[..., :3])
 
 
 def _nodes(start: float, stop: float) -> tuple[Array, Array]:
@@ -540,5 +524,4 @@ def _at_end(turn: Array, reach: Array, weights: Array) -> Array:
 
 def _cross(one: Array, other: Array) -> Array:
     """Return the vector products ``(..., 3)``; for a few vectors faster than numpy's cross."""
-    result: Array = one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]
-    return result
+    return one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]

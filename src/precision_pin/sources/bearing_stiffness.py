@@ -15,8 +15,7 @@ from precision_pin.draws.expressions import Value
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.places import PadsOn, height_above_seat, seat_axes, seat_wrench, travels, wrench_at
-from precision_pin.terms.source import Source
-from precision_pin.terms.term import Term
+from precision_pin.terms import Source, Term
 
 _ROWS: Final = {"radial": (0, 1), "axial": (2,), "tilt": (3, 4), "roll": (5,)}
 """Components of wrench and displacement that each stiffness connects."""
@@ -66,11 +65,6 @@ class BearingStiffness(Source):
             raise InputError("bearing_stiffness needs a stiffness: radial:, axial:, tilt: or roll:")
         if self.pads_on not in ("child", "parent"):
             raise InputError(f"pads_on of bearing_stiffness must be one of child, parent, got {self.pads_on!r}")
-
-    @property
-    def subject(self) -> str:
-        """The joint."""
-        return self.joint
 
     def accepts_many(self, chain: Chain) -> bool:
         """Return whether the bearing does not travel."""

@@ -19,9 +19,8 @@ from precision_pin.draws.space import LabelledSpace, Space, entry_name
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors
 from precision_pin.sources.places import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
+from precision_pin.terms import Dependence, Source, Term, at_means
 from precision_pin.terms.sides import bounds_of, is_same_for_all, load_value, side_of
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import Term, at_means
 
 _NOTHING: Final = 1e-12
 """Share of the band that is added to a load, squared, so that a load of zero has a direction too."""
@@ -113,11 +112,6 @@ class Clearance(Source):
             raise InputError("band: of clearance is used only with direction: load")
         if self.band is not None and not 0 < self.band < np.inf:
             raise InputError(f"the band of clearance must be positive, got {self.band} N")
-
-    @property
-    def subject(self) -> str:
-        """The joint."""
-        return self.joint
 
     @property
     def depends_on(self) -> Dependence:

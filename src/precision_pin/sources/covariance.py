@@ -14,8 +14,7 @@ from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import JointNormal
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
-from precision_pin.sources.places import check_choice, chosen_place
-from precision_pin.terms.source import Dependence, Source
+from precision_pin.sources.places import AtPlace
 from precision_pin.terms.term import Term
 
 _SIX: Final = units.PerEntry((units.LENGTH,) * 3 + (units.ANGLE,) * 3)
@@ -23,7 +22,7 @@ _SIX: Final = units.PerEntry((units.LENGTH,) * 3 + (units.ANGLE,) * 3)
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Covariance(Source):
+class Covariance(AtPlace):
     """Six jointly normal errors of any place, such as from a calibration or a tracker: mean and 6×6 covariance.
 
     The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` with (x, y, z, rx, ry, rz) normal in the place's own
@@ -50,9 +49,6 @@ class Covariance(Source):
 
     words: ClassVar[Mapping[str, str]] = {"error": "error of {subject}, given as covariance"}
 
-    joint: str | None = None
-    link: str | None = None
-    frame: str | None = None
     std: Annotated[tuple[float, ...] | None, _SIX] = None
     correlation: Annotated[tuple[tuple[float, ...], ...] | None, units.RATIO] = None
     matrix: Annotated[tuple[tuple[float, ...], ...] | None, units.RATIO] = None
@@ -60,7 +56,7 @@ class Covariance(Source):
     scope: Literal["unit", "pose", "visit"] = "unit"
 
     def __post_init__(self) -> None:
-        check_choice("covariance", self.joint, self.link, self.frame)
+        super().__post_init__()
         if (self.std is None) == (self.matrix is None):
             raise InputError("covariance needs either std: or matrix:")
         if self.matrix is not None and self.correlation is not None:
@@ -81,23 +77,13 @@ class Covariance(Source):
             raise InputError(f"scope: of covariance must be unit, pose or visit, got {self.scope!r}")
         self._law()
 
-    @property
-    def subject(self) -> str:
-        """The joint, link or frame."""
-        return self.joint or self.link or self.frame or ""
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
-
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the six errors as one draw."""
         return (Draw(f"{label}.error", self._law(), Scope(self.scope), _SIX.quantities),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each of the six errors."""
-        place = chosen_place(posture.chain, self.joint, self.link, self.frame)
+        place = self.place(posture.chain)
         for row in range(6):
             yield Term.of(place, np.eye(6)[row], space.component(f"error.{row}"))
 

@@ -12,10 +12,9 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import JointValue, Term
+from precision_pin.terms import Dependence, JointValue, Source, Term
 
 _AT_JOINT: Final = units.PerJoint(units.ANGLE, units.LENGTH)
 
@@ -59,6 +58,7 @@ class Encoder(Source):
             kind of joint.
     """
 
+    takes_many: ClassVar[bool] = True
     deviations: ClassVar[tuple[str, ...]] = ("offset", "scale")
     words: ClassVar[Mapping[str, str]] = {
         "offset": "encoder offset of {subject}",
@@ -108,19 +108,9 @@ class Encoder(Source):
             raise InputError(f"scope: of encoder must be pose or visit, got {self.scope!r}")
 
     @property
-    def subject(self) -> str:
-        """The joint."""
-        return self.joint
-
-    @property
     def depends_on(self) -> Dependence:
         """The chain, or the configuration if the error depends on the joint value."""
         return "configuration" if self.scale is not None or self._is_periodic else "chain"
-
-    def accepts_many(self, chain: Chain) -> bool:
-        """Return True."""
-        del chain
-        return True
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the position within a step, and the phase."""

@@ -6,20 +6,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
-import numpy as np
-
 from precision_pin.base import units
 from precision_pin.draws.draw import Setting
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
-from precision_pin.sources.places import check_choice, chosen_place
-from precision_pin.terms.source import Dependence, Source
+from precision_pin.sources.places import AtPlace, deviation_terms
 from precision_pin.terms.term import Term
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Frame(Source):
+class Frame(AtPlace):
     """Six errors at any place: a shift and a small turn in the place's own axes.
 
     The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))``; displacements of the same place by other sources add.
@@ -39,9 +36,6 @@ class Frame(Source):
         **{f"r{name}": f"tilt of {{subject}} about {name}" for name in ("x", "y", "z")},
     }
 
-    joint: str | None = None
-    link: str | None = None
-    frame: str | None = None
     x: Annotated[Setting, units.LENGTH] = 0.0
     y: Annotated[Setting, units.LENGTH] = 0.0
     z: Annotated[Setting, units.LENGTH] = 0.0
@@ -49,23 +43,6 @@ class Frame(Source):
     ry: Annotated[Setting, units.ANGLE] = 0.0
     rz: Annotated[Setting, units.ANGLE] = 0.0
 
-    def __post_init__(self) -> None:
-        check_choice("frame", self.joint, self.link, self.frame)
-
-    @property
-    def subject(self) -> str:
-        """The joint, link or frame."""
-        return self.joint or self.link or self.frame or ""
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
-
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        """Yield a term for each error that is not zero."""
-        place = chosen_place(posture.chain, self.joint, self.link, self.frame)
-        for row, field in enumerate(("x", "y", "z", "rx", "ry", "rz")):
-            value = space.value(field, getattr(self, field))
-            if value != 0.0:
-                yield Term.of(place, np.eye(6)[row], value)
+        """Return a term for each error that is not zero."""
+        return deviation_terms(self, self.place(posture.chain), space)

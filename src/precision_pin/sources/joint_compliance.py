@@ -9,9 +9,8 @@ from typing import Annotated, ClassVar, final
 from precision_pin.base import units
 from precision_pin.draws.draw import Setting
 from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Chain, Posture
-from precision_pin.terms.source import Source
-from precision_pin.terms.term import JointValue, Term
+from precision_pin.robot.chain import Posture
+from precision_pin.terms import JointValue, Source, Term
 
 
 @final
@@ -27,20 +26,11 @@ class JointCompliance(Source):
         compliance: C; a linear compliance for a prismatic joint.
     """
 
+    takes_many: ClassVar[bool] = True
     words: ClassVar[Mapping[str, str]] = {"compliance": "compliance of {subject}"}
 
     joint: str
     compliance: Annotated[Setting, units.PerJoint(units.ANGULAR_COMPLIANCE, units.LINEAR_COMPLIANCE)]
-
-    @property
-    def subject(self) -> str:
-        """The joint."""
-        return self.joint
-
-    def accepts_many(self, chain: Chain) -> bool:
-        """Return True."""
-        del chain
-        return True
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each group of loads with the same random factors."""

@@ -10,8 +10,7 @@ from precision_pin.base import units
 from precision_pin.draws.draw import Setting
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import JointValue, Term
+from precision_pin.terms import Dependence, JointValue, Source, Term
 
 
 @final
@@ -27,21 +26,12 @@ class JointOffset(Source):
         offset: The error of its value: an angle, or a length for a prismatic joint.
     """
 
+    depends_on: ClassVar[Dependence] = "chain"
     deviations: ClassVar[tuple[str, ...]] = ("offset",)
     words: ClassVar[Mapping[str, str]] = {"offset": "zero of {subject}"}
 
     joint: str
     offset: Annotated[Setting, units.PerJoint(units.ANGLE, units.LENGTH)]
-
-    @property
-    def subject(self) -> str:
-        """The joint."""
-        return self.joint
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term."""

@@ -14,8 +14,7 @@ from precision_pin.draws.draw import Setting
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.places import direction_of, is_fixed
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import Term
+from precision_pin.terms import Dependence, Source, Term
 
 
 @final
@@ -38,6 +37,8 @@ class Length(Source):
         InputError: Not exactly one of joint and frame, or the direction ``link`` for a link without length.
     """
 
+    takes_many: ClassVar[bool] = True
+    depends_on: ClassVar[Dependence] = "configuration"
     deviations: ClassVar[tuple[str, ...]] = ("parameters",)
     words: ClassVar[Mapping[str, str]] = {"parameters": "length to {subject}"}
 
@@ -51,21 +52,6 @@ class Length(Source):
             raise InputError("length needs either joint: or frame:")
         if not self.parameters:
             raise InputError("length needs at least one of parameters:")
-
-    @property
-    def subject(self) -> str:
-        """The joint or frame."""
-        return self.joint or self.frame or ""
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The configuration, which turns the direction."""
-        return "configuration"
-
-    def accepts_many(self, chain: Chain) -> bool:
-        """Return True."""
-        del chain
-        return True
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether the direction is fixed in the link."""

@@ -15,8 +15,7 @@ from precision_pin.draws.expressions import Expression
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.loads import Factors
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import Term
+from precision_pin.terms import Dependence, Source, Term
 
 
 @final
@@ -33,6 +32,8 @@ class Levelling(Source):
         rx, ry, rz: Tilt of the base about its own x, y and z. A rotation about the direction of gravity has no effect.
     """
 
+    depends_on: ClassVar[Dependence] = "chain"
+    subject: ClassVar[str] = "base"
     deviations: ClassVar[tuple[str, ...]] = ("rx", "ry", "rz")
     words: ClassVar[Mapping[str, str]] = {name: f"level of the base about {name[1]}" for name in ("rx", "ry", "rz")}
 
@@ -40,19 +41,8 @@ class Levelling(Source):
     ry: Annotated[Setting, units.ANGLE] = 0.0
     rz: Annotated[Setting, units.ANGLE] = 0.0
 
-    @property
-    def subject(self) -> str:
-        """The base."""
-        return "base"
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
-
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield nothing."""
-        del posture, space
         return iter(())
 
     def gravity(

@@ -16,8 +16,8 @@ from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.places import Place
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import Term
+from precision_pin.sources.places import deviation_terms
+from precision_pin.terms import Dependence, Source, Term
 
 
 @final
@@ -38,6 +38,7 @@ class Mcpc(Source):
         InputError: Δγ or Δz on a link that is not the last.
     """
 
+    depends_on: ClassVar[Dependence] = "chain"
     deviations: ClassVar[tuple[str, ...]] = ("alpha", "beta", "gamma", "x", "y", "z")
     words: ClassVar[Mapping[str, str]] = {
         **{name: f"position of {{subject}} along {name}" for name in ("x", "y", "z")},
@@ -51,16 +52,6 @@ class Mcpc(Source):
     x: Annotated[Setting, units.LENGTH] = 0.0
     y: Annotated[Setting, units.LENGTH] = 0.0
     z: Annotated[Setting, units.LENGTH] = 0.0
-
-    @property
-    def subject(self) -> str:
-        """The link."""
-        return self.link
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each parameter whose error is not zero."""
@@ -78,18 +69,12 @@ class Mcpc(Source):
         for rank, (field, row, frame) in enumerate(
             (("alpha", 3, start), ("beta", 4, after_alpha), ("gamma", 5, after_beta))
         ):
-            yield from _term(Place.custom(link, rank, f"MCPC {field} of link {link}", frame), row, field, self, space)
+            place = Place.custom(link, rank, f"MCPC {field} of link {link}", frame)
+            yield from deviation_terms(self, place, space, {row: field})
         place = Place.custom(link, 3, f"MCPC translation of link {link}", after_gamma)
-        for row, field in enumerate(("x", "y", "z")):
-            yield from _term(place, row, field, self, space)
+        yield from deviation_terms(self, place, space, dict(enumerate("xyz")))
 
 
 @lru_cache(maxsize=8)
 def _nominal(chain: Chain) -> mcpc.Mcpc:
     return mcpc.from_chain(chain)
-
-
-def _term(place: Place, row: int, field: str, source: Mcpc, space: LabelledSpace) -> Iterator[Term]:
-    value = space.value(field, getattr(source, field))
-    if value != 0.0:
-        yield Term.of(place, np.eye(6)[row], value)

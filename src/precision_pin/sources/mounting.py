@@ -6,16 +6,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, final
 
-import numpy as np
-
 from precision_pin.base import units
 from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Setting
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.places import Place
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import Term
+from precision_pin.sources.places import deviation_terms
+from precision_pin.terms import Dependence, Source, Term
 
 
 @final
@@ -41,6 +39,7 @@ class Mounting(Source):
         InputError: ``at`` is neither, or a flange at the base or one that does not carry the tool.
     """
 
+    depends_on: ClassVar[Dependence] = "chain"
     deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
     words: ClassVar[Mapping[str, str]] = {
         **{name: f"mounting of the {{at}} along {name}" for name in ("x", "y", "z")},
@@ -62,23 +61,9 @@ class Mounting(Source):
         if self.at == "base" and self.flange is not None:
             raise InputError("flange: of mounting is used only with at: tool")
 
-    @property
-    def subject(self) -> str:
-        """The mounted part: base or tool."""
-        return self.at
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
-
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        """Yield a term for each error that is not zero."""
-        place = self._place(posture.chain)
-        for row, field in enumerate(("x", "y", "z", "rx", "ry", "rz")):
-            value = space.value(field, getattr(self, field))
-            if value != 0.0:
-                yield Term.of(place, np.eye(6)[row], value)
+        """Return a term for each error that is not zero."""
+        return deviation_terms(self, self._place(posture.chain), space)
 
     def _place(self, chain: Chain) -> Place:
         if self.at == "base":

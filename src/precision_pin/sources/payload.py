@@ -15,8 +15,7 @@ from precision_pin.draws.expressions import Expression, Value
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.loads import Factors, Load
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import Term, at_means
+from precision_pin.terms import Dependence, Source, Term, at_means
 
 
 @final
@@ -33,6 +32,7 @@ class Payload(Source):
         com: Its centre of mass in that link's frame: three numbers, any of them random if need be.
     """
 
+    depends_on: ClassVar[Dependence] = "chain"
     is_put_down: ClassVar[bool] = True
     words: ClassVar[Mapping[str, str]] = {"mass": "payload mass at {subject}", "com": "payload centre at {subject}"}
 
@@ -44,20 +44,9 @@ class Payload(Source):
         if len(self.com) != 3:
             raise InputError(f"the com of a payload has {len(self.com)} numbers, expected 3")
 
-    @property
-    def subject(self) -> str:
-        """The link that carries it."""
-        return self.at
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
-
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield nothing."""
         posture.chain.link_frame(self.at)
-        del space
         return iter(())
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Final, Literal
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +19,11 @@ from numpy.typing import NDArray
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors
 from precision_pin.robot.places import Place
+from precision_pin.terms import Dependence, Source, Term
 
 PadsOn = Literal["child", "parent"]
 """The link that the pads of a prismatic joint are fixed to."""
@@ -30,7 +34,7 @@ _APART: Final = 1e-12
 
 def seat_axes(chain: Chain, joint: int) -> Array:
     """Return the matrix ``(6, 6)`` from ``[d; δ]`` in the seat's axes (z on the axis of the 0-based joint) to its place's."""
-    return _block_diagonal(chain.axis_alignment(joint))
+    return block_diagonal(chain.axis_alignment(joint))
 
 
 def seat_wrench(posture: Posture, joint: int) -> dict[Factors, Array]:
@@ -48,8 +52,7 @@ def seat_wrench(posture: Posture, joint: int) -> dict[Factors, Array]:
 def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
     """Return a wrench ``(6[, P])``, base axes, in axes ``(3, 3)`` of a frame turned by ``(3, 3[, P])``."""
     if rotation.ndim == 2:
-        turned: Array = _block_diagonal((rotation @ axes).T) @ wrench
-        return turned
+        return block_diagonal((rotation @ axes).T) @ wrench
     back = np.einsum("ijp,jk->kip", rotation, axes)
     return np.concatenate([se3.turn(back, wrench[:3]), se3.turn(back, wrench[3:])])
 
@@ -96,34 +99,56 @@ def wrench_at(height: float) -> Array:
     return shifted
 
 
-def _block_diagonal(turn: Array) -> Array:
+def block_diagonal(turn: Array) -> Array:
+    """Return the matrix ``(6, 6)`` that turns both halves of a vector by ``(3, 3)``."""
     result = np.zeros((6, 6))
     result[:3, :3] = result[3:, 3:] = turn
     return result
 
 
-def check_choice(kind: str, joint: str | None, link: str | None, frame: str | None) -> None:
-    """Check that exactly one of the three is given.
+_SIX: Final = dict(enumerate(("x", "y", "z", "rx", "ry", "rz")))
+
+
+def deviation_terms(
+    source: Source, place: Place, space: LabelledSpace, fields: Mapping[int, str] = _SIX
+) -> Iterator[Term]:
+    """Yield a term for each of six settings that is not zero: the place's shift and rotation vector, in its own axes."""
+    for row, field in fields.items():
+        value = space.value(field, getattr(source, field))
+        if value != 0.0:
+            yield Term.of(place, np.eye(6)[row], value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AtPlace(Source):
+    """Base class of a source at any place: a joint's seat, the end of a chain link, or a URDF link's own frame.
 
     Raises:
-        InputError: None or several are given.
+        InputError: None or several of the three are given.
     """
-    if sum(name is not None for name in (joint, link, frame)) != 1:
-        raise InputError(f"{kind} needs one of joint:, link: and frame:")
 
+    depends_on: ClassVar[Dependence] = "chain"
 
-def chosen_place(chain: Chain, joint: str | None, link: str | None, frame: str | None) -> Place:
-    """Return the seat of a joint, the end of the chain link that a URDF link belongs to, or a URDF link's own frame.
+    joint: str | None = None
+    link: str | None = None
+    frame: str | None = None
 
-    Raises:
-        UnknownNameError: No such joint or link.
-        InputError: The frame is not on the path to the tip.
-    """
-    if joint is not None:
-        return chain.seat(chain.joint_index(joint))
-    if link is not None:
-        return chain.end(chain.link_frame(link).link)
-    return chain.frame_place(frame or "")
+    def __post_init__(self) -> None:
+        if sum(name is not None for name in (self.joint, self.link, self.frame)) != 1:
+            raise InputError(f"{self.kind()} needs one of joint:, link: and frame:")
+
+    def place(self, chain: Chain) -> Place:
+        """Return the place.
+
+        Raises:
+            UnknownNameError: No such joint or link.
+            InputError: The frame is not on the path to the tip.
+        """
+        if self.joint is not None:
+            return chain.seat(chain.joint_index(self.joint))
+        if self.link is not None:
+            return chain.end(chain.link_frame(self.link).link)
+        return chain.frame_place(self.frame or "")
 
 
 _DIRECTION: Final = re.compile(r"(-?)\s*(x|y|z|axis)\s+of\s+(.+)", re.DOTALL)

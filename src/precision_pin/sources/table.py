@@ -16,8 +16,7 @@ from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Rows
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
-from precision_pin.sources.places import check_choice, chosen_place
-from precision_pin.terms.source import Dependence, Source
+from precision_pin.sources.places import AtPlace
 from precision_pin.terms.term import Term
 
 _COLUMNS: Final = dict.fromkeys(("x", "y", "z"), units.LENGTH) | dict.fromkeys(("rx", "ry", "rz"), units.ANGLE)
@@ -25,7 +24,7 @@ _COLUMNS: Final = dict.fromkeys(("x", "y", "z"), units.LENGTH) | dict.fromkeys((
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Table(Source):
+class Table(AtPlace):
     """Errors of any place that were measured together: each sample takes one row of a table, all equally likely.
 
     The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the place's own axes. A missing column
@@ -46,27 +45,14 @@ class Table(Source):
 
     words: ClassVar[Mapping[str, str]] = {"row": "measured row of {subject}"}
 
-    joint: str | None = None
-    link: str | None = None
-    frame: str | None = None
     file: Path
     scope: Literal["unit", "pose", "visit"] = "unit"
 
     def __post_init__(self) -> None:
-        check_choice("table", self.joint, self.link, self.frame)
+        super().__post_init__()
         if self.scope not in (scope.value for scope in Scope):
             raise InputError(f"scope: of table must be unit, pose or visit, got {self.scope!r}")
         _ = self._law  # read the file now, so that an error in it is raised here
-
-    @property
-    def subject(self) -> str:
-        """The joint, link or frame."""
-        return self.joint or self.link or self.frame or ""
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the columns as one draw."""
@@ -75,7 +61,7 @@ class Table(Source):
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each column."""
-        place = chosen_place(posture.chain, self.joint, self.link, self.frame)
+        place = self.place(posture.chain)
         for row, name in enumerate(_COLUMNS):
             if name in self._law.names:
                 yield Term.of(place, np.eye(6)[row], space.component(f"row.{name}"))

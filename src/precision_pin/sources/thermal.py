@@ -16,8 +16,7 @@ from precision_pin.draws.draw import Setting
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.places import direction_of, is_fixed
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import Term
+from precision_pin.terms import Dependence, Source, Term
 
 
 @final
@@ -48,6 +47,7 @@ class Thermal(Source):
             is not positive, or a named link without length.
     """
 
+    takes_many: ClassVar[bool] = True
     words: ClassVar[Mapping[str, str]] = {
         "expansion": "thermal expansion of {subject}",
         "temperature_change": "temperature of {subject}",
@@ -78,11 +78,6 @@ class Thermal(Source):
     def depends_on(self) -> Dependence:
         """The chain, or the configuration if there is a gradient, whose direction it turns."""
         return "chain" if self.gradient is None else "configuration"
-
-    def accepts_many(self, chain: Chain) -> bool:
-        """Return True."""
-        del chain
-        return True
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether the direction of the gradient is fixed in every link that bends."""

@@ -11,10 +11,9 @@ from precision_pin.base import units
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.draw import Draw, Setting
 from precision_pin.draws.space import LabelledSpace, entry_name
-from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import JointValue, Term
+from precision_pin.terms import Dependence, JointValue, Source, Term
 
 
 @final
@@ -45,6 +44,7 @@ class Transmission(Source):
             that may reach zero, or a setting for the other kind of joint.
     """
 
+    takes_many: ClassVar[bool] = True
     deviations: ClassVar[tuple[str, ...]] = ("lead_error",)
     words: ClassVar[Mapping[str, str]] = {
         "amplitude": "gear error of {subject}, amplitude",
@@ -74,19 +74,9 @@ class Transmission(Source):
             raise InputError("period: of transmission is used only with amplitude:")
 
     @property
-    def subject(self) -> str:
-        """The joint."""
-        return self.joint
-
-    @property
     def depends_on(self) -> Dependence:
         """The configuration, or the loads if there is a wind-up."""
         return "configuration" if self.stiffness is None else "loads"
-
-    def accepts_many(self, chain: Chain) -> bool:
-        """Return True."""
-        del chain
-        return True
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return a phase for each amplitude."""

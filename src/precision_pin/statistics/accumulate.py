@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -103,18 +103,10 @@ def merge(first: State, second: State) -> State:
     if first.inside.shape != second.inside.shape:
         raise InternalError(f"states of {first.inside.size} and {second.inside.size} specifications")
     largest, units = largest_of(first.largest, first.largest_units, second.largest, second.largest_units)
-    return State(
-        count=first.count + second.count,
-        lowest=np.minimum(first.lowest, second.lowest),
-        highest=np.maximum(first.highest, second.highest),
-        sums=first.sums + second.sums,
-        products=first.products + second.products,
-        norm_squares=first.norm_squares + second.norm_squares,
-        sketch=first.sketch + second.sketch,
-        inside=first.inside + second.inside,
-        largest=largest,
-        largest_units=units,
-    )
+    added = ("count", "sums", "products", "norm_squares", "sketch", "inside")
+    sums: dict[str, Any] = {name: getattr(first, name) + getattr(second, name) for name in added}
+    lowest, highest = np.minimum(first.lowest, second.lowest), np.maximum(first.highest, second.highest)
+    return State(lowest=lowest, highest=highest, largest=largest, largest_units=units, **sums)
 
 
 def largest_of(values: Array, units: Counts, more_values: Array, more_units: Counts) -> tuple[Array, Counts]:
@@ -158,8 +150,7 @@ def lane_sums(rows: Array) -> Array:
     while lanes.shape[1] > 1:
         half = lanes.shape[1] // 2
         lanes = lanes[:, :half] + lanes[:, half:]
-    sums: Array = lanes[:, 0]
-    return sums
+    return lanes[:, 0]
 
 
 def _tally(plan: Plan, values: Array, first: int) -> State:
@@ -185,8 +176,7 @@ def _tally(plan: Plan, values: Array, first: int) -> State:
         norm_squares=lane_sums(norms * norms),
         sketch=np.bincount(columns.ravel(), minlength=8 * COLUMNS).reshape(8, COLUMNS),
         inside=np.array(
-            [np.count_nonzero(np.abs(values[spec.row]) <= spec.limit) for spec in plan.specifications],
-            dtype=np.int64,
+            [np.count_nonzero(np.abs(values[spec.row]) <= spec.limit) for spec in plan.specifications], dtype=np.int64
         ),
         largest=largest,
         largest_units=largest_units,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, betainc, betaincinv, stdtrit
 
 from precision_pin.base.arguments import check_number
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import ReadOnly
 from precision_pin.base.arrays import Array
 
 
@@ -41,12 +41,6 @@ def quantile_ranks(samples: int, p: float, confidence: float) -> tuple[int, int]
     return (lower, upper) if lower >= 1 and upper <= samples else None
 
 
-def quantile_coverage(samples: int, p: float, ranks: tuple[int, int]) -> float:
-    """Return P(X₍l₎ ≤ p-quantile < X₍u₎) = P(l ≤ B ≤ u − 1), exact for every continuous law."""
-    lower, upper = ranks
-    return _at_most(upper - 1, samples, p) - _at_most(lower - 1, samples, p)
-
-
 @lru_cache(maxsize=1024)
 def upper_bound_rank(samples: int, p: float, confidence: float) -> int | None:
     """Return the rank whose order statistic bounds the p-quantile from above with this confidence.
@@ -67,9 +61,7 @@ def tolerance_ranks(samples: int, content: float, confidence: float) -> tuple[in
     """
     largest = samples // 2
     rank = bisect_left(
-        range(1, largest + 1),
-        True,
-        key=lambda r: float(betainc(2 * r, samples + 1 - 2 * r, 1 - content)) < confidence,
+        range(1, largest + 1), True, key=lambda r: float(betainc(2 * r, samples + 1 - 2 * r, 1 - content)) < confidence
     )
     return (rank, samples + 1 - rank) if rank >= 1 else None
 
@@ -131,10 +123,7 @@ def studentised(normal: ArrayLike, skewness: ArrayLike) -> NDArray[np.float64]:
     a = np.asarray(skewness, dtype=float)
     shifted = np.asarray(normal, dtype=float) - a / 6
     skewed = np.abs(a) > _NONE
-    result: NDArray[np.float64] = np.where(
-        skewed, 3 * (np.cbrt(1 + a * shifted) - 1) / np.where(skewed, a, 1.0), shifted
-    )
-    return result
+    return np.where(skewed, 3 * (np.cbrt(1 + a * shifted) - 1) / np.where(skewed, a, 1.0), shifted)
 
 
 Interval = tuple[float, float]
@@ -155,7 +144,7 @@ _SKETCH_ERROR: Final = 0.05
 
 @final
 @dataclass(frozen=True, eq=False)
-class Moments:
+class Moments(ReadOnly):
     """Mean and variance of a set of samples with their intervals.
 
     Attributes:
@@ -171,9 +160,6 @@ class Moments:
     samples: int
     confidence: float
     skewness: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def mean_interval(self) -> Interval | None:

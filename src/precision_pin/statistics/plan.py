@@ -16,15 +16,7 @@ from precision_pin.base.arguments import check_number, check_text, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError, UnitError, UnknownNameError
 from precision_pin.base.quantity_arguments import check_quantity
-from precision_pin.statistics.quantities import (
-    COMPONENTS,
-    NORMS,
-    QUANTITIES,
-    QUANTITY_PATTERN,
-    QUANTITY_WORDS,
-    quantity_name,
-    si_quantity,
-)
+from precision_pin.statistics import quantities
 
 _RELATIVE_SCALE_WITHOUT_SPREAD = 2.0**-10
 _SCALE_WITHOUT_SPREAD = 2.0**-30
@@ -62,10 +54,10 @@ class Specification:
     required: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "quantity", quantity_name(self.quantity))
+        object.__setattr__(self, "quantity", quantities.quantity_name(self.quantity))
         what = f"specification of {self.quantity}:"
         limit = check_quantity(
-            f"{what} limit", self.limit, si_quantity(self.quantity), "above 0", lambda limit: limit > 0
+            f"{what} limit", self.limit, quantities.si_quantity(self.quantity), "above 0", lambda limit: limit > 0
         )
         required = check_number(
             f"{what} probability", self.required, "a share above 0 % and below 100 %", lambda share: 0 < share < 1
@@ -76,13 +68,13 @@ class Specification:
     @property
     def row(self) -> int:
         """Row of the quantity in the arrays with eight rows."""
-        return QUANTITIES.index(self.quantity)
+        return quantities.QUANTITIES.index(self.quantity)
 
     @property
     def components(self) -> tuple[int, ...]:
         """Components of the error, of six, that are limited: three together by a norm, else one."""
-        if self.row not in NORMS:
-            return (COMPONENTS.index(self.row),)
+        if self.row not in quantities.NORMS:
+            return (quantities.COMPONENTS.index(self.row),)
         return (3, 4, 5) if self.quantity.startswith("attitude") else (0, 1, 2)
 
 
@@ -159,7 +151,7 @@ class Plan:
         spreads = np.stack([(three_quarters - quarter) / 1.349, (high - low) / 3.29, seen.std(axis=1)])
         farthest = _MARGIN * np.maximum(ordered[:, -1] - centre, centre - ordered[:, 0])
         scale = np.zeros(8)
-        for norm, part in zip(NORMS, (slice(0, 3), slice(3, 6)), strict=True):
+        for norm, part in zip(quantities.NORMS, (slice(0, 3), slice(3, 6)), strict=True):
             whole = float(np.sqrt(parts[part] @ parts[part]))
             for row, own in zip(range(norm, norm + 4), (whole, *parts[part]), strict=True):
                 rounding = _NOISE * max(whole, abs(float(ordered[row, 0])), abs(float(ordered[row, -1])))
@@ -190,7 +182,7 @@ class Plan:
         spread = np.asarray(covariance, dtype=float)
         centre = np.zeros(8)
         scale = np.zeros(8)
-        for norm, part in zip(NORMS, (slice(0, 3), slice(3, 6)), strict=True):
+        for norm, part in zip(quantities.NORMS, (slice(0, 3), slice(3, 6)), strict=True):
             m, c = expected[part], spread[part, part]
             square = float(m @ m + np.trace(c))
             variance = float(2 * np.trace(c @ c) + 4 * m @ c @ m) / (4 * square) if square > 0 else 0.0
@@ -204,14 +196,13 @@ class Plan:
 def _power_of_two(values: Array) -> Array:
     """Return the power of two nearest to each positive value on a logarithmic scale."""
     mantissa, exponent = np.frexp(values)
-    rounded: Array = np.ldexp(1.0, exponent - (mantissa < math.sqrt(0.5)))
-    return rounded
+    return np.ldexp(1.0, exponent - (mantissa < math.sqrt(0.5)))
 
 
 DEFAULT_PROBABILITY: Final = 0.95
 """Required probability of a specification without one."""
 
-_FORM: Final = re.compile(rf"({QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
+_FORM: Final = re.compile(rf"({quantities.QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
 _LEAST_PER_CENT: Final = 0.01
 """Smallest probability accepted in per cent; less is probably a ratio written with a per cent sign."""
 
@@ -252,17 +243,17 @@ def specification(text: str) -> Specification:
     if word is None:
         word = "position" if is_length else "attitude"
     # the limit applies to the absolute value, which may be written |dx|
-    word = word if word in QUANTITY_WORDS else word.strip("|")
-    if word not in QUANTITY_WORDS:
-        raise UnknownNameError("quantity of a specification", word, QUANTITY_WORDS)
-    if QUANTITY_WORDS[word].startswith("position") != is_length:
+    word = word if word in quantities.QUANTITY_WORDS else word.strip("|")
+    if word not in quantities.QUANTITY_WORDS:
+        raise UnknownNameError("quantity of a specification", word, quantities.QUANTITY_WORDS)
+    if quantities.QUANTITY_WORDS[word].startswith("position") != is_length:
         raise InputError(f"specification {text!r}: {word} is limited by {'an angle' if is_length else 'a length'}")
     if not limit > 0:
         raise InputError(f"specification {text!r}: the limit must be positive")
     if not is_length and limit >= math.pi:
         meant = "deg, or mrad" if unit == "rad" else "mrad"
         raise InputError(f"specification {text!r}: no attitude error is larger than half a turn; did you mean {meant}?")
-    return Specification(QUANTITY_WORDS[word], limit, required)
+    return Specification(quantities.QUANTITY_WORDS[word], limit, required)
 
 
 def _parse_required(text: str) -> float:

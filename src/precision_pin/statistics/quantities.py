@@ -11,16 +11,7 @@ from typing import Final
 from precision_pin.base.arguments import check_name
 from precision_pin.base.units import ANGLE, LENGTH, Quantity
 
-QUANTITIES: Final = (
-    "position.norm",
-    "position.x",
-    "position.y",
-    "position.z",
-    "attitude.norm",
-    "attitude.x",
-    "attitude.y",
-    "attitude.z",
-)
+QUANTITIES: Final = tuple(f"{vector}.{part}" for vector in ("position", "attitude") for part in ("norm", "x", "y", "z"))
 """The eight quantities, in the order of every array's rows."""
 
 NORMS: Final = (0, 4)
@@ -29,24 +20,11 @@ NORMS: Final = (0, 4)
 COMPONENTS: Final = (1, 2, 3, 5, 6, 7)
 """Rows of the components, in the order of an error's six numbers [d; δ]."""
 
+# the words of a specification, then the symbols of the tables
+_WORDS: Final = ("position x y z attitude rx ry rz", "|d| dx dy dz |δ| δx δy δz")
+
 QUANTITY_WORDS: Final = {
-    "position": "position.norm",
-    "x": "position.x",
-    "y": "position.y",
-    "z": "position.z",
-    "attitude": "attitude.norm",
-    "rx": "attitude.x",
-    "ry": "attitude.y",
-    "rz": "attitude.z",
-    # symbols of the tables
-    "|d|": "position.norm",
-    "dx": "position.x",
-    "dy": "position.y",
-    "dz": "position.z",
-    "|δ|": "attitude.norm",
-    "δx": "attitude.x",
-    "δy": "attitude.y",
-    "δz": "attitude.z",
+    word: name for words in _WORDS for word, name in zip(words.split(), QUANTITIES, strict=True)
 } | {name: name for name in QUANTITIES}
 """Names of quantities that users may give."""
 

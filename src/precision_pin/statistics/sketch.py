@@ -49,8 +49,7 @@ def sketch_columns(scaled: Array) -> Counts:
     """
     shifted = np.abs(scaled).view(np.int64) >> SHIFT
     magnitude_bin = np.minimum(np.maximum(shifted - (OFFSET - 1), 0), BINS - 1)
-    columns: Counts = np.where(scaled < 0, BINS - 1 - magnitude_bin, BINS + magnitude_bin)
-    return columns
+    return np.where(scaled < 0, BINS - 1 - magnitude_bin, BINS + magnitude_bin)
 
 
 def sketch_edges() -> Array:

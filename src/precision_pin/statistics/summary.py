@@ -19,7 +19,7 @@ from precision_pin.base.record import Keys, Record
 from precision_pin.statistics.accumulate import State
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import Moments, check_confidence, clopper_pearson
-from precision_pin.statistics.plan import Plan, Specification
+from precision_pin.statistics.plan import Plan
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import sketch_edges
 from precision_pin.statistics.verdicts import Grounds, SpecificationResult
@@ -112,8 +112,7 @@ class Summary(Record):
             UnknownNameError: There is no such quantity.
         """
         vector, part = quantity_name(quantity).split(".")
-        found: Distribution = getattr(self.position if vector == "position" else self.attitude, part)
-        return found
+        return getattr(self.position if vector == "position" else self.attitude, part)
 
     @property
     def _covariance_intervals(self) -> list[list[list[float] | None]] | None:
@@ -163,6 +162,11 @@ def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayL
     distributions = [
         _distribution(plan, state, confidence, edges, row, means, deviations) for row in range(len(QUANTITIES))
     ]
+    results = []
+    for spec, inside in zip(plan.specifications, state.inside.tolist(), strict=True):
+        interval = clopper_pearson(inside, state.count, confidence)
+        share, varies = inside / state.count, bool(varying[spec.row])
+        results.append(SpecificationResult(spec.quantity, spec.limit, spec.required, share, interval, varies))
     return Summary(
         samples=state.count,
         confidence=confidence,
@@ -171,10 +175,7 @@ def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayL
         mean=means[list(COMPONENTS)],
         covariance=covariance,
         varying=tuple(map(bool, varying)),
-        specifications=tuple(
-            _specification_result(specification, int(inside), state.count, confidence, bool(varying[specification.row]))
-            for specification, inside in zip(plan.specifications, state.inside, strict=True)
-        ),
+        specifications=tuple(results),
         largest_position=_extremes(state, 0),
         largest_attitude=_extremes(state, 1),
     )
@@ -220,18 +221,11 @@ def _deviations(state: State, covariance: Array) -> Array:
     squares = state.norm_squares - state.sums[norms] ** 2 / state.count
     constant = state.lowest[norms] == state.highest[norms]
     variances[norms] = np.where(constant, 0.0, np.maximum(squares, 0.0) / (state.count - 1))
-    deviations: Array = np.sqrt(variances)
-    return deviations
+    return np.sqrt(variances)
 
 
 def _distribution(
-    plan: Plan,
-    state: State,
-    confidence: float,
-    edges: Array,
-    row: int,
-    means: Array,
-    deviations: Array | None,
+    plan: Plan, state: State, confidence: float, edges: Array, row: int, means: Array, deviations: Array | None
 ) -> Distribution:
     counts = state.sketch[row]
     if counts.sum() != state.count:
@@ -240,8 +234,7 @@ def _distribution(
     lowest, highest = float(state.lowest[row]), float(state.highest[row])
 
     def ends(columns: NDArray[np.intp]) -> Array:
-        cut: Array = np.clip(plan.centre[row] + plan.scale[row] * edges[columns], lowest, highest)
-        return cut
+        return np.clip(plan.centre[row] + plan.scale[row] * edges[columns], lowest, highest)
 
     return Distribution(
         quantity=QUANTITIES[row],
@@ -255,17 +248,4 @@ def _distribution(
         bin_upper=ends(occupied + 1),
         bin_cumulative=np.cumsum(counts[occupied]),
         skewness=(float(plan.skewness[row, 0]), float(plan.skewness[row, 1])),
-    )
-
-
-def _specification_result(
-    specification: Specification, inside: int, samples: int, confidence: float, varying: bool
-) -> SpecificationResult:
-    return SpecificationResult(
-        quantity=specification.quantity,
-        limit=specification.limit,
-        required=specification.required,
-        probability=inside / samples,
-        interval=clopper_pearson(inside, samples, confidence),
-        varies=varying,
     )

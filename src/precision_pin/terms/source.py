@@ -178,7 +178,7 @@ class Source(ABC):
     def __init_subclass__(cls, **options: Any) -> None:
         """Check the plain settings of every source before its own checks use them."""
         super().__init_subclass__(**options)
-        own_checks: Callable[[Any], None] | None = cls.__dict__.get("__post_init__")
+        own_checks: Callable[[Any], None] | None = getattr(cls, "__post_init__", None)
 
         def __post_init__(self: Source) -> None:
             _check_plain_settings(self)
@@ -189,9 +189,10 @@ class Source(ABC):
         cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
 
     @property
-    @abstractmethod
     def subject(self) -> str:
-        """The joint, link or frame in its label."""
+        """What its label names: by default the setting ``joint``, ``link``, ``frame`` or ``at``, the first that is given."""
+        named = (getattr(self, setting, None) for setting in ("joint", "link", "frame", "at"))
+        return next((name for name in named if name), "")
 
     @property
     def depends_on(self) -> Dependence:
@@ -203,21 +204,22 @@ class Source(ABC):
         """
         return "loads"
 
+    takes_many: ClassVar[bool] = False
+    """Whether :meth:`accepts_many` is true of every chain."""
+
     def accepts_many(self, chain: Chain) -> bool:
         """Return whether :meth:`terms` also takes a posture of P configurations of a chain, which makes maps faster.
 
         Its terms then have the same targets and factors at all of them; twists get a last dimension of P. Its loads and its
         gravity do not depend on the configuration, and nothing of it on the approach. False is always safe.
         """
-        del chain
-        return self.depends_on == "chain"
+        return self.takes_many or self.depends_on == "chain"
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether its terms are the same at every posture of a chain, to rounding.
 
         Those of a source that reads the configuration may be, for example along a direction fixed in their own link.
         """
-        del chain
         return self.depends_on == "chain"
 
     @abstractmethod
@@ -231,7 +233,6 @@ class Source(ABC):
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
         """Yield the weights that the source adds to the chain; none by default."""
-        del posture, space
         return iter(())
 
     def gravity(self, posture: Posture, space: LabelledSpace) -> Iterator[tuple[Array, Factors]]:
@@ -239,17 +240,14 @@ class Source(ABC):
 
         None by default.
         """
-        del posture, space
         return iter(())
 
     def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
         """Yield warnings about settings that are allowed but probably unintended; none by default."""
-        del space
         return iter(())
 
     def after(self, seconds: float, space: LabelledSpace) -> Source:
         """Return the source as it is so long after a start from cold, with the same draws; itself if time changes nothing."""
-        del seconds, space
         return self
 
     is_put_down: ClassVar[bool] = False
@@ -263,7 +261,6 @@ class Source(ABC):
 
         None by default.
         """
-        del label
         return ()
 
     @classmethod

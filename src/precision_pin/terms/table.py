@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.array_checks import fix_fields, returns_read_only
+from precision_pin.base.array_checks import ReadOnly, returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError
 from precision_pin.draws.expressions import Expression, Program
@@ -24,7 +24,7 @@ from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
 
 @final
 @dataclass(frozen=True, eq=False)
-class TermTable:
+class TermTable(ReadOnly):
     """The table that every engine and analysis reads: displacements of targets as products of parameters.
 
     A joint value is a target like any other: its pivot is the joint's frame after its motion, its twist is along the axis.
@@ -47,9 +47,6 @@ class TermTable:
     twists: Array
     factors: NDArray[np.intp]
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @classmethod
     def build(cls, posture: Posture, space: Space, terms: Iterable[Term]) -> TermTable:
         """Return the table of terms at a posture, in chain order."""
@@ -71,8 +68,7 @@ class TermTable:
         """Return each term's product of factors, ``(T, N)``, for parameters ``(P, N)``."""
         # index -1, for no factor, reads the appended 1
         padded = np.concatenate([parameters, np.ones((1, parameters.shape[1]))])
-        result: Array = np.prod(padded[self.factors], axis=1)
-        return result
+        return np.prod(padded[self.factors], axis=1)
 
     def displacements(self, products: Array) -> Array:
         """Return every target's displacement, ``(K, 6, N)``, for products ``(T, N)``."""
@@ -113,14 +109,11 @@ class TermTable:
 
 @final
 @dataclass(frozen=True, eq=False)
-class SlopeColumns:
+class SlopeColumns(ReadOnly):
     """Derivatives ``(6, m)`` with respect to the components in columns ``(m,)``; all others are zero."""
 
     columns: NDArray[np.intp]
     slopes: Array
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 def _sum_entries(
@@ -134,8 +127,10 @@ def _sum_entries(
 
 @final
 @dataclass(frozen=True, eq=False)
-class TableLayout:
+class TableLayout(ReadOnly):
     """The common part of tables that differ in twists and frames only: those of one model at different poses.
+
+    All its tables share its arrays; the sampler recognises the layout by them.
 
     Attributes:
         terms: The terms of one such table.
@@ -154,10 +149,6 @@ class TableLayout:
     places: Array
     at_joints: NDArray[np.intp]
     joints: NDArray[np.intp]
-
-    def __post_init__(self) -> None:
-        # read-only before any table is made, so that all tables share these arrays; the sampler recognises the layout by them
-        fix_fields(self)
 
     @classmethod
     def of(cls, terms: tuple[Term, ...], space: Space) -> TableLayout:

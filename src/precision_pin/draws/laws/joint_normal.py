@@ -101,12 +101,10 @@ class JointNormal(Law):
 
     @property
     def size(self) -> int:
-        """The number of components."""
         return len(self.matrix)
 
     @property
     def components(self) -> tuple[str, ...]:
-        """``.0``, ``.1``, …."""
         return tuple(f".{k}" for k in range(self.size))
 
     @property
@@ -151,7 +149,6 @@ class JointNormal(Law):
         return k * self.root
 
     def standardised_moments(self) -> Moments:
-        """Return the moments of independent normal numbers."""
         return NORMAL_MOMENTS
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
@@ -177,8 +174,7 @@ class JointNormal(Law):
         """Return exp(i t·mean - tᵀΣt/2)."""
         t = np.asarray(frequency, dtype=float)
         quadratic = np.einsum("i...,ij,j...->...", t, self.covariance, t)
-        value: NDArray[np.complex128] = np.exp(1j * np.einsum("i,i...->...", self.mean_vector, t) - quadratic / 2)
-        return value
+        return np.exp(1j * np.einsum("i,i...->...", self.mean_vector, t) - quadratic / 2)
 
 
 def _check_bounds(bounds: object, size: int) -> tuple[tuple[float, float], ...]:

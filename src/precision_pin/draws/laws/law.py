@@ -20,7 +20,7 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_number, check_numbers, check_whole, shown
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import ReadOnly
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.memory import check_memory
@@ -119,8 +119,7 @@ class Law(ABC):
         part = self.projection(np.ones(1))
         if part is None:
             raise InputError(f"the samples of the law {type(self).__name__} do not rise with their uniform numbers")
-        value: NDArray[np.complex128] = np.exp(1j * t * self.mean_vector[0]) * part.characteristic(t)
-        return value
+        return np.exp(1j * t * self.mean_vector[0]) * part.characteristic(t)
 
     @property
     def streamed(self) -> range:
@@ -215,7 +214,6 @@ class Law(ABC):
 
         An unbounded law is cut off at k standard deviations. None if the support is no ellipsoid.
         """
-        del k
         return None
 
     def standardised_moments(self) -> Moments | None:
@@ -231,7 +229,6 @@ class Law(ABC):
 
     def covariance_with(self, other: Law, correlation: float) -> float | None:
         """Return the covariance with a number whose normal score is correlated; None if there is no closed form."""
-        del other, correlation
         return None
 
     def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float | None:
@@ -244,7 +241,6 @@ class Law(ABC):
             nodes: Takes a distance beyond the usual range. Returns the scores z of the other number up to there, and
                 (value - mean) × density × weight at each.
         """
-        del correlation, nodes
         return None
 
     def from_normals(self, normals: Array) -> Array:
@@ -270,8 +266,7 @@ class Law(ABC):
 def cumulative(scores: Array) -> Array:
     """Return Φ of normal scores, from the lower tail, so that all engines round alike near 1."""
     tail = lazy_special.ndtr(-np.abs(scores))
-    value: Array = np.where(scores > 0, 1 - tail, tail)
-    return value
+    return np.where(scores > 0, 1 - tail, tail)
 
 
 def take_size(law: Law, field: str, what: str, *, zero: bool = True) -> None:
@@ -335,7 +330,7 @@ Branch = Literal[
 
 @final
 @dataclass(frozen=True, eq=False)
-class KernelRow:
+class KernelRow(ReadOnly):
     """The row of a law in the tables of the compiled loops.
 
     Attributes:
@@ -349,9 +344,6 @@ class KernelRow:
     branch: Branch
     numbers: Array
     intervals: tuple[tuple[float, float], ...] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 _NODES: Final = 24
@@ -390,13 +382,12 @@ def _values(law: Law, scores: Array) -> Array:
     """Return a law's values at normal scores; beyond the last uniform number, 1 - 2⁻⁵³, that number's value."""
     if law.variates == "uniform":
         scores = np.minimum(scores, lazy_special.ndtri(LAST_UNIFORM))
-    value: Array = law.at_scores(scores.reshape(1, -1))[0].reshape(scores.shape)
-    return value
+    return law.at_scores(scores.reshape(1, -1))[0].reshape(scores.shape)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Series:
+class Series(ReadOnly):
     """Legendre series of the density of a law of one number, about its mean.
 
     Attributes:
@@ -417,9 +408,6 @@ class Series:
     cells: Array
     shares: Array
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @cached_property
     def half(self) -> Array:
         """Half the length of each panel."""
@@ -433,8 +421,7 @@ class Series:
     @cached_property
     def coefficients(self) -> Array:
         """Of the density in each panel, over -1 to 1: ``(panels, terms)``."""
-        value: Array = self.moments * (np.arange(_TERMS) + 0.5)
-        return value
+        return self.moments * (np.arange(_TERMS) + 0.5)
 
     @cached_property
     def integrals(self) -> Array:
@@ -524,8 +511,7 @@ class DerivedProjection(Projection):
     def cumulative(self, z: Array) -> Array:
         _, k, place = self._panels(z)
         below = np.clip(legendre.legval(place, np.moveaxis(self.series.integrals[k], -1, 0), tensor=False), 0, 1)
-        value: Array = np.asarray(below if self.size > 0 else 1 - below, dtype=float)
-        return value
+        return np.asarray(below if self.size > 0 else 1 - below, dtype=float)
 
     def density(self, z: Array) -> Array:
         if self.series.moments[self.series.half == 0, 0].sum() > _NARROW:
@@ -533,21 +519,17 @@ class DerivedProjection(Projection):
         x, k, place = self._panels(z)
         value = legendre.legval(place, np.moveaxis(self.series.coefficients[k], -1, 0), tensor=False)
         inside = (x >= self.series.low[k]) & (x <= self.series.high[k])
-        result: Array = np.where(inside, np.maximum(value, 0) / (self.series.half[k] * abs(self.size)), 0.0)
-        return result
+        return np.where(inside, np.maximum(value, 0) / (self.series.half[k] * abs(self.size)), 0.0)
 
     def position(self, s: Array) -> Array:
         scores = np.sign(self.size) * s
-        result: Array = self.size * (_values(self.law, scores) - self.law.mean_vector[0])
-        return result
+        return self.size * (_values(self.law, scores) - self.law.mean_vector[0])
 
     def weight(self, s: Array) -> Array:
-        value: Array = np.exp(-(s**2) / 2) / np.sqrt(2 * np.pi)
-        return value
+        return np.exp(-(s**2) / 2) / np.sqrt(2 * np.pi)
 
     def parameter(self, z: Array) -> Array:
-        value: Array = np.clip(lazy_special.ndtri(self.cumulative(z)), -FARTHEST_NORMAL, FARTHEST_NORMAL)
-        return value
+        return np.clip(lazy_special.ndtri(self.cumulative(z)), -FARTHEST_NORMAL, FARTHEST_NORMAL)
 
     @property
     def is_bounded(self) -> bool:
@@ -613,5 +595,4 @@ def straight_lines(law: Law) -> Array | None:
     rising = np.diff(np.stack([begin, end], axis=1).ravel()) >= -1e-9 * scale
     if bent.any() or not rising.all():
         return None
-    lines: Array = np.column_stack([edges[:-1], begin, (end - begin) / np.diff(edges), end])
-    return lines
+    return np.column_stack([edges[:-1], begin, (end - begin) / np.diff(edges), end])

@@ -131,8 +131,7 @@ class Lognormal(Law):
 
     def sample(self, variates: Array) -> Array:
         """Return m exp(σ z - σ²/2)."""
-        value: Array = self.mean * np.exp(self.log_std * variates - self.log_std**2 / 2)
-        return value
+        return self.mean * np.exp(self.log_std * variates - self.log_std**2 / 2)
 
     def support(self, direction: ArrayLike) -> float:
         """Return infinity above zero, 0 below; w·m where the number does not vary."""
@@ -171,7 +170,6 @@ class Lognormal(Law):
         return f"lognormal, mean {write_number(self.mean, quantity)}, standard deviation {write_number(self.std, quantity)}"
 
     def kernel_row(self) -> KernelRow:
-        """Return the mean, σ and σ²/2."""
         return KernelRow("lognormal", np.array([self.mean, self.log_std, self.log_std**2 / 2]))
 
     def projection(self, weights: Array) -> _Projection:
@@ -187,21 +185,16 @@ class Lognormal(Law):
         """
         t = np.asarray(frequency, dtype=float)
         if not self.log_std:
-            constant: NDArray[np.complex128] = np.exp(1j * t[0] * self.mean)
-            return constant
+            return np.exp(1j * t[0] * self.mean)
         return in_chunks(self._along_saddles, t, 4 * _NODES.size)
 
     def _along_saddles(self, frequency: Array) -> NDArray[np.complex128]:
         sigma = self.log_std
         scaled = np.abs(frequency[0]) * self.mean * math.exp(-(sigma**2) / 2)
-        saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
-        height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
-        centre = -lazy_special.lambertw(scaled * sigma**2 * np.sin(sigma * height)).real / sigma
-        z = (centre + 1j * height)[:, None] + _NODES
+        z = _saddle_nodes(scaled, sigma)
         integrand = np.exp(1j * scaled[:, None] * np.exp(sigma * z) - z**2 / 2)
         value = integrand.sum(axis=1) * (_STEP / math.sqrt(2 * math.pi))
-        result: NDArray[np.complex128] = np.where(frequency[0] < 0, value.conj(), value)
-        return result
+        return np.where(frequency[0] < 0, value.conj(), value)
 
 
 @final
@@ -232,31 +225,26 @@ class _Projection(Projection):
 
     def _score(self, z: Array) -> Array:
         number = np.maximum(self._number(z) / self.mean, 1e-300)
-        value: Array = (np.log(number) + self.log_std**2 / 2) / self.log_std
-        return value
+        return (np.log(number) + self.log_std**2 / 2) / self.log_std
 
     def cumulative(self, z: Array) -> Array:
-        value: Array = lazy_special.ndtr(math.copysign(1.0, self.weight_of_number) * self._score(z))
-        return value
+        return lazy_special.ndtr(math.copysign(1.0, self.weight_of_number) * self._score(z))
 
     def density(self, z: Array) -> Array:
         number = self._number(z)
         slope = self.log_std * np.maximum(number, 1e-300) * abs(self.weight_of_number)
-        value: Array = np.where(number > 0, _normal_density(self._score(z)) / slope, 0.0)
-        return value
+        return np.where(number > 0, _normal_density(self._score(z)) / slope, 0.0)
 
     def position(self, s: Array) -> Array:
         signed = math.copysign(1.0, self.weight_of_number) * s
-        value: Array = self.weight_of_number * self.mean * np.expm1(self.log_std * signed - self.log_std**2 / 2)
-        return value
+        return self.weight_of_number * self.mean * np.expm1(self.log_std * signed - self.log_std**2 / 2)
 
     def weight(self, s: Array) -> Array:
         return _normal_density(s)
 
     def parameter(self, z: Array) -> Array:
         signed = math.copysign(1.0, self.weight_of_number) * self._score(z)
-        value: Array = np.clip(signed, -FARTHEST_NORMAL, FARTHEST_NORMAL)
-        return value
+        return np.clip(signed, -FARTHEST_NORMAL, FARTHEST_NORMAL)
 
     @property
     def is_bounded(self) -> bool:
@@ -277,11 +265,10 @@ class _Projection(Projection):
         """Return the least of 1, V/ω and a table; V is the total variation of the density, twice its highest value."""
         scale = abs(self.weight_of_number) * self.mean
         height = scale * math.exp(-(self.log_std**2)) * self.log_std
-        bound: Array = np.minimum(
+        return np.minimum(
             power_bound(2 / math.sqrt(2 * math.pi), 1.0, height * frequency),
             lognormal_envelope(scale * frequency, self.log_std),
         )
-        return bound
 
 
 def lognormal_characteristic(frequency: Array, log_std: float) -> NDArray[np.complex128]:
@@ -293,19 +280,22 @@ def lognormal_characteristic(frequency: Array, log_std: float) -> NDArray[np.com
     """
     t = np.abs(frequency)
     value = _integrate(t, log_std) if t.size <= _MOST_INTEGRALS else _interpolate(t, log_std)
-    result: NDArray[np.complex128] = np.where(frequency < 0, value.conj(), value)
-    return result
+    return np.where(frequency < 0, value.conj(), value)
+
+
+def _saddle_nodes(scaled: Array, sigma: float) -> NDArray[np.complex128]:
+    """Return the nodes ``(N, 721)`` on a line through the saddle point at each frequency or above it."""
+    saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
+    height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
+    centre = -lazy_special.lambertw(scaled * sigma**2 * np.sin(sigma * height)).real / sigma
+    return (centre + 1j * height)[:, None] + _NODES
 
 
 def _integrate(t: Array, sigma: float) -> NDArray[np.complex128]:
     parts = [np.zeros(0, dtype=complex)]
     for first in range(0, t.size, _BATCH):
         some = t[first : first + _BATCH]
-        scaled = some * math.exp(-(sigma**2) / 2)
-        saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
-        height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
-        centre = -lazy_special.lambertw(scaled * sigma**2 * np.sin(sigma * height)).real / sigma
-        z = (centre + 1j * height)[:, None] + _NODES
+        z = _saddle_nodes(some * math.exp(-(sigma**2) / 2), sigma)
         integrand = np.exp(1j * some[:, None] * np.expm1(sigma * z - sigma**2 / 2) - z**2 / 2)
         parts.append(integrand.sum(axis=1) * (_STEP / math.sqrt(2 * math.pi)))
     return np.concatenate(parts)
@@ -336,8 +326,7 @@ def _octave(t: Array, high: float, sigma: float, turn: float) -> NDArray[np.comp
         coefficients = cosines @ values * (2 / (degree + 1))
         coefficients[0] /= 2
         if np.abs(coefficients[-4:]).sum() <= _SERIES_TOLERANCE:
-            found: NDArray[np.complex128] = np.polynomial.chebyshev.chebval(4 * t / high - 3, coefficients)
-            return found
+            return np.polynomial.chebyshev.chebval(4 * t / high - 3, coefficients)
     return None
 
 
@@ -370,5 +359,4 @@ def _table(sigma: float) -> Array:
 
 
 def _normal_density(score: Array) -> Array:
-    value: Array = np.exp(-(score**2) / 2) / math.sqrt(2 * math.pi)
-    return value
+    return np.exp(-(score**2) / 2) / math.sqrt(2 * math.pi)

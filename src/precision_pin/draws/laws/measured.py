@@ -19,20 +19,15 @@ from precision_pin.base.csv_columns import Measured
 from precision_pin.base.errors import InputError
 from precision_pin.base.memory import check_memory
 from precision_pin.base.units import Quantity
+from precision_pin.draws.laws import sheet_form
 from precision_pin.draws.laws.law import KernelRow, Law, take_number, take_rows, take_size
 from precision_pin.draws.laws.projection import Lines, Moments, cumulants_of, in_chunks, moments_of
-from precision_pin.draws.laws.sheet_form import LawOption, Place, SheetForm, SheetReader, deviations, spread
 from precision_pin.render.display_units import WrittenUnit
 
 _BYTES: Final = 300.0
 """Memory for each sample, as tuples and as arrays."""
 
-_COLUMN_FILE: Final[Mapping[str, Any]] = {
-    "type": "object",
-    "properties": {"file": {"type": "string"}, "column": {"type": "string"}},
-    "required": ["file"],
-    "additionalProperties": False,
-}
+_COLUMN_FILE: Final = sheet_form.object_schema({"file": {"type": "string"}, "column": {"type": "string"}}, "file")
 _EMPIRICAL_SCHEMA: Final[Mapping[str, Any]] = {
     "type": "object",
     "properties": {
@@ -72,7 +67,7 @@ class Empirical(BoundedLaw):
         InputError: A table that does not begin at p = 0, end at p = 1 or rise.
     """
 
-    form: ClassVar = SheetForm(
+    form: ClassVar = sheet_form.SheetForm(
         "empirical",
         {"empirical": {"samples": "0.11 0.13 0.12 mm"}},
         "a measured distribution: `samples` or `quantiles`, in the sheet or from a file",
@@ -97,8 +92,7 @@ class Empirical(BoundedLaw):
                     )
 
     @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Empirical:
-        """Return the law written in a sheet, from samples or quantiles."""
+    def from_sheet(cls, reader: sheet_form.SheetReader) -> Empirical:
         value = reader.settings["empirical"]
         if not isinstance(value, Mapping) or len(value) != 1 or not set(value) <= {"samples", "quantiles"}:
             raise reader.error(
@@ -107,7 +101,7 @@ class Empirical(BoundedLaw):
                 "(empirical: {quantiles: [[0, -0.1 mm], [1, 0.2 mm]]}), in the sheet or as {file: gauge.csv, column: gap}",
             )
         what, given = next(iter(value.items()))
-        where: Place = ("empirical", what)
+        where: sheet_form.Place = ("empirical", what)
         table = None
         if isinstance(given, Mapping):
             reader.only(where, "file", "column")
@@ -161,12 +155,10 @@ class Empirical(BoundedLaw):
         p, x = self._knots
         step = np.diff(p)
         slopes = np.divide(np.diff(x), step, out=np.zeros_like(step), where=step > 0)
-        lines: Array = np.column_stack([p[:-1], x[:-1], slopes, x[1:]])[step > 0]
-        return lines
+        return np.column_stack([p[:-1], x[:-1], slopes, x[1:]])[step > 0]
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The lowest and the highest value."""
         return float(self.segments[0, 1]), float(self.segments[-1, 3])
 
     @property
@@ -187,8 +179,7 @@ class Empirical(BoundedLaw):
         """Return the quantiles at u, by straight lines."""
         begin, value, slope, end = self.segments.T
         k = np.searchsorted(begin, variates, side="right") - 1
-        result: Array = np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
-        return result
+        return np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
 
     @property
     def cell_edges(self) -> Array:
@@ -197,7 +188,6 @@ class Empirical(BoundedLaw):
 
     @property
     def lines(self) -> Array:
-        """The segments."""
         return self.segments
 
     @property
@@ -216,11 +206,10 @@ class Empirical(BoundedLaw):
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         low, high = self.ends
         unit = WrittenUnit.suiting(quantities[0], self.ends)
-        far = spread(self.mean_vector, self.covariance, quantities[0])
+        far = sheet_form.spread(self.mean_vector, self.covariance, quantities[0])
         return f"measured: {len(self.quantiles)} quantiles from {unit(low)} to {unit(high)}{far}"
 
     def kernel_row(self) -> KernelRow:
-        """Return the straight lines."""
         return KernelRow("empirical", self.segments)
 
     def projection(self, weights: Array) -> Lines:
@@ -235,10 +224,7 @@ class Empirical(BoundedLaw):
 
         def of(part: Array) -> NDArray[np.complex128]:
             line = part[0][:, None]
-            value: NDArray[np.complex128] = (
-                np.exp(1j * line * ((a + b) / 2)) * np.sinc(line * ((b - a) / (2 * np.pi)))
-            ) @ self._shares
-            return value
+            return (np.exp(1j * line * ((a + b) / 2)) * np.sinc(line * ((b - a) / (2 * np.pi)))) @ self._shares
 
         return in_chunks(of, t, 4 * a.size)
 
@@ -247,7 +233,9 @@ class Empirical(BoundedLaw):
         return np.diff(np.append(self.segments[:, 0], 1.0))
 
 
-def _column(reader: SheetReader, table: Measured, where: Place, *others: str) -> tuple[float, ...]:
+def _column(
+    reader: sheet_form.SheetReader, table: Measured, where: sheet_form.Place, *others: str
+) -> tuple[float, ...]:
     """Return the named column, or the only one besides ``others``."""
     rest = [name for name in table.names if name not in others]
     name = reader.value(*where).get("column")
@@ -256,7 +244,7 @@ def _column(reader: SheetReader, table: Measured, where: Place, *others: str) ->
     return reader.column(table, rest[0] if name is None else str(name), where)
 
 
-def _pairs(reader: SheetReader, where: Place) -> tuple[tuple[float, float], ...]:
+def _pairs(reader: sheet_form.SheetReader, where: sheet_form.Place) -> tuple[tuple[float, float], ...]:
     rows = reader.value(*where)
     if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == 2 for row in rows):
         raise reader.error(where, "quantiles must be pairs of a probability and a value: [[0, -0.1 mm], [1, 0.2 mm]]")
@@ -278,13 +266,13 @@ class TwoPoint(BoundedLaw):
         probability: Probability of the upper one.
     """
 
-    form: ClassVar = SheetForm(
+    form: ClassVar = sheet_form.SheetForm(
         "two_point",
         {"two_point": "0.05 mm"},
         "centre - t or centre + t, nothing between; `probability` of the upper one, default 0.5; `centre`, default 0",
         (
-            LawOption("centre", "two_point: halfway between the two, default 0", "1 mm"),
-            LawOption("probability", "two_point: of the upper one, default 0.5", "0.3"),
+            sheet_form.LawOption("centre", "two_point: halfway between the two, default 0", "1 mm"),
+            sheet_form.LawOption("probability", "two_point: of the upper one, default 0.5", "0.3"),
         ),
     )
     half_width: float
@@ -300,7 +288,7 @@ class TwoPoint(BoundedLaw):
         object.__setattr__(self, "probability", probability)
 
     @classmethod
-    def from_sheet(cls, reader: SheetReader) -> TwoPoint:
+    def from_sheet(cls, reader: sheet_form.SheetReader) -> TwoPoint:
         half_width = reader.half_width("two_point")
         centre = reader.number("centre") if "centre" in reader.settings else 0.0
         probability = reader.ratio("probability") if "probability" in reader.settings else 0.5
@@ -312,7 +300,6 @@ class TwoPoint(BoundedLaw):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The two values."""
         return self.centre - self.half_width, self.centre + self.half_width
 
     @property
@@ -322,7 +309,6 @@ class TwoPoint(BoundedLaw):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """The threshold."""
         return (self.threshold,)
 
     @property
@@ -341,11 +327,9 @@ class TwoPoint(BoundedLaw):
 
     @property
     def cell_edges(self) -> Array:
-        """0, the threshold, 1."""
         return np.array([0.0, self.threshold, 1.0])
 
     def cumulants(self) -> Array:
-        """Return the cumulants of the two values."""
         half, p = self.half_width, self.probability
         return cumulants_of(np.array([[-half], [half]]), np.array([1 - p, p]))
 
@@ -355,7 +339,6 @@ class TwoPoint(BoundedLaw):
         return f"{unit(low)} or {unit(high)}, the latter with probability {100 * self.probability:.6g} %"
 
     def kernel_row(self) -> KernelRow:
-        """Return centre, half-width and threshold."""
         return KernelRow("two_point", np.array([self.centre, self.half_width, self.threshold]))
 
     def projection(self, weights: Array) -> Lines:
@@ -366,16 +349,10 @@ class TwoPoint(BoundedLaw):
         """Return (cos(t half_width) + i (2p - 1) sin(t half_width)) exp(i t centre), t ``(1, …)``."""
         t = np.asarray(frequency, dtype=float)[0]
         swing = np.cos(t * self.half_width) + 1j * (2 * self.probability - 1) * np.sin(t * self.half_width)
-        value: NDArray[np.complex128] = np.exp(1j * t * self.centre) * swing
-        return value
+        return np.exp(1j * t * self.centre) * swing
 
 
-_ROWS_FILE: Final[Mapping[str, Any]] = {
-    "type": "object",
-    "properties": {"file": {"type": "string"}, "columns": {"type": "array"}},
-    "required": ["file"],
-    "additionalProperties": False,
-}
+_ROWS_FILE: Final = sheet_form.object_schema({"file": {"type": "string"}, "columns": {"type": "array"}}, "file")
 _ROWS_SCHEMA: Final[Mapping[str, Any]] = {"anyOf": [{"type": "array", "minItems": 1}, _ROWS_FILE]}
 
 
@@ -392,12 +369,14 @@ class Rows(Law):
         InputError: No rows, rows of different lengths, a number that is not finite, or names that do not fit.
     """
 
-    form: ClassVar = SheetForm(
+    form: ClassVar = sheet_form.SheetForm(
         "rows",
         {"rows": [["0.1 mm", "0.2 mm"], ["0 mm", "-0.1 mm"]]},
         "several numbers `.0`, `.1`, … that were measured together: one of the rows, all equally likely",
         schema=_ROWS_SCHEMA,
     )
+    streamed: ClassVar = range(1)
+    """The first variate, which selects the row."""
     table: tuple[tuple[float, ...], ...]
     names: tuple[str, ...] = ()
 
@@ -409,7 +388,7 @@ class Rows(Law):
         object.__setattr__(self, "names", names)
 
     @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Rows:
+    def from_sheet(cls, reader: sheet_form.SheetReader) -> Rows:
         value = reader.settings["rows"]
         if isinstance(value, Mapping):
             reader.only(("rows",), "file", "columns")
@@ -421,8 +400,7 @@ class Rows(Law):
             return cls(tuple(zip(*columns, strict=True)))
         if not isinstance(value, list) or not value:
             raise reader.error(
-                ("rows",),
-                "rows takes rows of numbers that belong together, or {file: measured.csv, columns: [a, b]}",
+                ("rows",), "rows takes rows of numbers that belong together, or {file: measured.csv, columns: [a, b]}"
             )
         rows = tuple(tuple(reader.numbers("rows", k)) for k in range(len(value)))
         for k, row in enumerate(rows):
@@ -438,7 +416,6 @@ class Rows(Law):
 
     @property
     def size(self) -> int:
-        """The number of columns."""
         return len(self.table[0])
 
     @property
@@ -448,36 +425,29 @@ class Rows(Law):
 
     @property
     def mean_vector(self) -> Array:
-        """Mean of the rows, ``(size,)``."""
-        mean: Array = self.array.mean(axis=0)
-        return mean
+        return self.array.mean(axis=0)
 
     @property
     def covariance(self) -> Array:
         """Covariance ``(size, size)`` of the rows as the whole population: divided by their number, not by one less."""
         centred = self.array - self.mean_vector
-        value: Array = centred.T @ centred / len(self.table)
-        return value
+        return centred.T @ centred / len(self.table)
 
     def sample(self, variates: Array) -> Array:
         """Return row ⌊u₀ n⌋ of n; the other uniform numbers are not used."""
         chosen = np.floor(variates[0] * len(self.table)).astype(np.intp)
-        value: Array = self.array[chosen].T
-        return value
+        return self.array[chosen].T
 
     def support(self, direction: ArrayLike) -> float:
-        """Return the largest w·x of the rows."""
         return float((self.array @ np.asarray(direction, dtype=float)).max())
 
     @property
     def cell_edges(self) -> Array:
         """Uniform numbers between which one row is drawn, all equally far apart."""
-        edges: Array = np.arange(len(self.table) + 1) / len(self.table)
-        return edges
+        return np.arange(len(self.table) + 1) / len(self.table)
 
     @property
     def measured(self) -> Array:
-        """The rows."""
         return self.array
 
     @property
@@ -490,7 +460,6 @@ class Rows(Law):
         return None if self.size > 1 else moments_of(self.array[:, 0], self._shares)
 
     def cumulants(self) -> Array:
-        """Return the cumulants of the rows."""
         return cumulants_of(self.array, self._shares)
 
     @property
@@ -499,16 +468,10 @@ class Rows(Law):
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         rows = len(self.table)
-        stds = deviations(self.components, self.covariance, quantities)
+        stds = sheet_form.deviations(self.components, self.covariance, quantities)
         return f"{rows} measured row{'s' if rows > 1 else ''}, all equally likely, {stds}"
 
-    @property
-    def streamed(self) -> range:
-        """The first variate, which selects the row."""
-        return range(1)
-
     def kernel_row(self) -> KernelRow:
-        """Return the rows."""
         return KernelRow("table", self.array)
 
     def projection(self, weights: Array) -> Lines:

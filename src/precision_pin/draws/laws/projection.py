@@ -16,7 +16,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import ReadOnly
 from precision_pin.base.arrays import Array
 from precision_pin.draws import lazy_special
 
@@ -78,7 +78,6 @@ class Projection(ABC):
 
     def within(self, score: float) -> tuple[float, float]:
         """Return limits outside which lies no more probability than outside ± ``score`` of a standard normal law."""
-        del score
         return self.ends
 
     @property
@@ -100,18 +99,16 @@ class SymmetricProjection(Projection):
 
     def scale_to_reach(self, z: Array) -> Array:
         """Return z over the reach, limited to ±1."""
-        scaled: Array = np.clip(z / self.reach, -1.0, 1.0)
-        return scaled
+        return np.clip(z / self.reach, -1.0, 1.0)
 
     def limit_to_reach(self, z: Array, density: Array) -> Array:
         """Return the density, zero beyond the reach."""
-        value: Array = np.where(np.abs(z) < self.reach, density, 0.0)
-        return value
+        return np.where(np.abs(z) < self.reach, density, 0.0)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Lines(Projection):
+class Lines(ReadOnly, Projection):
     """A projection of uniform pieces and single values: of empirical and two-point laws and of rows of a table.
 
     Attributes:
@@ -123,9 +120,6 @@ class Lines(Projection):
     begins: Array
     stops: Array
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     @classmethod
     def of(cls, shares: Array, begins: Array, stops: Array) -> Lines:
         """Return the pieces in rising order."""
@@ -135,17 +129,14 @@ class Lines(Projection):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The lowest and the highest value."""
         return float(self.begins[0]), float(self.stops[-1])
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """0, 1 and the probabilities at which pieces meet."""
         return (0.0, *np.cumsum(self.shares)[:-1].tolist(), 1.0)
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """The ends of the pieces."""
         return tuple(np.unique(np.concatenate([self.begins, self.stops])).tolist())
 
     @property
@@ -154,45 +145,36 @@ class Lines(Projection):
         return bool((self.begins == self.stops).any())
 
     def cumulative(self, z: Array) -> Array:
-        """Return P(number ≤ z)."""
         ahead = z[..., None] - self.begins
         length = self.stops - self.begins
         passed = np.where(length > 0, np.clip(ahead / np.where(length > 0, length, 1.0), 0, 1), ahead >= 0)
-        value: Array = passed @ self.shares
-        return value
+        return passed @ self.shares
 
     def density(self, z: Array) -> Array:
         """Return the density; not-a-number where any value has a probability of its own."""
         if self.has_jumps:
             return np.full_like(z, np.nan)
         inside = (z[..., None] >= self.begins) & (z[..., None] < self.stops)
-        value: Array = inside @ (self.shares / (self.stops - self.begins))
-        return value
+        return inside @ (self.shares / (self.stops - self.begins))
 
     def position(self, s: Array) -> Array:
-        """Return the quantile at s."""
         firsts = np.array(self.breaks[:-1])
         k = np.clip(np.searchsorted(firsts, s, side="right") - 1, 0, firsts.size - 1)
         along = np.clip((s - firsts[k]) / self.shares[k], 0, 1)
-        value: Array = self.begins[k] + along * (self.stops[k] - self.begins[k])
-        return value
+        return self.begins[k] + along * (self.stops[k] - self.begins[k])
 
     def weight(self, s: Array) -> Array:
-        """Return 1."""
         return np.ones_like(s)
 
     def parameter(self, z: Array) -> Array:
-        """Return the cumulative probability."""
         return self.cumulative(z)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
-        """Return the sum over the pieces."""
         halves, middles = (self.stops - self.begins) / 2, (self.stops + self.begins) / 2
 
         def of(part: Array) -> NDArray[np.complex128]:
             turned = np.sinc(part.T * halves / np.pi) * np.exp(1j * part.T * middles)
-            value: NDArray[np.complex128] = turned @ self.shares
-            return value
+            return turned @ self.shares
 
         return in_chunks(of, frequency[None], 4 * halves.size)
 
@@ -211,8 +193,7 @@ class Lines(Projection):
 
 def power_bound(factor: float, power: float, z: Array) -> Array:
     """Return min(1, factor z^-power)."""
-    value: Array = np.minimum(1.0, factor * np.maximum(z, 1e-300 ** (1 / max(power, 1.0))) ** -power)
-    return value
+    return np.minimum(1.0, factor * np.maximum(z, 1e-300 ** (1 / max(power, 1.0))) ** -power)
 
 
 FARTHEST_NORMAL: Final = 8.6

@@ -20,12 +20,14 @@ Place = tuple[str | int, ...]
 """Path of keys and indices below the mapping of a law."""
 
 NUMBER: Final[Mapping[str, Any]] = {"type": "string", "description": "a number with its unit"}
-DEVIATIONS: Final[Mapping[str, Any]] = {
-    "type": "object",
-    "properties": {"std": {}},
-    "required": ["std"],
-    "additionalProperties": False,
-}
+
+
+def object_schema(properties: Mapping[str, Any], *required: str) -> Mapping[str, Any]:
+    """Return the JSON schema of a mapping with these keys and no other."""
+    return {"type": "object", "properties": properties, "required": list(required), "additionalProperties": False}
+
+
+DEVIATIONS: Final = object_schema({"std": {}}, "std")
 """JSON schema of a standard deviation under a law's key."""
 
 

@@ -15,19 +15,9 @@ from precision_pin.base.arguments import check_number
 from precision_pin.base.arrays import Array
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
+from precision_pin.draws.laws import sheet_form
 from precision_pin.draws.laws.law import Branch, KernelRow, Law, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
-from precision_pin.draws.laws.sheet_form import (
-    DEVIATIONS,
-    MEAN,
-    NUMBER,
-    LawOption,
-    SheetForm,
-    SheetReader,
-    about,
-    mean_beside,
-    write_number,
-)
 from precision_pin.render.display_units import WrittenUnit
 
 
@@ -64,10 +54,8 @@ class SymmetricLaw(Law):
         return w * self.mean + (abs(w) * self.reach if w else 0.0)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Return E exp(i t x), t ``(1, …)``."""
         t = np.asarray(frequency, dtype=float)[0]
-        value: NDArray[np.complex128] = np.exp(1j * t * self.mean) * self._deviation_characteristic(t)
-        return value
+        return np.exp(1j * t * self.mean) * self._deviation_characteristic(t)
 
 
 @dataclass(frozen=True)
@@ -89,7 +77,7 @@ class HalfWidthLaw(SymmetricLaw):
         return self.half_width
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        return f"{self.words} within {about(self.half_width, self.mean, quantities[0])}"
+        return f"{self.words} within {sheet_form.about(self.half_width, self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
         return KernelRow(cast("Branch", self.form.key), np.array([self.mean, self.half_width]))
@@ -107,38 +95,26 @@ class Fixed(SymmetricLaw):
     """A number that does not vary; it is a parameter, so that derivatives with respect to it exist."""
 
     is_normal: ClassVar[bool] = True
-    form: ClassVar = SheetForm(
+    form: ClassVar = sheet_form.SheetForm(
         "fixed", {"fixed": "85 mm"}, "a number that does not vary, but has a name and a derivative"
     )
+    variance: ClassVar = 0.0
+    reach: ClassVar = 0.0
+    streamed: ClassVar = range(0)
     mean: float
 
     def __post_init__(self) -> None:
         take_number(self, "mean", "the value of a fixed law")
 
     @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Fixed:
+    def from_sheet(cls, reader: sheet_form.SheetReader) -> Fixed:
         return cls(reader.number("fixed"))
-
-    @property
-    def variance(self) -> float:
-        """Zero."""
-        return 0.0
-
-    @property
-    def reach(self) -> float:
-        """Zero."""
-        return 0.0
 
     def sample(self, variates: Array) -> Array:
         return np.full_like(variates, self.mean)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        return f"fixed at {write_number(self.mean, quantities[0])}"
-
-    @property
-    def streamed(self) -> range:
-        """None."""
-        return range(0)
+        return f"fixed at {sheet_form.write_number(self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
         return KernelRow("fixed", np.array([self.mean]))
@@ -160,13 +136,10 @@ class _StraightProjection(SymmetricProjection):
 @final
 @dataclass(frozen=True)
 class _UniformProjection(_StraightProjection):
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        return -1.0, 1.0
+    breaks: ClassVar = (-1.0, 1.0)
 
     def cumulative(self, z: Array) -> Array:
-        value: Array = (1 + self.scale_to_reach(z)) / 2
-        return value
+        return (1 + self.scale_to_reach(z)) / 2
 
     def density(self, z: Array) -> Array:
         return self.limit_to_reach(z, np.full_like(z, 0.5 / self.reach))
@@ -187,15 +160,14 @@ class _UniformProjection(_StraightProjection):
 class Uniform(HalfWidthLaw):
     """Uniform on mean ± half_width."""
 
-    form: ClassVar = SheetForm(
-        "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (MEAN,)
+    form: ClassVar = sheet_form.SheetForm(
+        "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (sheet_form.MEAN,)
     )
     along: ClassVar = _UniformProjection
     divisor: ClassVar = 3
     words: ClassVar = "uniform"
 
     def sample(self, variates: Array) -> Array:
-        """Return mean + t (2u - 1)."""
         return self.mean + self.half_width * (2 * variates - 1)
 
     def covariance_with(self, other: Law, correlation: float) -> float | None:
@@ -208,9 +180,7 @@ class Uniform(HalfWidthLaw):
 @final
 @dataclass(frozen=True)
 class _TriangularProjection(_StraightProjection):
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        return -1.0, 0.0, 1.0
+    breaks: ClassVar = (-1.0, 0.0, 1.0)
 
     @property
     def kinks(self) -> tuple[float, ...]:
@@ -219,8 +189,7 @@ class _TriangularProjection(_StraightProjection):
     def cumulative(self, z: Array) -> Array:
         t = self.scale_to_reach(z)
         tail = (1 - np.abs(t)) ** 2 / 2
-        value: Array = np.where(t > 0, 1 - tail, tail)
-        return value
+        return np.where(t > 0, 1 - tail, tail)
 
     def density(self, z: Array) -> Array:
         return (1 - np.abs(self.scale_to_reach(z))) / self.reach
@@ -241,17 +210,14 @@ class _TriangularProjection(_StraightProjection):
 class Triangular(HalfWidthLaw):
     """Symmetric triangle on mean ± half_width."""
 
-    form: ClassVar = SheetForm(
-        "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (MEAN,)
+    form: ClassVar = sheet_form.SheetForm(
+        "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (sheet_form.MEAN,)
     )
     along: ClassVar = _TriangularProjection
     divisor: ClassVar = 6
     words: ClassVar = "triangular"
-
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        """One half, where the density has a kink."""
-        return (0.5,)
+    breaks: ClassVar = (0.5,)
+    """Where the density has a kink."""
 
     def sample(self, variates: Array) -> Array:
         """Return the inverse of the cumulative law, from the nearer end."""
@@ -263,17 +229,13 @@ class Triangular(HalfWidthLaw):
 class SineProjection(SymmetricProjection):
     """A projection whose parameter is an angle."""
 
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        return -math.pi / 2, math.pi / 2
+    breaks: ClassVar = (-math.pi / 2, math.pi / 2)
 
     def position(self, s: Array) -> Array:
-        value: Array = self.reach * np.sin(s)
-        return value
+        return self.reach * np.sin(s)
 
     def parameter(self, z: Array) -> Array:
-        value: Array = np.arcsin(self.scale_to_reach(z))
-        return value
+        return np.arcsin(self.scale_to_reach(z))
 
 
 @final
@@ -282,21 +244,18 @@ class ArcsineProjection(SineProjection):
     """Projection of an arcsine law, or of a circle."""
 
     def cumulative(self, z: Array) -> Array:
-        value: Array = 0.5 + np.arcsin(self.scale_to_reach(z)) / np.pi
-        return value
+        return 0.5 + np.arcsin(self.scale_to_reach(z)) / np.pi
 
     def density(self, z: Array) -> Array:
         inside = np.abs(z) < self.reach
         t = np.where(inside, z / self.reach, 0.0)
-        value: Array = np.where(inside, 1 / (np.pi * self.reach * np.sqrt((1 - t) * (1 + t))), 0.0)
-        return value
+        return np.where(inside, 1 / (np.pi * self.reach * np.sqrt((1 - t) * (1 + t))), 0.0)
 
     def weight(self, s: Array) -> Array:
         return np.full_like(s, 1 / np.pi)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
-        value: NDArray[np.complex128] = lazy_special.j0(self.reach * frequency).astype(complex)
-        return value
+        return lazy_special.j0(self.reach * frequency).astype(complex)
 
     def envelope(self, frequency: Array) -> Array:
         """min(1, √(2/(π r ω))), since √(πz/2) |J₀(z)| ≤ 1 (Watson, Bessel functions, 15.5)."""
@@ -308,8 +267,8 @@ class ArcsineProjection(SineProjection):
 class Arcsine(HalfWidthLaw):
     """Arcsine (U-shaped) on mean ± half_width: a sine wave at a random phase (JCGM 101:2008, 6.4.6)."""
 
-    form: ClassVar = SheetForm(
-        "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t at a random phase; σ = t/√2", (MEAN,)
+    form: ClassVar = sheet_form.SheetForm(
+        "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t at a random phase; σ = t/√2", (sheet_form.MEAN,)
     )
     along: ClassVar = ArcsineProjection
     divisor: ClassVar = 2
@@ -362,7 +321,7 @@ class TruncatedNormal(SymmetricLaw):
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         (quantity,) = quantities
         unit = WrittenUnit.suiting(quantity, [self.std])
-        cut = f"cut off at ±{unit(self.k * self.std)}{mean_beside(self.mean, quantity)}"
+        cut = f"cut off at ±{unit(self.k * self.std)}{sheet_form.mean_beside(self.mean, quantity)}"
         return f"normal, standard deviation {unit(self.std)}, {cut}"
 
     def kernel_row(self) -> KernelRow:
@@ -399,8 +358,7 @@ class _TruncatedProjection(SymmetricProjection):
 
     def cumulative(self, z: Array) -> Array:
         score = self.k * self.scale_to_reach(z)
-        value: Array = (1 + lazy_special.erf(score / math.sqrt(2)) / self._inner) / 2
-        return value
+        return (1 + lazy_special.erf(score / math.sqrt(2)) / self._inner) / 2
 
     def density(self, z: Array) -> Array:
         return self.limit_to_reach(z, self.weight(self.k * self.scale_to_reach(z)) * self.k / self.reach)
@@ -409,8 +367,7 @@ class _TruncatedProjection(SymmetricProjection):
         return self.reach / self.k * s
 
     def weight(self, s: Array) -> Array:
-        value: Array = np.exp(-(s**2) / 2) / (math.sqrt(2 * math.pi) * self._inner)
-        return value
+        return np.exp(-(s**2) / 2) / (math.sqrt(2 * math.pi) * self._inner)
 
     def parameter(self, z: Array) -> Array:
         return self.k * self.scale_to_reach(z)
@@ -434,8 +391,7 @@ class _TruncatedProjection(SymmetricProjection):
         tails = np.minimum(2 * lazy_special.ndtr(-self.k), 4 * height / omega)
         cut = (np.exp(-(omega**2) / 2) + tails) / self._inner
         whole = 2 / (math.sqrt(2 * math.pi) * self._inner * omega)
-        bound: Array = np.minimum(np.minimum(cut, whole), 1.0)
-        return bound
+        return np.minimum(np.minimum(cut, whole), 1.0)
 
 
 _NOT_NEGATIVE: Final = "zero or more and finite"
@@ -452,16 +408,18 @@ class Normal(SymmetricLaw):
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
     is_normal: ClassVar[bool] = True
-    form: ClassVar = SheetForm(
+    form: ClassVar = sheet_form.SheetForm(
         "normal",
         {"normal": "0.06 mm"},
         "t is k standard deviations, σ = t/k; `normal: {std: 0.02 mm}` gives σ itself",
         (
-            MEAN,
-            LawOption("k", "normal: t has the standard deviation t/k; default 3", "2"),
-            LawOption("truncated", "cut a normal law off at its half-width, mean ± k standard deviations", "true"),
+            sheet_form.MEAN,
+            sheet_form.LawOption("k", "normal: t has the standard deviation t/k; default 3", "2"),
+            sheet_form.LawOption(
+                "truncated", "cut a normal law off at its half-width, mean ± k standard deviations", "true"
+            ),
         ),
-        {"anyOf": [NUMBER, DEVIATIONS]},
+        {"anyOf": [sheet_form.NUMBER, sheet_form.DEVIATIONS]},
     )
     std: float
     mean: float = 0.0
@@ -472,8 +430,7 @@ class Normal(SymmetricLaw):
         take_number(self, "mean", "the mean of a normal law")
 
     @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Normal | TruncatedNormal:
-        """Return the law written in a sheet, truncated if the sheet says so."""
+    def from_sheet(cls, reader: sheet_form.SheetReader) -> Normal | TruncatedNormal:
         value, k = reader.settings["normal"], _read_k(reader)
         if isinstance(value, Mapping):
             if set(value) != {"std"}:
@@ -501,7 +458,6 @@ class Normal(SymmetricLaw):
 
     @property
     def variance(self) -> float:
-        """σ²."""
         return self.std**2
 
     @property
@@ -510,7 +466,6 @@ class Normal(SymmetricLaw):
         return math.inf if self.std else 0.0
 
     def sample(self, variates: Array) -> Array:
-        """Return mean + σ z."""
         return self.mean + self.std * variates
 
     def covariance_with(self, other: Law, correlation: float) -> float | None:
@@ -524,7 +479,8 @@ class Normal(SymmetricLaw):
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         (quantity,) = quantities
-        return f"normal, standard deviation {write_number(self.std, quantity)}{mean_beside(self.mean, quantity)}"
+        mean = sheet_form.mean_beside(self.mean, quantity)
+        return f"normal, standard deviation {sheet_form.write_number(self.std, quantity)}{mean}"
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
         """Return the half-width with the standard deviation, ``±0.01° (σ 0.0033°)``; without a half-width ``σ 0.1 mm``."""
@@ -536,22 +492,20 @@ class Normal(SymmetricLaw):
         return "±{} (σ {})".format(*sizes).replace(" deg", "°")
 
     def kernel_row(self) -> KernelRow:
-        """Return mean and standard deviation."""
         return KernelRow("normal", np.array([self.mean, self.std]))
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
-        value: Array = np.exp(-((self.std * frequency) ** 2) / 2)
-        return value
+        return np.exp(-((self.std * frequency) ** 2) / 2)
 
 
-def _read_k(reader: SheetReader) -> float:
+def _read_k(reader: sheet_form.SheetReader) -> float:
     k = reader.ratio("k") if "k" in reader.settings else 3.0
     if not k > 0:
         raise reader.error(("k",), f"k must be positive, got {reader.settings['k']}")
     return k
 
 
-def _read_truncated(reader: SheetReader) -> bool:
+def _read_truncated(reader: sheet_form.SheetReader) -> bool:
     value = str(reader.settings.get("truncated", "false")).lower()
     if value not in ("true", "false"):
         raise reader.error(("truncated",), f"truncated must be true or false, got {reader.settings['truncated']!r}")
