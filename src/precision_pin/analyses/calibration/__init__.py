@@ -212,7 +212,7 @@ def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, c
     """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
     import numpy as np
 
-    from precision_pin.analyses.calibration.contact import contact_poses, seen_poses
+    from precision_pin.analyses.calibration.forecast import contact_poses, seen_poses
     from precision_pin.base.arguments import check_whole
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.random_poses import random_poses

@@ -16,24 +16,25 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from precision_pin.analyses.calibration.data import CalibrationData, check_data, read_data
-from precision_pin.analyses.calibration.design import measurements_of, task_poses
-from precision_pin.analyses.calibration.fit import (
-    DOUBTFUL,
-    Fit,
-    Problem,
-    doubt_model,
-    fit,
-    leave_out,
-    refuse_far_readings,
-)
-from precision_pin.analyses.calibration.identifiability import (
+from precision_pin.analyses.calibration.design import (
+    measurements_of,
     of_stack,
     rank_findings,
     refuse_where_nothing_is_seen,
     remarks_on,
+    task_poses,
 )
-from precision_pin.analyses.calibration.improvement import Improvement, SetUpAlone, doubt_improvement, groups_of, judge
-from precision_pin.analyses.calibration.noise import EstimatedStd, chance_of, doubt_std, estimate_std, refuse_noise
+from precision_pin.analyses.calibration.fit import (
+    DOUBTFUL,
+    Fit,
+    Problem,
+    SetUp,
+    doubt_model,
+    fit,
+    leave_out,
+    refuse_far_readings,
+    stations_of_data,
+)
 from precision_pin.analyses.calibration.posterior import (
     LEVEL,
     PosesOutcome,
@@ -42,7 +43,18 @@ from precision_pin.analyses.calibration.posterior import (
     interval_after,
     normal_interval,
 )
-from precision_pin.analyses.calibration.set_up import SetUp, stations_of_data
+from precision_pin.analyses.calibration.residuals import (
+    EstimatedStd,
+    Improvement,
+    SetUpAlone,
+    chance_of,
+    doubt_improvement,
+    doubt_std,
+    estimate_std,
+    groups_of,
+    judge,
+    refuse_noise,
+)
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_flag, check_items, check_name, check_number, check_path

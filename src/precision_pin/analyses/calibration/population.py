@@ -17,8 +17,14 @@ from scipy import stats
 
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, measured_problem, without_gross_errors
 from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, measurements_of, project_out
-from precision_pin.analyses.calibration.identifiability import Group, subspaces
+from precision_pin.analyses.calibration.design import (
+    NEGLIGIBLE,
+    Group,
+    UnitNumbers,
+    measurements_of,
+    project_out,
+    subspaces,
+)
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import units

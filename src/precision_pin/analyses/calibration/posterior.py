@@ -10,8 +10,7 @@ from typing import Any, ClassVar, Final, final
 import numpy as np
 from scipy import special
 
-from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, repeat_covariance
-from precision_pin.analyses.calibration.identifiability import Identifiability
+from precision_pin.analyses.calibration.design import Estimator, Identifiability, UnitNumbers, repeat_covariance
 from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import se3

@@ -10,14 +10,14 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, WorstReadings
+from precision_pin.analyses.calibration.design import Identifiability
 from precision_pin.analyses.calibration.factory import FactoryCalibration
+from precision_pin.analyses.calibration.fit import SetUp
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
-from precision_pin.analyses.calibration.identifiability import Identifiability
-from precision_pin.analyses.calibration.noise import EstimatedStd
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
 from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, PosesOutcome, Posterior
-from precision_pin.analyses.calibration.set_up import SetUp
+from precision_pin.analyses.calibration.residuals import EstimatedStd
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.text_escape import shortened, shown, some, visible
 from precision_pin.render.tables import milli, resting_on

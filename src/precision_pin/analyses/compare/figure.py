@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.analyses.compare.comparison_result import ComparisonResult, PoseComparison
+from precision_pin.analyses.compare.compare import ComparisonResult, PoseComparison
 from precision_pin.base.text_escape import visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.analyses.compare.comparison_result import LEVELS, ComparisonResult, PoseComparison
+from precision_pin.analyses.compare.compare import LEVELS, ComparisonResult, PoseComparison
 from precision_pin.analyses.compare.paired import Difference
 from precision_pin.analyses.monte_carlo.table import demanded, verdict_line
 from precision_pin.base.text_escape import shortened, shown, visible

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.base.text_escape import visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLUE, VERMILION

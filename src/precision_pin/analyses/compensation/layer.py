@@ -8,7 +8,7 @@ from typing import Any, Final, final
 import numpy as np
 from matplotlib.colors import to_hex
 
-from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.analyses.compensation.table import headline
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.base.arrays import Array
 from precision_pin.base.files import csv_text
 from precision_pin.base.text_escape import shortened, shown, visible

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.analyses.moments.moments_result import MomentsResult, PoseMoments
+from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY
 from precision_pin.render.figure_style import (
     DOUBLE_COLUMN,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from precision_pin.analyses.moments.moments_result import MomentsResult, PoseMoments, cell, entries
+from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments, cell, entries
 from precision_pin.analyses.monte_carlo.table import answer_of, subject
 from precision_pin.render.tables import milli, plus_minus, symbol, unit
 from precision_pin.render.text_table import aligned
