@@ -62,9 +62,18 @@ def describe_verdict(given: Sequence[SpecificationResult]) -> str:
 
 def specifications(results: Results) -> Html:
     """Return each specification with the share inside and its interval; without one, how to give one."""
-    if not results.analysis.summary.specifications:
+    given = results.analysis.summary.specifications
+    if not given:
         return paragraph('No limit was given: --spec sets one, such as --spec "0.5 mm @ 99.73 %".', class_="note")
-    return _specifications(results)
+    rows: list[list[Child]] = []
+    for result in given:
+        share, low, high = format_share(result.probability, result.interval, result.required)
+        verdict = element("strong", result.verdict, class_="good" if result.met else "bad")
+        required = f"{100 * result.required:.10g} %"
+        rows.append([_limit(result), required, f"{share} %", f"[{low}, {high}] %", verdict])
+    confidence = f"{100 * results.analysis.summary.confidence:g} % confidence"
+    header = ["limit", "required inside", "inside", f"interval at {confidence}", "verdict"]
+    return table("Specifications", header, rows, words=(4,))
 
 
 def _counted(result: SpecificationResult) -> str:
@@ -75,42 +84,20 @@ def _counted(result: SpecificationResult) -> str:
     )
 
 
-def _specifications(results: Results) -> Html:
-    rows: list[list[Child]] = []
-    for result in results.analysis.summary.specifications:
-        share, low, high = format_share(result.probability, result.interval, result.required)
-        rows.append(
-            [
-                _limit(result),
-                f"{100 * result.required:.10g} %",
-                f"{share} %",
-                f"[{low}, {high}] %",
-                element("strong", result.verdict, class_="good" if result.met else "bad"),
-            ]
-        )
-    header = ["limit", "required inside", "inside", f"interval at {_confidence(results)}", "verdict"]
-    return table("Specifications", header, rows, words=(4,))
-
-
 def _limit(result: SpecificationResult) -> str:
     return f"{absolute(result.quantity)} ≤ {1e3 * result.limit:.6g} {unit(result.quantity)}"
 
 
 def _sizes(results: Results) -> Html:
     analysis = results.analysis
-    rows: list[list[Child]] = []
-    for distribution in (analysis.position.norm, analysis.attitude.norm):
-        cells = [_within(distribution, level) for level in _UNASKED]
-        rows.append([quantity_label(distribution.quantity), *cells])
+    rows = [
+        [quantity_label(norm.quantity), *(_quantile(norm, level) for level in _UNASKED)]
+        for norm in (analysis.position.norm, analysis.attitude.norm)
+    ]
     header = ["error", *(f"{100 * level:g} % within" for level in _UNASKED)]
     return table(
         f"Errors that few robots exceed, {100 * results.analysis.summary.confidence:g} % intervals", header, rows
     )
-
-
-def _within(distribution: Distribution, level: float) -> Child:
-    value, interval = statistic(distribution, level), milli_interval(distribution, level)
-    return value if MISSING in (value, interval) else joined([value, " ", element("small", interval)])
 
 
 def _sentence(distribution: Distribution) -> Html:
@@ -120,19 +107,8 @@ def _sentence(distribution: Distribution) -> Html:
     if level is None:
         return joined([f"The samples are too few for the far quantiles of the error {name}."])
     size = element("strong", f"{statistic(distribution, level)} {unit(distribution.quantity)}")
-    return joined(
-        [
-            f"{100 * level:g} % of the robots have {what} error ",
-            element("span", name, class_="symbol"),
-            " of at most ",
-            size,
-            ".",
-        ]
-    )
-
-
-def _confidence(results: Results) -> str:
-    return f"{100 * results.analysis.summary.confidence:g} % confidence"
+    of = element("span", name, class_="symbol")
+    return joined([f"{100 * level:g} % of the robots have {what} error ", of, " of at most ", size, "."])
 
 
 _EXTREMES: Final = (("min", "smallest seen"), ("max", "largest seen"))
@@ -195,12 +171,10 @@ def _table(results: Results, vector: VectorDistribution) -> Html:
             *(_with_interval(statistic(part, "std"), _moment(part.std_interval())) for part in parts),
         ],
     ]
-    for level in COMPONENT_LEVELS:
-        cells = [
-            _with_interval(statistic(part, level), milli_interval(part, level)) if level in part.levels else ""
-            for part in parts
-        ]
-        rows.append([f"{100 * level:.4g} %", *cells])
+    rows += [
+        [f"{100 * level:.4g} %", *(_quantile(part, level) if level in part.levels else "" for part in parts)]
+        for level in COMPONENT_LEVELS
+    ]
     rows += [
         [f"bounds of {100 * content:.4g} % of robots", *(shown(tolerance_bounds(part, content)) for part in parts)]
         for content in CONTENTS
@@ -209,6 +183,10 @@ def _table(results: Results, vector: VectorDistribution) -> Html:
     header = [f"[{unit(what)}]", *(symbol(part.quantity) for part in parts)]
     confidence = f"{100 * results.analysis.summary.confidence:g} %"
     return table(f"Numbers of the {what} error, with intervals at {confidence} confidence", header, rows)
+
+
+def _quantile(part: Distribution, level: float) -> Child:
+    return _with_interval(statistic(part, level), milli_interval(part, level))
 
 
 def _moment(interval: tuple[float, float] | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import TYPE_CHECKING, Final
 
@@ -43,7 +43,7 @@ def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str
 
 
 def _brief(analysis: MonteCarloResult) -> list[str]:
-    cells = [_header(_BRIEF), *_rows(analysis, _BRIEF)]
+    cells = _statistics(analysis, _BRIEF)
     others = "--all: extremes, mode, tolerance bounds, error at the means" + ", correlations" * bool(
         analysis.correlations
     )
@@ -54,7 +54,7 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
         *_relative(analysis, is_named=False),
         f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}, "
         f"base axes, {analysis.summary.confidence:.0%} confidence",
-        f"{_share(0.95)} of robots within {_within(analysis, 0.95)}; {_share(0.9973)} within {_within(analysis, 0.9973)}",
+        f"95 % of robots within {_within(analysis, 0.95)}; 99.73 % within {_within(analysis, 0.9973)}",
         *map(_verdict, analysis.summary.specifications),
         "",
         *aligned(cells),
@@ -68,7 +68,7 @@ def _answer(analysis: MonteCarloResult) -> list[str]:
     """Return the lines that end the table: each verdict, or the sizes that most robots keep."""
     given = analysis.summary.specifications
     if not given:
-        return [f"{_share(0.95)} of robots within {_within(analysis, 0.95)}"]
+        return [f"95 % of robots within {_within(analysis, 0.95)}"]
     return [verdict_line(demanded(one), one, "{share} % inside") for one in given]
 
 
@@ -81,14 +81,14 @@ def _whole(analysis: MonteCarloResult) -> list[str]:
         "errors in base axes, intervals and digits at "
         f"{analysis.summary.confidence:.0%} confidence",
         "",
-        f"{_share(0.95)} of robots within {_within(analysis, 0.95)}; {_share(0.9973)} within {_within(analysis, 0.9973)}",
+        f"95 % of robots within {_within(analysis, 0.95)}; 99.73 % within {_within(analysis, 0.9973)}",
         *map(_verdict, analysis.summary.specifications),
         "",
-        *aligned([_header(_COLUMNS), *_rows(analysis, _COLUMNS)]),
+        *aligned(_statistics(analysis, _COLUMNS)),
         "",
         "tolerance bounds: so many of all robots lie between them, of |d| and |δ| below, "
         f"{analysis.summary.confidence:.0%} sure",
-        *aligned([_bounds_header(), *_bounds(analysis)]),
+        *aligned(_rows(analysis, [f"{100 * content:.4g} % of robots" for content in CONTENTS], _bounds)),
         "",
         "min and max are the smallest and largest seen, not bounds; - is not resolved by this many samples",
         f"mode: peak of the histogram smoothed by {_bandwidths(analysis)}",
@@ -112,12 +112,7 @@ def _relative(analysis: MonteCarloResult, *, is_named: bool = True) -> list[str]
 def _within(analysis: MonteCarloResult, level: float) -> str:
     """Return |d| and |δ| within which a share of the robots stays, with units."""
     norms = (analysis.position.norm, analysis.attitude.norm)
-    found = [f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms]
-    return ", ".join(found)
-
-
-def _share(level: float) -> str:
-    return f"{100 * level:.4g} %"
+    return ", ".join(f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms)
 
 
 def pose_text(
@@ -156,28 +151,20 @@ def answer_of(labels: Sequence[PoseLabel], sizes: Sequence[float], sentences: Se
     return f"worst pose, {name}: {sentences[worst]}"
 
 
-def _header(columns: Sequence[str | float]) -> list[str]:
-    return ["", "", *(column if isinstance(column, str) else f"{100 * column:.4g} %" for column in columns)]
+def _statistics(analysis: MonteCarloResult, columns: Sequence[str | float]) -> list[list[str]]:
+    head = [column if isinstance(column, str) else f"{100 * column:.4g} %" for column in columns]
+    return _rows(analysis, head, lambda part: [statistic(part, column) for column in columns])
 
 
-def _rows(analysis: MonteCarloResult, columns: Sequence[str | float]) -> list[list[str]]:
-    rows = []
-    for vector in (analysis.position, analysis.attitude):
-        for part in (vector.norm, vector.x, vector.y, vector.z):
-            rows.append([symbol(part.quantity), unit(part.quantity), *(statistic(part, column) for column in columns)])
-    return rows
+def _rows(analysis: MonteCarloResult, head: list[str], cells: Callable[[Distribution], list[str]]) -> list[list[str]]:
+    """Return a heading and a row for each norm and component."""
+    vectors = (analysis.position, analysis.attitude)
+    parts = [part for vector in vectors for part in (vector.norm, vector.x, vector.y, vector.z)]
+    return [["", "", *head], *([symbol(part.quantity), unit(part.quantity), *cells(part)] for part in parts)]
 
 
-def _bounds_header() -> list[str]:
-    return ["", "", *(f"{100 * content:.4g} % of robots" for content in CONTENTS)]
-
-
-def _bounds(analysis: MonteCarloResult) -> list[list[str]]:
-    return [
-        [symbol(part.quantity), unit(part.quantity), *(tolerance_bounds(part, content) for content in CONTENTS)]
-        for vector in (analysis.position, analysis.attitude)
-        for part in (vector.norm, vector.x, vector.y, vector.z)
-    ]
+def _bounds(part: Distribution) -> list[str]:
+    return [tolerance_bounds(part, content) for content in CONTENTS]
 
 
 def statistic(distribution: Distribution, which: str | float) -> str:
