@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.analyses.budget.shares import source_lines
 from precision_pin.analyses.compensation.correction import Correction, correct
@@ -15,7 +15,7 @@ from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.analyses.result import AnalysisResult
+from precision_pin.analyses.result import AnalysisResult, list_warnings
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_numbers
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end
@@ -239,21 +239,15 @@ def compensate(
         approaches = given.of(given.known).approaches
         correction = correct(error_model, values, approaches, effective, given_weights is None, step)
     labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
-    found = pose_findings(error_model.chain, values, labels)
     result = _with_laws(error_model, given, correction, mode, given_weights)
     worst = int(np.nanargmax(np.linalg.norm(result.correction.before[:3], axis=0)))
+    at = approached(given.take(np.array([worst])))[0]
     found = (
-        *found,
-        *strained_findings(
-            error_model, approached(given.take(np.array([worst])))[0], given.labels[worst], first_order=True
-        ),
+        *pose_findings(error_model.chain, values, labels),
+        *strained_findings(error_model, at, given.labels[worst], first_order=True),
     )
     add(found)
-    return replace(
-        result,
-        findings=known_findings,
-        warnings=tuple(dict.fromkeys(map(str, (*known_findings, *found)))),
-    )
+    return replace(result, findings=known_findings, warnings=list_warnings(known_findings, map(str, found)))
 
 
 def _check_weights(mode: Mode, weights: ArrayLike | None) -> Array | None:
@@ -275,28 +269,22 @@ def _with_laws(
     lines = source_lines(error_model)
     corrected = np.array(correction.status) == "corrected"
     approaches = poses.of(known).approaches
-    before = first_order(error_model, poses.q[:, known], approaches, lines, None, _ignore)
-    after = before
-    if corrected.any():
-        own = None if approaches is None else approaches[:, corrected]
-        after = first_order(error_model, correction.q[:, corrected], own, lines, None, _ignore)
+    before = first_order(error_model, poses.q[:, known], approaches, lines, None, lambda _: None)
     within = np.full((2, len(corrected)), np.nan)
     shares = np.full((len(lines), len(corrected)), np.nan)
     if corrected.any():
+        own = None if approaches is None else approaches[:, corrected]
+        after = first_order(error_model, correction.q[:, corrected], own, lines, None, lambda _: None)
         within[:, corrected] = _within(correction.after[:, corrected], after.covariance)
         shares[:, corrected] = after.shares
 
-    def spread(array: Array) -> Array:
-        full = np.full((*array.shape[:-1], len(poses)), np.nan)
+    def spread(array: NDArray[Any], fill: float = np.nan) -> NDArray[Any]:
+        full = np.full((*array.shape[:-1], len(poses)), fill)
         full[..., known] = array
         return full
 
     status = np.array(poses.status, dtype="<U11")
     status[known] = correction.status
-    least = np.ones(len(poses), dtype=bool)
-    least[known] = correction.is_least
-    iterations = np.zeros(len(poses), dtype=np.int64)
-    iterations[known] = correction.iterations
     return CompensationResult(
         provenance=Provenance.of(error_model, 0),
         joints=tuple(error_model.chain.joint_names),
@@ -309,9 +297,9 @@ def _with_laws(
             before=spread(correction.before),
             first_order=spread(correction.first_order),
             after=spread(correction.after),
-            iterations=iterations,
+            iterations=spread(correction.iterations, 0),
             status=tuple(status.tolist()),
-            is_least=least,
+            is_least=spread(correction.is_least, True),
         ),
         within_before=spread(_within(before.mean, before.covariance)),
         within_after=spread(within),
@@ -324,7 +312,3 @@ def _within(mean: Array, covariance: Array) -> Array:
     """Return the 95 % quantiles of |d| and |δ|, ``(2, P)``."""
     parts = (slice(0, 3), slice(3, 6))
     return np.stack([norm_quantiles(*principal_axes(mean[part], covariance[part, part]), 0.95) for part in parts])
-
-
-def _ignore(count: int) -> None:
-    del count
