@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 import numpy as np
@@ -240,24 +241,14 @@ def compare(
     given = listed_poses(poses)
     check_memory(8.0 * 20 * len(named) * samples, f"comparing {samples:,} robots", "compare fewer of them")
     compared = []
+    sample = partial(
+        monte_carlo, samples=samples, seed=seed, model=model, specifications=listed, confidence=confidence,
+        keep_samples=True, threads=threads,
+    )  # fmt: skip
     with steps_to(progress, count_steps(len(named), len(given), samples)) as step:
         for pose in given:
             q = first.configuration(pose)
-            laws = [
-                monte_carlo(
-                    one,
-                    q,
-                    samples=samples,
-                    seed=seed,
-                    model=model,
-                    specifications=listed,
-                    confidence=confidence,
-                    keep_samples=True,
-                    threads=threads,
-                    progress=step,
-                )
-                for one in named.values()
-            ]
+            laws = [sample(one, q, progress=step) for one in named.values()]
             pairs = tuple(
                 _paired(laws[0], law, confidence, _skewness(first.at(q), other.at(q)))
                 for law, other in zip(laws[1:], list(named.values())[1:], strict=True)
