@@ -20,8 +20,9 @@ over replicates; intervals are Student's with 31 degrees of freedom, wider where
 An estimate is not resolved where it depends on tails or rare values of the laws that the samples do not represent
 (:mod:`precision_pin.analyses.replicates`).
 
-The closed form has them from derivatives at the means, without sampling. Let the components be an affine map of numbers ζ with mean 0 and covariance I, and f_k, f_kl, … the derivatives of the exact
-error with respect to ζ at 0. The Taylor series gives (GUM, JCGM 100:2008, 5.1.2 note, continued to the fourth order)
+The closed form has them from derivatives at the means, without sampling. Let the components be an affine map of numbers ζ with
+mean 0 and covariance I, and f_k, f_kl, … the derivatives of the exact error with respect to ζ at 0. The Taylor series gives
+(GUM, JCGM 100:2008, 5.1.2 note, continued to the fourth order)
 
     E f   = f + Σ f_kk/2 + Σ f_kkk s_k/6 + [Σ f_kkkk q_k + Σ_(k≠l) 3 f_kkll κ_kl]/24 + …
     Cov f = Σ f_k f_kᵀ + sym Σ f_k f_kkᵀ s_k/2
@@ -60,13 +61,7 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.statics_findings import fixed_sides, turnover_findings
 from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.render.notebook import Table
-from precision_pin.render.tables import (
-    data_frame,
-    interval_columns,
-    plus_minus,
-    symbol,
-    unit,
-)
+from precision_pin.render.tables import data_frame, interval_columns, plus_minus, symbol, unit
 from precision_pin.sampling import Progress
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Plan
 
@@ -172,8 +167,7 @@ class PoseMoments(Record):
     @property
     def first_order_std(self) -> Array:
         """Standard deviations of the first-order model, ``(6,)``."""
-        result: Array = np.sqrt(np.maximum(np.diagonal(self.first_order_covariance), 0.0))
-        return result
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.first_order_covariance), 0.0)))
 
     @property
     def first_order(self) -> dict[str, Array]:
@@ -417,13 +411,7 @@ def check_samples(samples: int) -> int:
 
 
 def _at_pose(
-    error_model: ErrorModel,
-    pose: Pose,
-    method: Method,
-    count: int,
-    seed: int,
-    confidence: float,
-    step: Progress,
+    error_model: ErrorModel, pose: Pose, method: Method, count: int, seed: int, confidence: float, step: Progress
 ) -> PoseMoments:
     try:
         with np.errstate(over="raise"):
@@ -437,12 +425,15 @@ def _at_pose(
     norm_mean = norm_variance = remainder = None
     if method == "closed":
         # differences of exact errors would run across the jump of a side
-        closed = closed_moments(fixed_sides(at))
-        mean, covariance_found = Measured(closed.mean), Measured(closed.covariance)
-        remainder = Remainder(closed.order, closed.last_mean, closed.last_covariance)
+        *closed, remainder = _closed_moments(fixed_sides(at))
+        mean, covariance_found = map(Measured, closed)
     else:
         sampled = _Sampled(at, plan.centre[list(NORMS)], method, count, seed, step)
         mean, covariance_found, norm_mean, norm_variance = sampled.estimates(confidence)
+    findings = (
+        *at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at),
+        *exact_findings_at(error_model, at),
+    )  # fmt: skip
     return PoseMoments(
         pose=PoseLabel.of(error_model, pose, at),
         nominal=nominal.copy(),
@@ -453,15 +444,7 @@ def _at_pose(
         remainder=remainder,
         first_order_mean=at.tangent[0].copy(),
         first_order_covariance=covariance.copy(),
-        warnings=tuple(
-            str(finding)
-            for finding in (
-                *at.findings("exact"),
-                *error_model.statics_findings(at),
-                *turnover_findings(at),
-                *exact_findings_at(error_model, at),
-            )
-        ),
+        warnings=tuple(map(str, findings)),
     )
 
 
@@ -618,8 +601,7 @@ def _average_cross_products(means: Array) -> Array:
     """Return the average of m_a m_bᵀ over a ≠ b, ``(k, k)``, for means ``(R, k)``: an unbiased estimate of E m (E m)ᵀ."""
     count = len(means)
     total = means.sum(axis=0)
-    result: Array = (np.outer(total, total) - means.T @ means) / (count * (count - 1))
-    return result
+    return np.asarray((np.outer(total, total) - means.T @ means) / (count * (count - 1)))
 
 
 def _gram(rows: Array) -> Array:
@@ -638,27 +620,8 @@ def _controls(means: Array, off: Array) -> Array:
     return np.stack(parts, axis=1)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class ClosedMoments:
-    """Mean and covariance of the exact error from the truncated series.
-
-    Attributes:
-        mean, covariance: ``(6,)`` mean and ``(6, 6)`` covariance.
-        order: Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown.
-        last_mean: Terms of the mean beyond the second order (order 4), or of the second order (order 2).
-        last_covariance: Terms of the covariance beyond the second order; ``None`` at order 2, where there are none.
-    """
-
-    mean: Array
-    covariance: Array
-    order: int
-    last_mean: Array
-    last_covariance: Array | None
-
-
-def closed_moments(at: PoseModel) -> ClosedMoments:
-    """Return mean and covariance of the exact error at a pose."""
+def _closed_moments(at: PoseModel) -> tuple[Array, Array, Remainder]:
+    """Return mean ``(6,)`` and covariance ``(6, 6)`` of the exact error at a pose from the truncated series."""
     numbers = Uncorrelated.of(at.space)
     exact = ErrorAround(at)
     middle = exact.at(np.zeros((at.space.size, 1)))[:, 0]
@@ -668,7 +631,7 @@ def closed_moments(at: PoseModel) -> ClosedMoments:
     second = (16 * (near[0] + near[1]) - (far[0] + far[1]) - 30 * middle[:, None]) / (12 * STEP**2)
     curved = second.sum(axis=1) / 2
     if not numbers.known.all():
-        return ClosedMoments(middle + curved, at.covariance.copy(), 2, curved, None)
+        return middle + curved, at.covariance.copy(), Remainder(2, curved, None)
     first = at.jacobian @ numbers.columns
     third = (far[0] - 2 * near[0] + 2 * near[1] - far[1]) / (2 * STEP**3)
     fourth = (far[0] - 4 * near[0] + 6 * middle[:, None] - 4 * near[1] + far[1]) / STEP**4
@@ -696,4 +659,4 @@ def closed_moments(at: PoseModel) -> ClosedMoments:
     crossed = first @ (second * skewness / 2 + slopes / 6).T
     last += crossed + crossed.T
     last = (last + last.T) / 2
-    return ClosedMoments(middle + curved + last_mean, at.covariance + last, 4, last_mean, last)
+    return middle + curved + last_mean, at.covariance + last, Remainder(4, last_mean, last)

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Final, final
+from typing import Final, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,9 +51,7 @@ class ErrorAround:
             ) from None
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Uncorrelated:
+class Uncorrelated(NamedTuple):
     """Numbers ζ with mean 0 and covariance I, of which the components are an affine map.
 
     Attributes:
@@ -140,9 +137,7 @@ _LEAST: Final = 1e-10
 _ROUNDING: Final = 1e-14
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Control:
+class Control(NamedTuple):
     """Polynomial in the components x, ``e0 + J ξ + Σ c_p ξ_a(p) ξ_b(p)`` with ξ = x minus its mean.
 
     Attributes:
@@ -239,8 +234,7 @@ def _variances(numbers: Uncorrelated, usable: NDArray[np.intp], bends: Array) ->
     """Return the variance that each product alone adds to each component, ``(6, K, K)``."""
     weights = numbers.pairs[np.ix_(usable, usable)].copy()
     np.fill_diagonal(weights, (numbers.fourth[usable] - 1) / 4)
-    result: Array = bends**2 * weights
-    return result
+    return np.asarray(bends**2 * weights)
 
 
 def _beyond_tangent(
