@@ -22,7 +22,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
-from typing import ClassVar, Final, final
+from typing import ClassVar, Final, NamedTuple, final
 
 import numpy as np
 import scipy.linalg
@@ -87,8 +87,7 @@ class UnitNumbers:
     def values(self, z: Array) -> Array:
         """Return x for z ``(r, …)``."""
         mean = self.mean if z.ndim == 1 else self.mean[:, None]
-        result: Array = mean + self.root @ z
-        return result
+        return np.asarray(mean + self.root @ z)
 
     def components(self, space: Space, z: Array) -> Array:
         """Return all components ``(d, N)`` for z ``(r, N)``, those of other scopes at their means."""
@@ -107,8 +106,7 @@ def _columns(space: Space, scope: Scope) -> NDArray[np.intp]:
 def _scope_covariance(at: PoseModel, scope: Scope) -> Array:
     columns = _columns(at.space, scope)
     slopes = at.jacobian[:, columns]
-    result: Array = slopes @ at.space.block_covariance.within(columns) @ slopes.T
-    return result
+    return np.asarray(slopes @ at.space.block_covariance.within(columns) @ slopes.T)
 
 
 def repeat_covariance(at: PoseModel) -> Array:
@@ -116,9 +114,7 @@ def repeat_covariance(at: PoseModel) -> Array:
     return sum((_scope_covariance(at, scope) for scope in (Scope.POSE, Scope.VISIT)), np.zeros((6, 6)))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Station:
+class Station(NamedTuple):
     """A pose at which readings are taken: the model there, and the indices of its readings."""
 
     at: PoseModel
@@ -132,8 +128,7 @@ class Station:
         """
         each = by_error @ _scope_covariance(self.at, Scope.VISIT) @ by_error.T
         common = by_error @ _scope_covariance(self.at, Scope.POSE) @ by_error.T
-        result: Array = np.diag(variances) + each * (visits[:, None] == visits) + common
-        return result
+        return np.asarray(np.diag(variances) + each * (visits[:, None] == visits) + common)
 
     def noise_root(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
         """Return the lower triangular root of :meth:`noise`; refuse an instrument that is lost in rounding beside it."""
@@ -164,21 +159,17 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
 def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_data: bool = False) -> Measurement:
     """Return the measurement given, or that of the model's sheet; refuse an unknown std without readings that tell it."""
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
-    if measurement is not None:
-        check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
-    found = _stated(model) if measurement is None else measurement
-    if not found.std_known and not has_data:
-        raise InputError(
-            "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
-        )
-    return found
-
-
-def _stated(model: ErrorModel) -> Measurement:
-    found = None if model.sheet is None else model.sheet.measurement
+    if measurement is None:
+        found = None if model.sheet is None else model.sheet.measurement
+    else:
+        found = check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
     if found is None:
         raise InputError(
             "nothing says what is measured; give pp.Measurement(kind=..., std=...), or measurement: in the sheet"
+        )
+    if not found.std_known and not has_data:
+        raise InputError(
+            "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
         )
     return found
 
@@ -239,13 +230,11 @@ def stack_at_means(
         rows = list(station.rows)
         slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
         own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
-        visits = len(rows)
-        root = station.noise_root(
-            np.tile(slopes.error, (visits, 1)), given[rows].ravel() ** 2, np.repeat(np.arange(visits), measurement.size)
-        )
+        by_error, visits = np.tile(slopes.error, (len(rows), 1)), np.repeat(np.arange(len(rows)), measurement.size)
+        root = station.noise_root(by_error, given[rows].ravel() ** 2, visits)
         white = scipy.linalg.solve_triangular(root, np.tile(own, (len(rows), 1)), lower=True)
-        white = white.reshape(len(rows), measurement.size, -1)
-        by_z[rows], by_nuisance[rows] = np.split(white, [unit.root.shape[1]], axis=2)
+        parts = np.split(white.reshape(len(rows), measurement.size, -1), [unit.root.shape[1]], axis=2)
+        by_z[rows], by_nuisance[rows] = parts
     return by_z, by_nuisance
 
 
@@ -280,8 +269,7 @@ def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
     """Return the covariance of z after measurements, ``(r, r)``: ``(I + Hᵀ(1 - P)H)⁻¹`` with P that of the nuisances."""
     left, _ = project_out(by_z, by_nuisance)
     values, vectors = np.linalg.eigh(left.T @ left)
-    result: Array = (vectors / (1 + np.maximum(values, 0.0))) @ vectors.T
-    return result
+    return np.asarray((vectors / (1 + np.maximum(values, 0.0))) @ vectors.T)
 
 
 @final
@@ -323,24 +311,21 @@ class Estimator:
     def estimate(self, readings: Array, low: Array | None = None, high: Array | None = None) -> Array:
         """Return z ``(r,)`` for whitened readings ``(M,)``, within bounds ``(r,)`` if they are given."""
         if not self.has_prior:
-            found: Array = self.covariance @ (self.kept @ (self.kept.T @ (self.projected.T @ readings)))
-            return found
+            return np.asarray(self.covariance @ (self.kept @ (self.kept.T @ (self.projected.T @ readings))))
         free: Array = self.covariance @ (self.projected.T @ readings)
         if low is None or high is None or ((free >= low) & (free <= high)).all():
             return free
         rows = np.vstack([self.projected, np.eye(free.size)])
         target = np.concatenate([readings, np.zeros(free.size)])
         # BVLS is exact at the bounds, and the problem is small
-        bounded: Array = scipy.optimize.lsq_linear(rows, target, (low, high), method="bvls", tol=1e-14).x
-        return bounded
+        return np.asarray(scipy.optimize.lsq_linear(rows, target, (low, high), method="bvls", tol=1e-14).x)
 
     def nuisances(self, readings: Array) -> Array:
         """Return the nuisances ``(k,)`` that explain whitened readings less what z explains, ``(M,)``, with least norm."""
         if not self.by_nuisance.shape[1]:
             return np.zeros(0)
         scale = _lengths(self.by_nuisance)
-        found: Array = np.linalg.lstsq(self.by_nuisance / scale, readings, rcond=1e-9)[0] / scale
-        return found
+        return np.asarray(np.linalg.lstsq(self.by_nuisance / scale, readings, rcond=1e-9)[0] / scale)
 
     def leverage_root(self) -> Array:
         """Return Q ``(M, k + r)``: the estimate follows the share Q Qᵀ of whitened readings, fitted = Q Qᵀ readings."""
@@ -355,8 +340,7 @@ class Estimator:
     def hold(self) -> Array:
         """Return what the estimate leaves of whitened readings, ``(M, M)``: residuals = hold readings."""
         root = self.leverage_root()
-        result: Array = np.eye(len(root)) - root @ root.T
-        return result
+        return np.asarray(np.eye(len(root)) - root @ root.T)
 
     @cached_property
     def joint_covariance(self) -> Array:
@@ -520,13 +504,7 @@ def of_stack(
     values = np.zeros(len(names))
     values[: found.size] = found
     return Identifiability(
-        names,
-        rank,
-        values,
-        null.T @ null,
-        nuisances,
-        nuisance_rank,
-        observability(found[:rank], poses),
+        names, rank, values, null.T @ null, nuisances, nuisance_rank, observability(found[:rank], poses)
     )
 
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, final
+from itertools import pairwise
+from typing import Final, NamedTuple, final
 
 import numpy as np
 import scipy.linalg
@@ -27,7 +28,6 @@ from precision_pin.base.record import Record
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.estimates import bounds_of
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
 from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, Sockets
 
@@ -122,7 +122,7 @@ class SetUp(Record):
     def of(cls, measurement: Measurement, base: Array, nuisances: Array, variances: Array) -> SetUp:
         """Return the set-up of the measurement's nuisances, estimated beside a first guess of the base, and their variances."""
         shift, turn, target, _ = measurement.split(nuisances[:, None])
-        anchor, placed, plane, sockets = None, None, None, None
+        anchor = placed = plane = sockets = None
         place, own = measurement.place, shift[:, 0]
         if isinstance(place, Anchor):
             anchor = np.array(place.place) + own
@@ -182,8 +182,7 @@ def _anchor(points: Array, distances: Array) -> Array:
     if len(near) < 4 or np.linalg.svd(near, compute_uv=False)[2] < 1e-6 * np.abs(near).max():
         raise InputError("a free anchor needs distances of at least four points that do not lie in one plane")
     found = np.linalg.lstsq(rows, (near**2).sum(axis=1) - distances**2, rcond=None)[0]
-    anchor: Array = centre + found[:3]
-    return anchor
+    return np.asarray(centre + found[:3])
 
 
 def readings_in_base(data: CalibrationData, poses: Array, bases: Sequence[Array]) -> Array:
@@ -281,11 +280,14 @@ class Problem:
     @cached_property
     def places(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
         """Row and column in the readings of every number read at a station, in the order of its whitened numbers."""
-        listed = (np.array(station.rows, dtype=np.intp) for station in self.stations)
-        return tuple(
-            (np.repeat(rows, self.sizes[rows]), np.concatenate([np.arange(size) for size in self.sizes[rows]]))
-            for rows in listed
-        )
+        listed = ((np.array(station.rows), self.sizes[list(station.rows)]) for station in self.stations)
+        return tuple((np.repeat(rows, sizes), np.concatenate([*map(np.arange, sizes)])) for rows, sizes in listed)
+
+    @cached_property
+    def spans(self) -> tuple[slice, ...]:
+        """Where the whitened numbers of each station lie."""
+        ends = np.cumsum([0, *(len(rows) for rows, _ in self.places)]).tolist()
+        return tuple(slice(first, last) for first, last in pairwise(ends))
 
     @cached_property
     def labels(self) -> tuple[NDArray[np.intp], ...]:
@@ -385,20 +387,17 @@ class Problem:
 
     def reading_deviations(self, best: Fit) -> Array:
         """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""
-        estimator, result, first = best.estimator, np.zeros_like(self.readings), 0
-        is_whole = len(estimator.by_z) == sum(map(len, self.roots))
+        estimator, result = best.estimator, np.zeros_like(self.readings)
+        is_whole = len(estimator.by_z) == self.spans[-1].stop
         white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(best.z, best.nuisances)
-        for places, root in zip(self.places, self.roots, strict=True):
-            own = root @ np.hstack([part[first : first + len(root)] for part in white])
-            first += len(root)
+        for places, span, root in zip(self.places, self.spans, self.roots, strict=True):
+            own = root @ np.hstack([part[span] for part in white])
             variances = (root**2).sum(axis=1) + np.einsum("ij,jk,ik->i", own, estimator.joint_covariance, own)
             result[places] = np.sqrt(variances)
         return result
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class LeftOut:
+class LeftOut(NamedTuple):
     """Readings less the prediction of a fit without their group, first order.
 
     Attributes:
@@ -417,9 +416,7 @@ class LeftOut:
     trials: float
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(NamedTuple):
     """An estimate.
 
     Attributes:
@@ -500,8 +497,7 @@ def _result(
     estimator = Estimator.of(*problem.slopes(z, nuisances), has_prior=has_prior, kept=kept)
     residuals = problem.residuals(z, nuisances)
     estimated = estimator.nuisance_rank + (0 if has_prior else estimator.kept.shape[1])
-    at_bounds: tuple[str, ...] = ()
-    local = estimator
+    at_bounds, local = tuple[str, ...](), estimator
     if has_prior and problem.unit.is_independent:
         low, high = problem.bounds
         held = (z <= low) | (z >= high)
@@ -562,7 +558,7 @@ def leave_out(
             shared += weight / np.sqrt(own.size) * spread
             alone += weight**2 * (1 - (spread**2).sum() / own.size)
             count += weight
-    return replace(found, trials=count**2 / (alone + float((shared**2).sum())) if count else 0.0)
+    return found._replace(trials=count**2 / (alone + float((shared**2).sum())) if count else 0.0)
 
 
 def _of_group(block: Array, through: Array) -> tuple[Array, bool]:
@@ -701,12 +697,12 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     """Return the joint whose own error explains residuals best, and by how much its squares exceed those expected."""
     white = problem.whiten(problem.residuals(fit.z, fit.nuisances))
     hold = fit.estimator.hold()
-    values, first = np.zeros(len(problem.model.chain.joints)), 0
-    expected = np.zeros_like(values)
-    for station, places, root in zip(problem.stations, problem.places, problem.roots, strict=True):
-        rows = slice(first, first + len(root))
-        first += len(root)
-        moved = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error @ _joint_jacobian(station.at)
+    values, expected = np.zeros((2, len(problem.model.chain.joints)))
+    parts = zip(problem.stations, problem.places, problem.spans, problem.roots, strict=True)
+    for station, places, rows, root in parts:
+        posture = station.at.posture
+        by_joints = posture.chain.at_columns(posture.q[:, None]).joint_jacobian[:, :, 0]
+        moved = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error @ by_joints
         for visit in np.unique(problem.visit[places[0]]):
             own = np.where((problem.visit[places[0]] == visit)[:, None], moved, 0.0)
             along = np.linalg.solve(root, own)
@@ -715,8 +711,3 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     ratio = values / np.where(expected > 0, expected, np.inf)
     best = int(np.argmax(ratio))
     return problem.model.chain.joint_names[best], float(ratio[best])
-
-
-def _joint_jacobian(at: PoseModel) -> Array:
-    result: Array = at.posture.chain.at_columns(at.posture.q[:, None]).joint_jacobian[:, :, 0]
-    return result

@@ -19,21 +19,7 @@ from typing import ClassVar, Final, final
 import numpy as np
 import scipy.linalg
 
-from precision_pin.analyses.calibration.design import (
-    Estimator,
-    Identifiability,
-    Station,
-    UnitNumbers,
-    covariance_with_prior,
-    determined_by,
-    flat,
-    measurement_of,
-    read_poses,
-    remarks_on,
-    stack_at_means,
-    stations_of,
-    task_poses,
-)
+from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration.fit import Instruments, Problem
 from precision_pin.analyses.calibration.posterior import PosesOutcome, Posterior, errors_left
 from precision_pin.analyses.provenance import Provenance
@@ -222,16 +208,16 @@ def forecast_calibration(
     Raises:
         InputError: Nothing varies from robot to robot, or the poses are wrong.
     """
-    measurement = measurement_of(model, measurement)
+    measurement = design.measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
-    values, _ = read_poses(model, poses)
-    unit = UnitNumbers.of(model.space)
-    stations = stations_of(model, values, measurement)
-    by_z, by_nuisance = stack_at_means(stations, unit, measurement)
-    estimator = Estimator.of(flat(by_z), flat(by_nuisance), has_prior=True)
-    tasks = task_poses(model, at, values)
+    values, _ = design.read_poses(model, poses)
+    unit = design.UnitNumbers.of(model.space)
+    stations = design.stations_of(model, values, measurement)
+    by_z, by_nuisance = design.stack_at_means(stations, unit, measurement)
+    estimator = design.Estimator.of(design.flat(by_z), design.flat(by_nuisance), has_prior=True)
+    tasks = design.task_poses(model, at, values)
     entries = errors_left(tasks, unit, estimator, measurement.displaces_base, model.space)
-    found = determined_by(stations, unit, measurement)
+    found = design.determined_by(stations, unit, measurement)
     slopes = np.concatenate([one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks])
     nominal = np.array([station.at.posture.pose for station in stations])
     floor = float(np.mean([entry.rms("floor") ** 2 for entry in entries]))
@@ -251,7 +237,7 @@ def forecast_calibration(
 
 
 def _rms(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> float:
-    covariance = covariance_with_prior(by_z, by_nuisance)
+    covariance = design.covariance_with_prior(by_z, by_nuisance)
     return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", slopes, covariance, slopes).mean() + floor))
 
 
@@ -263,38 +249,40 @@ def _by_count(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> t
     points = []
     for number in (*(one for one in _COUNTS if one < count), count):
         chosen = [np.sort(order[:number]) for order in (orders if number < count else orders[:1])]
-        squares = [_rms(flat(by_z[rows]), flat(by_nuisance[rows]), slopes, floor) ** 2 for rows in chosen]
+        squares = [_rms(design.flat(by_z[rows]), design.flat(by_nuisance[rows]), slopes, floor) ** 2 for rows in chosen]
         points.append(CurvePoint(number, float(np.sqrt(np.mean(squares)))))
     for factor in _BEYOND:
         more = np.sqrt(factor)
-        points.append(CurvePoint(factor * count, _rms(more * flat(by_z), more * flat(by_nuisance), slopes, floor)))
+        points.append(
+            CurvePoint(factor * count, _rms(more * design.flat(by_z), more * design.flat(by_nuisance), slopes, floor))
+        )
     return tuple(points)
 
 
 def _by_instrument(
-    stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement, slopes: Array, floor: float
+    stations: Sequence[design.Station], unit: design.UnitNumbers, measurement: Measurement, slopes: Array, floor: float
 ) -> tuple[CurvePoint, ...]:
     count = sum(len(station.rows) for station in stations)
     points = []
     for factor in _FACTORS:
         deviations = np.tile(factor * measurement.deviations, (count, 1))
-        by_z, by_nuisance = stack_at_means(stations, unit, measurement, deviations)
-        points.append(CurvePoint(factor * measurement.std, _rms(flat(by_z), flat(by_nuisance), slopes, floor)))
+        by_z, by_nuisance = design.stack_at_means(stations, unit, measurement, deviations)
+        points.append(
+            CurvePoint(factor * measurement.std, _rms(design.flat(by_z), design.flat(by_nuisance), slopes, floor))
+        )
     return tuple(points)
 
 
-def _remarks(found: Identifiability, model: ErrorModel, unit: UnitNumbers) -> tuple[Finding, ...]:
-    remarks = list(remarks_on(found))
-    laws = {
-        draw.name for draw in model.space.draws if not draw.law.is_normal and set(draw.components) & set(unit.names)
-    }
-    if laws:
+def _remarks(found: design.Identifiability, model: ErrorModel, unit: design.UnitNumbers) -> Iterator[Finding]:
+    yield from design.remarks_on(found)
+    draws = model.space.draws
+    names = {draw.name for draw in draws if not draw.law.is_normal and set(draw.components) & set(unit.names)}
+    if names:
         message = (
-            f"{len(laws)} of {len(model.space.draws)} draws are not normal; they enter rms values with their means and "
+            f"{len(names)} of {len(draws)} draws are not normal; they enter rms values with their means and "
             "covariances, and the 95 % quantiles are those of sampled robots"
         )
-        remarks.append(Finding("warning", "W_NOT_NORMAL", message))
-    return tuple(remarks)
+        yield Finding("warning", "W_NOT_NORMAL", message)
 
 
 _STEPS: Final = 30
@@ -327,8 +315,7 @@ class SimulatedCalibrations:
     @property
     def rms_position(self) -> Array:
         """Root mean square of the position's error at each of the user's poses, ``(T,)``."""
-        result: Array = np.sqrt((self.errors[:, :3] ** 2).sum(axis=1).mean(axis=1))
-        return result
+        return np.asarray(np.sqrt((self.errors[:, :3] ** 2).sum(axis=1).mean(axis=1)))
 
 
 def simulate_calibrations(
@@ -343,22 +330,34 @@ def simulate_calibrations(
         model, poses, measurement, at: As for :func:`precision_pin.forecast_calibration`.
         robots, seed: Number of robots, and 64-bit seed.
     """
-    measurement = measurement_of(model, measurement)
+    measurement = design.measurement_of(model, measurement)
     check_whole("the number of robots", robots, 1, 10**6)
-    values, _ = read_poses(model, poses)
-    unit = UnitNumbers.of(model.space)
-    stations = stations_of(model, values, measurement)
+    values, _ = design.read_poses(model, poses)
+    unit = design.UnitNumbers.of(model.space)
+    stations = design.stations_of(model, values, measurement)
     x = model.space.sample(seed, 0, robots)
     readings = simulate_readings(stations, measurement, model, robots=robots, seed=seed)
-    by_z, by_nuisance = map(flat, stack_at_means(stations, unit, measurement))
-    estimator = Estimator.of(by_z, by_nuisance, has_prior=True)
+    by_z, by_nuisance = map(design.flat, design.stack_at_means(stations, unit, measurement))
+    estimator = design.Estimator.of(by_z, by_nuisance, has_prior=True)
     deviations = np.tile(measurement.deviations, (len(readings), 1))
     alone = np.zeros(len(readings), dtype=np.intp), np.arange(len(readings))
     instruments, start = Instruments((measurement,)), np.zeros(by_nuisance.shape[1])
     roots = Problem(model, instruments, stations, readings, deviations, *alone, start).roots
     z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
+
+    def whitened_residuals() -> Array:
+        result = np.empty_like(readings)
+        for station, root in zip(stations, roots, strict=True):
+            rows = list(station.rows)
+            tip_errors = station.at.exact(unit.components(station.at.space, z))
+            predicted = measurement.predict(station.at.posture.pose, tip_errors, nuisances)
+            own = np.array([measurement.residual(readings[row], predicted) for row in rows])
+            white = scipy.linalg.solve_triangular(root, own.reshape(len(rows) * measurement.size, -1), lower=True)
+            result[rows] = white.reshape(own.shape)
+        return result.reshape(-1, robots)
+
     for _ in range(_STEPS):
-        residuals = _whitened_residuals(stations, roots, measurement, unit, readings, z, nuisances)
+        residuals = whitened_residuals()
         target = residuals + by_z @ z
         better = estimator.covariance @ (estimator.projected.T @ target)
         step = better - z
@@ -367,10 +366,10 @@ def simulate_calibrations(
         z = better
         if np.abs(step).max() < _SETTLED:
             break
-    residuals = _whitened_residuals(stations, roots, measurement, unit, readings, z, nuisances)
+    residuals = whitened_residuals()
     chi_square: Array = (residuals**2).sum(axis=0) + (z**2).sum(axis=0)
     errors = []
-    for k, (_, one) in enumerate(task_poses(model, at, values)):
+    for k, (_, one) in enumerate(design.task_poses(model, at, values)):
         later = _with_later_draws(model, x, seed, _TASK_POSE + k)
         errors.append(one.exact(later) - one.exact(unit.components(model.space, z)))
     truth = np.asarray(np.linalg.lstsq(unit.root, x[unit.columns] - unit.mean[:, None], rcond=None)[0], dtype=float)
@@ -378,7 +377,7 @@ def simulate_calibrations(
 
 
 def simulate_readings(
-    stations: tuple[Station, ...],
+    stations: tuple[design.Station, ...],
     measurement: Measurement,
     model: ErrorModel,
     *,
@@ -404,7 +403,7 @@ def simulate_readings(
     return readings
 
 
-def as_measured(readings: Array, stations: tuple[Station, ...], measurement: Measurement) -> Array:
+def as_measured(readings: Array, stations: tuple[design.Station, ...], measurement: Measurement) -> Array:
     """Return readings ``(P, m)`` of one robot as an instrument gives them, in the axes of a known base: whole attitudes."""
     if measurement.kind != "pose":
         return readings
@@ -421,24 +420,3 @@ def _with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: 
     if all(draw.scope is Scope.UNIT for draw in model.space.draws):
         return x
     return model.space.sample(seed, first, x.shape[1], pose=pose, visit=visit)
-
-
-def _whitened_residuals(
-    stations: tuple[Station, ...],
-    roots: tuple[Array, ...],
-    measurement: Measurement,
-    unit: UnitNumbers,
-    readings: Array,
-    z: Array,
-    nuisances: Array,
-) -> Array:
-    """Return whitened residuals ``(M, N)``."""
-    result = np.empty_like(readings)
-    for station, root in zip(stations, roots, strict=True):
-        rows = list(station.rows)
-        errors = station.at.exact(unit.components(station.at.space, z))
-        predicted = measurement.predict(station.at.posture.pose, errors, nuisances)
-        own = np.array([measurement.residual(readings[row], predicted) for row in rows])
-        white = scipy.linalg.solve_triangular(root, own.reshape(len(rows) * measurement.size, -1), lower=True)
-        result[rows] = white.reshape(own.shape)
-    return result.reshape(-1, readings.shape[2])

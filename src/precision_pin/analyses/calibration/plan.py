@@ -1,4 +1,5 @@
 """Which poses to measure: the best of many candidates, and how good they are.
+
 With weights w_i of candidates, the information on z and nuisances is ``M(w) = diag(I, 0) + Σ w_i A_iᵀ A_i``, A_i the whitened
 derivatives of candidate i. Two measures of a design:
 
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal, final
 
@@ -27,25 +28,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from precision_pin.analyses.calibration.design import (
-    NEGLIGIBLE,
-    Estimator,
-    Identifiability,
-    Station,
-    UnitNumbers,
-    covariance_with_prior,
-    determined_by,
-    flat,
-    measured_model,
-    measurement_of,
-    of_stack,
-    project_out,
-    read_poses,
-    refuse_where_nothing_is_seen,
-    remarks_on,
-    stack_at_means,
-    task_poses,
-)
+from precision_pin.analyses.calibration import design as linear
 from precision_pin.analyses.calibration.forecast import doubt_contact, seen_poses
 from precision_pin.analyses.calibration.posterior import PosesOutcome, errors_left
 from precision_pin.analyses.provenance import Provenance
@@ -89,25 +72,23 @@ class Design:
         size, count = by_z.shape[2], by_nuisance.shape[2]
         scaled = by_nuisance
         if count:
-            _, values, rows = np.linalg.svd(flat(by_nuisance), full_matrices=False)
+            _, values, rows = np.linalg.svd(linear.flat(by_nuisance), full_matrices=False)
             kept = values > 1e-9 * values[0]
             scaled = by_nuisance @ (rows[kept].T / values[kept])
         prior = np.diag(np.concatenate([np.ones(size), np.full(scaled.shape[2], _RIDGE)]))
-        found = np.linalg.svd(project_out(flat(by_z), flat(by_nuisance))[0], compute_uv=False)
-        rank = max(int((found > NEGLIGIBLE * found[0]).sum()), 1)
+        found = np.linalg.svd(linear.project_out(linear.flat(by_z), linear.flat(by_nuisance))[0], compute_uv=False)
+        rank = max(int((found > linear.NEGLIGIBLE * found[0]).sum()), 1)
         return cls(np.concatenate([by_z, scaled], axis=2), prior, size, rank, goal)
 
     def information(self, chosen: NDArray[np.intp]) -> Array:
         """Return M of some candidates."""
-        rows = flat(self.rows[chosen])
-        result: Array = self.prior + rows.T @ rows
-        return result
+        rows = linear.flat(self.rows[chosen])
+        return np.asarray(self.prior + rows.T @ rows)
 
     def weighted(self, weights: Array) -> Array:
         """Return M of weights ``(P,)``."""
-        rows = flat(self.rows)
-        result: Array = self.prior + (rows * np.repeat(weights, self.rows.shape[1])[:, None]).T @ rows
-        return result
+        rows = linear.flat(self.rows)
+        return np.asarray(self.prior + (rows * np.repeat(weights, self.rows.shape[1])[:, None]).T @ rows)
 
     def loss(self, information: Array) -> float:
         """Return the loss of M."""
@@ -120,7 +101,7 @@ class Design:
     def exact_loss(self, chosen: NDArray[np.intp]) -> float:
         """Return the loss of some candidates without the information that is added on nuisances; never the smaller one."""
         by_z, by_nuisance = np.split(self.rows[chosen], [self.size], axis=2)
-        covariance = covariance_with_prior(flat(by_z), flat(by_nuisance))
+        covariance = linear.covariance_with_prior(linear.flat(by_z), linear.flat(by_nuisance))
         if self.goal is None:
             return float(np.linalg.slogdet(covariance)[1])
         return float(np.einsum("ij,ji->", self.goal, covariance))
@@ -181,8 +162,7 @@ class Design:
         with np.errstate(divide="ignore"):
             if self.goal is not None:
                 effect = through[:, :, : self.size] @ self.goal @ through[:, :, : self.size].transpose(0, 2, 1)
-                trace: Array = -sign * np.einsum("pii->p", np.linalg.solve(own, effect))
-                return trace
+                return np.asarray(-sign * np.einsum("pii->p", np.linalg.solve(own, effect)))
             change = -np.linalg.slogdet(own)[1]
             nuisance = self.rows[:, :, self.size :]
             if nuisance.shape[2]:
@@ -229,7 +209,9 @@ def _pairs(rows: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[n
     through = ours @ middle
     own = np.einsum("pmi,pni->pmn", through, ours)
     their = np.einsum("pmi,pni->pmn", others @ middle, others)
-    cross = (flat(through) @ flat(others).T).reshape(len(ours), size, len(others), size).transpose(0, 2, 1, 3)
+    cross = (
+        (linear.flat(through) @ linear.flat(others).T).reshape(len(ours), size, len(others), size).transpose(0, 2, 1, 3)
+    )
     return own, their, cross
 
 
@@ -239,8 +221,7 @@ def _log_changes(rows: Array, inverse: Array, chosen: NDArray[np.intp], rest: ND
     eye = np.eye(rows.shape[1])
     left = eye - own
     inner = eye + their[None] + np.swapaxes(cross, 2, 3) @ np.linalg.solve(left[:, None], cross)
-    result: Array = np.linalg.slogdet(left)[1][:, None] + np.linalg.slogdet(inner)[1]
-    return result
+    return np.asarray(np.linalg.slogdet(left)[1][:, None] + np.linalg.slogdet(inner)[1])
 
 
 def _trace_changes(
@@ -259,8 +240,7 @@ def _trace_changes(
         blocks.append(block)
     weights, effect = blocks
     signs = np.diag(np.concatenate([-np.ones(size), np.ones(size)]))
-    result: Array = -np.einsum("abii->ab", np.linalg.solve(weights + signs, effect))
-    return result
+    return np.asarray(-np.einsum("abii->ab", np.linalg.solve(weights + signs, effect)))
 
 
 _MOST_STEPS: Final = 400
@@ -364,8 +344,7 @@ def _project(weights: Array, count: int, low: Array, high: Array) -> Array:
     sums = float(high.sum()) + np.concatenate([[0.0], np.cumsum(slopes[:-1] * np.diff(ends))])
     piece = int(np.clip(np.searchsorted(-sums, -count, side="right") - 1, 0, len(ends) - 1))
     shift = ends[piece] + (sums[piece] - count) / max(-slopes[piece], 1.0)
-    result: Array = np.clip(weights - shift, low, high)
-    return result
+    return np.asarray(np.clip(weights - shift, low, high))
 
 
 _STARTS: Final = 3
@@ -479,7 +458,7 @@ def plan_calibration(
         InputError: Fewer candidates than poses to choose, a candidate twice, nothing varies from robot to robot, or no
             candidate sees anything.
     """
-    measurement = measurement_of(model, measurement)
+    measurement = linear.measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)
@@ -487,7 +466,7 @@ def plan_calibration(
     if isinstance(candidates, PoseSet):
         left_out.update(candidates.obstructed)
         candidates = candidates.of(candidates.known) if candidates.known.any() else candidates
-    values, names = read_poses(model, candidates)
+    values, names = linear.read_poses(model, candidates)
     given = PoseSet.at(model.chain, np.ascontiguousarray(values), names).unobstructed(model.chain)
     hit = len(given) - int(given.known.sum())
     if hit == len(given):
@@ -503,15 +482,17 @@ def plan_calibration(
         "the number of poses to choose", count, 1, total, f"from 1 to {total}, the number of candidates"
     )
     _refuse_copies(values)
-    unit = UnitNumbers.of(model.space)
+    unit = linear.UnitNumbers.of(model.space)
     # each candidate by itself: one reading at its own pose
     stations = tuple(
-        Station(one, (k,))
-        for k, one in enumerate(measured_model(model, measurement).at_columns(np.ascontiguousarray(values)))
+        linear.Station(one, (k,))
+        for k, one in enumerate(linear.measured_model(model, measurement).at_columns(np.ascontiguousarray(values)))
     )
-    by_z, by_nuisance = stack_at_means(stations, unit, measurement)
-    refuse_where_nothing_is_seen(of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement.nuisances, total))
-    tasks = task_poses(model, at, values)
+    by_z, by_nuisance = linear.stack_at_means(stations, unit, measurement)
+    linear.refuse_where_nothing_is_seen(
+        linear.of_stack(unit.names, linear.flat(by_z), linear.flat(by_nuisance), measurement.nuisances, total)
+    )
+    tasks = linear.task_poses(model, at, values)
     slopes = [one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks]
     goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
     design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
@@ -533,10 +514,10 @@ def plan_calibration(
     loss = design.exact_loss(chosen)
     efficiency = design.efficiency(loss, bound)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
-    estimator = Estimator.of(flat(by_z[chosen]), flat(by_nuisance[chosen]), has_prior=True)
+    estimator = linear.Estimator.of(linear.flat(by_z[chosen]), linear.flat(by_nuisance[chosen]), has_prior=True)
     nominal = np.array([stations[k].at.posture.pose for k in chosen])
-    own = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
-    found = determined_by(own, unit, measurement)
+    own = tuple(linear.Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
+    found = linear.determined_by(own, unit, measurement)
     return CalibrationPlan(
         provenance=Provenance.of(model, seed),
         measurement=measurement,
@@ -593,18 +574,17 @@ def _refuse_copies(values: Array) -> None:
         )
 
 
-def _remarks(found: Identifiability, efficiency: float, hidden: int, hit: int) -> tuple[Finding, ...]:
-    remarks = []
+def _remarks(found: linear.Identifiability, efficiency: float, hidden: int, hit: int) -> Iterator[Finding]:
     if hit:
         message = f"{hit} candidates are left out: the arm hits itself or what it is kept out of"
-        remarks.append(Finding("warning", "W_COLLISION", message))
+        yield Finding("warning", "W_COLLISION", message)
     if hidden:
         message = f"{hidden} candidates are left out: the target faces away from the instrument by more than the cone"
-        remarks.append(Finding("warning", "W_HIDDEN", message))
+        yield Finding("warning", "W_HIDDEN", message)
     if efficiency < 0.99:
         message = (
             f"the choice is certified to {100 * efficiency:.3g} % of the best only: the bound may be beyond every choice, and no "
             "exchange of two poses is better"
         )
-        remarks.append(Finding("warning", "W_PLAN", message))
-    return (*remarks, *remarks_on(found))
+        yield Finding("warning", "W_PLAN", message)
+    yield from linear.remarks_on(found)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final, Literal, final
+from typing import ClassVar, Final, Literal, NamedTuple, final
 
 import numpy as np
 import scipy.linalg
@@ -129,25 +129,20 @@ def largest_likelihood(likelihood: Likelihood, most: float) -> tuple[Array, list
         def value(log: float) -> float:
             return likelihood(np.insert(others, kind, log))
 
-        values = [value(float(log)) for log in grid]
-        near = float(grid[int(np.argmin(values))])
+        near = float(min(grid, key=value))
         found = scipy.optimize.minimize_scalar(
             value, bounds=(near - step, near + step), method="bounded", options={"xatol": floor}
         )
         return float(found.x), float(found.fun)
 
-    if likelihood.kinds == 1:
-        best, least = along(0, np.zeros(0), 1e-7)
-        point = np.array([best])
-    else:
-        # both kinds hardly depend on each other: alternate
-        point = np.full(likelihood.kinds, most - np.log(10))
-        for _ in range(20):
-            before = point.copy()
-            for kind in range(likelihood.kinds):
-                point[kind], least = along(kind, np.delete(point, kind), 1e-7)
-            if np.abs(point - before).max() < 1e-6:
-                break
+    point = np.full(likelihood.kinds, most - np.log(10))
+    # both kinds hardly depend on each other: alternate; one alone is found at once
+    for _ in range(20 if likelihood.kinds > 1 else 1):
+        before = point.copy()
+        for kind in range(likelihood.kinds):
+            point[kind], least = along(kind, np.delete(point, kind), 1e-7)
+        if np.abs(point - before).max() < 1e-6:
+            break
     ends = []
     for kind in range(likelihood.kinds):
 
@@ -187,12 +182,8 @@ def estimate_std(
         own_free = pure.information(own_point)
         for kind in range(len(kinds)):
             if own_free[kind] >= ENOUGH:
-                point[kind], ends[kind], free[kind], source[kind] = (
-                    own_point[kind],
-                    own_ends[kind],
-                    own_free[kind],
-                    "repeats",
-                )
+                point[kind], ends[kind], free[kind] = own_point[kind], own_ends[kind], own_free[kind]
+                source[kind] = "repeats"
     result = {}
     for k, (name, mask) in enumerate(kinds.items()):
         rows = [row for station in problem.stations for row in station.rows]
@@ -215,14 +206,13 @@ def _blocks(
     basis, values, _ = np.linalg.svd(fixed / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
     basis = basis[:, : int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())]
     random = by_z if has_prior else by_z[:, :0]
-    white, blocks, first = np.hstack([random, basis, readings[:, None]]), [], 0
-    for station, places, root in zip(problem.stations, problem.places, problem.roots, strict=True):
+    white, blocks = np.hstack([random, basis, readings[:, None]]), []
+    for station, places, span, root in zip(problem.stations, problem.places, problem.spans, problem.roots, strict=True):
         slopes = problem.slopes_at(station, station.at.error_at_means, problem.start)
         variances = problem.deviations[places] ** 2
         each = np.array([np.diag(variances * mask[places]) for mask in masks])
         known = station.noise(slopes.error, variances, problem.visit[places[0]]) - each.sum(axis=0)
-        blocks.append((known, each, root @ white[first : first + len(root)]))
-        first += len(root)
+        blocks.append((known, each, root @ white[span]))
     return blocks, random.shape[1]
 
 
@@ -245,9 +235,8 @@ def _largest(blocks: list[tuple[Array, Array, Array]], random: int) -> float:
     scale = np.concatenate([np.sqrt(np.diag(each.sum(axis=0))) for _, each, _ in blocks])
     seen = scale > 0
     columns = np.concatenate([block[2] for block in blocks])[seen] / scale[seen, None]
-    left = (
-        columns[:, -1] - columns[:, random:-1] @ np.linalg.lstsq(columns[:, random:-1], columns[:, -1], rcond=None)[0]
-    )
+    fixed, readings = columns[:, random:-1], columns[:, -1]
+    left = readings - fixed @ np.linalg.lstsq(fixed, readings, rcond=None)[0]
     size = float(np.sqrt((left**2).mean()))
     if not size > 0:
         raise InputError(
@@ -375,9 +364,7 @@ class Improvement(Record):
         return "helps" if self.interval is not None and self.interval[0] > 0 else "not shown to help"
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class SetUpAlone:
+class SetUpAlone(NamedTuple):
     """The fit of base and target, the arm at the sheet's means: the estimate, and the residuals ``(P, m)``."""
 
     nuisances: Array
@@ -448,9 +435,8 @@ def doubt_improvement(found: Improvement | None) -> Iterator[Finding]:
     if found is None or found.verdict != "helps":
         gain = "" if found is None else f": {1e3 * found.before:.3g} mm rms before, {1e3 * found.after:.3g} mm after"
         verdict = "not shown to help" if found is None else found.verdict
-        message = (
-            f"at poses left out the calibration {'is ' * (verdict[0] == 'n')}{verdict}{gain}; do not rely on it there"
-        )
+        verb = f"{'is ' * (verdict[0] == 'n')}{verdict}"
+        message = f"at poses left out the calibration {verb}{gain}; do not rely on it there"
         yield Finding("warning", "W_NO_GAIN", message)
     if found is not None and found.share.verdict == "over-confident":
         low, high = (100 * end for end in found.share.interval)
