@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 import precision_pin as pp
 from precision_pin.analyses.calibration.design import stations_of
 from precision_pin.analyses.calibration.forecast import simulate_readings
+from precision_pin.base.errors import PrecisionPinWarning
 
 SHEET = "4dof.errors.yaml"
 TARGET = ("--point", "50 30 20 mm")
@@ -146,6 +147,37 @@ def quick(folder) -> str:
     readings = simulate_readings(stations_of(model, q, model.sheet.measurement), model.sheet.measurement, model, seed=1)
     write(folder, np.hstack([np.degrees(q.T), 1e3 * readings[:, :, 0]]))
     return "quick.errors.yaml"
+
+
+def test_a_tolerance_edited_in_the_text_of_a_calibrated_sheet_is_said(run, folder, quick) -> None:
+    assert run("calibrate", quick, "data.csv", "--sheet", "mine.errors.yaml").code == 0
+    assert "W_TEXT_MEASURED" not in run("check", "mine.errors.yaml").err
+    text = (folder / "mine.errors.yaml").read_text()
+    (folder / "mine.errors.yaml").write_text(
+        text.replace("joint3, offset: {normal: 1 mrad}", "joint3, offset: {normal: 6 mrad}")
+    )
+    said = run("analyze", "mine.errors.yaml", "--samples", "500", "--json", "-")
+    (line,) = [line for line in said.err.splitlines() if "W_TEXT_MEASURED" in line]
+    # a tolerance is 3 sigma
+    assert "joint_offset[joint3].offset 0 ± 0.002, then 0 ± 0.00033;" in line
+    assert "joint2" not in line
+    # what was measured counts: the spread is that of the calibrated arm
+    with pytest.warns(PrecisionPinWarning, match="W_TEXT_MEASURED"):
+        model = pp.ErrorModel.load(folder / "mine.errors.yaml")
+    assert np.sqrt(model.space.block_covariance.variances).max() < 0.1e-3
+    # a second calibration has the measured arm as its prior, and the text as it is now
+    assert run("calibrate", "mine.errors.yaml", "data.csv", "--sheet", "again.errors.yaml").code == 0
+    assert "W_TEXT_MEASURED" not in run("check", "again.errors.yaml").err
+
+
+def test_a_calibrated_sheet_is_not_written_of_another_arm_than_its_own(run, folder, quick) -> None:
+    found = run("calibrate", quick, "data.csv", "--tip", "link4", "--sheet", "mine.errors.yaml")
+    assert (found.code, found.out) == (2, "")
+    assert found.err.strip() == (
+        "precision-pin: error E_INPUT: --sheet writes the sheet as it is in its file; write the robot, tip and base of the "
+        "options there first"
+    )
+    assert not [path.name for path in folder.iterdir() if path.name.startswith("mine")]
 
 
 @pytest.mark.slow

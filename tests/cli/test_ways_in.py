@@ -126,7 +126,7 @@ def test_robots_of_robot_descriptions(run, folder, monkeypatch):
     (package / "made_description.py").write_text(
         f"XACRO_PATH = {str(folder / 'arm.xacro')!r}\nXACRO_ARGS = {{'reach': '0.2', 'name': 'made'}}"
     )
-    (package / "lost_description.py").write_text("raise OSError('no network\\nat all')")
+    (package / "lost_description.py").write_text("print('Cloning')\nraise OSError('no network\\nat all')")
     (folder / "arm.xacro").write_text(XACRO)
     (folder / "joint.xacro").write_text(MACRO)
     for name in [name for name in sys.modules if name.startswith("robot_descriptions")]:
@@ -146,6 +146,8 @@ def test_robots_of_robot_descriptions(run, folder, monkeypatch):
         outcome = run("check", f"robot_descriptions:{name}")
         assert outcome.code == 2
         assert message in outcome.err + outcome.out, name
+        # stdout is for data
+        assert "Cloning" not in outcome.out
     for name in [name for name in sys.modules if name.startswith("robot_descriptions")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "robot_descriptions", None)

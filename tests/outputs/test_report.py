@@ -32,6 +32,7 @@ from precision_pin.analyses.exact_law.exact_law import exact_law
 from precision_pin.analyses.monte_carlo.section import distributions, specifications, verdict
 from precision_pin.analyses.worst_case.worst_case import worst_case
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import origin_shares
 from precision_pin.pages.report.assumptions import assumptions
 from precision_pin.pages.report.changes import changes
 from precision_pin.pages.report.page import _opened, page
@@ -337,7 +338,10 @@ def test_a_result_says_what_it_rests_on_and_where_nothing_varies():
     analysis = results.analysis
     assert "assumptions" not in Reader(summary([results]).text).text
     marked = ("axis_install[joint1]", "payload[tool]")
-    assumed = dataclasses.replace(results, analysis=dataclasses.replace(analysis, assumed=marked, sources=5))
+    origins = {name: "assumed" for name in results.at.space.components if name.startswith(marked)}
+    shares = origin_shares(origins, results.at)
+    rests = dataclasses.replace(analysis, assumed=marked, sources=5, origins=shares)
+    assumed = dataclasses.replace(results, analysis=rests)
     # the two bearings' share of the trace of the covariance, from the Jacobian
     spread = results.at.jacobian[:3] @ results.at.space.covariance @ results.at.jacobian[:3].T
     columns = [k for k, name in enumerate(results.at.space.components) if name.startswith("axis_install[joint1]")]
@@ -350,6 +354,10 @@ def test_a_result_says_what_it_rests_on_and_where_nothing_varies():
         in text
     )
     assert f"{share} % axis of joint1, radius 0.1 mm" in text
+    # of a calibrated arm the numbers of an assumed source may be measured, and its sources share one draw
+    measured = dataclasses.replace(rests, origins={"measured": (0.94, 0.8), "assumed": (0.06, 0.2)})
+    text = Reader(summary([dataclasses.replace(results, analysis=measured)]).text).text
+    assert "6 % of the variance of d rests on assumptions: 2 of 5" in text
     said = Reader(assumptions([assumed]).text).text
     assert "2 of 5 sources are marked as assumed in the sheet (axis_install, payload)" in said
     still = dataclasses.replace(analysis, summary=dataclasses.replace(analysis.summary, varying=(False,) * 8))

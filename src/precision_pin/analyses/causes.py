@@ -109,14 +109,6 @@ def rank_causes(causes: Sequence[Cause], budget: PoseBudget, vector: str) -> lis
     return sorted(found, key=lambda one: -round(one.rank, 9))
 
 
-def assumed_share(budget: PoseBudget, assumed: Sequence[str], vector: str) -> float | None:
-    """Return the share of the variance that comes from draws of sources that are marked as assumed."""
-    if budget.sums[vector].closed is None:
-        return None
-    marked = set(assumed)
-    return math.fsum(line.share.get(vector) or 0.0 for line in budget.sources if marked & set(line.sources))
-
-
 def _cause(members: Sequence[tuple[Draw, str]]) -> Cause:
     draw, words = members[0]
     parts = tuple(Part(draw.name, words) for draw, words in members)

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Final
 
@@ -181,9 +182,14 @@ def split(text: object) -> tuple[list[float], str]:
     numbers = [float(number) for number in written]
     if not all(math.isfinite(number) for number in numbers):
         raise UnitError(f"{str(text)!r} is not finite")
+    return numbers, _spelled(unit)
+
+
+@lru_cache(1000)
+def _spelled(unit: str) -> str:
     for spelling, ours in _SPELLINGS:
         unit = unit.replace(spelling, ours)
-    return numbers, re.sub(r" ?([*/^()]) ?", r"\1", unit)
+    return re.sub(r" ?([*/^()]) ?", r"\1", unit)
 
 
 def comma_hint(text: object) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final, final
 
 import numpy as np
@@ -41,11 +41,13 @@ class Estimates:
         names: The numbers.
         mean: ``(U,)``.
         covariance: ``(U, U)``.
+        stated: Mean and standard deviation of each by the laws of the sheet that was calibrated; empty where unknown.
     """
 
     names: tuple[str, ...]
     mean: Array
     covariance: Array
+    stated: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def remaining_space(self, space: Space) -> Space:
         """Return the space of the calibrated arm: numbers that the data told nothing about keep their laws.
@@ -96,6 +98,18 @@ class Estimates:
             return None, replaced
         names = tuple(self.names[k] for k in kept)
         return Estimates(names, self.mean[kept], self.covariance[np.ix_(kept, kept)]), replaced
+
+    def edited(self, space: Space) -> dict[str, tuple[float, float]]:
+        """Return the numbers whose mean or deviation is another in the space than was stated, each with what it is there."""
+        found = {}
+        stds = np.sqrt(space.block_covariance.variances)
+        for name, (mean, std) in self.stated.items():
+            if (column := space.index.get(name)) is None:
+                continue
+            now = float(space.mean[column]), float(stds[column])
+            if max(abs(now[0] - mean), abs(now[1] - std)) > _UNTOUCHED * max(std, abs(mean)):
+                found[name] = now
+        return found
 
     def learned(self, space: Space) -> tuple[str, ...]:
         """Return the numbers of which the data removed at least half the variance that the space of before has."""

@@ -6,7 +6,8 @@ import difflib
 import importlib
 import importlib.metadata
 import os
-from contextlib import suppress
+import sys
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Final
@@ -112,7 +113,9 @@ def description(name: str) -> ModuleType:
     if short not in known:
         raise UnknownNameError("robot of robot_descriptions", short, known)
     try:
-        return importlib.import_module(f"robot_descriptions.{short}{_ENDING}")
+        # the package says what it clones; stdout is for data
+        with redirect_stdout(sys.stderr):
+            return importlib.import_module(f"robot_descriptions.{short}{_ENDING}")
     except Exception as error:  # noqa: BLE001 - the package downloads with git, which can fail in many ways
         reason = one_line(str(error))
         raise InputError(

@@ -91,6 +91,11 @@ class Sheet:
         """The only measurement, ``None`` without any; an :class:`InputError` where the sheet lists several."""
         return only_one(self.measurements, self.file) if self.measurements else None
 
+    @property
+    def whole_space(self) -> Space:
+        """The space with the draws of the sources, by the sheet's laws: before any calibration."""
+        return self.space.including(own_draws(self.sources, labels(self.sources)))
+
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
 
@@ -202,7 +207,11 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     listed = tuple(sources.values())
     names = labels(listed)
     extended, own = _try_terms(chain, space, sources, names, poses, approaches, findings)
-    estimates = _estimates(document, _whole(space, listed), folder, findings, unchanged)
+    estimates = None
+    if document.calibrated is not None and document.calibrated != "none" and not findings.found:
+        estimates = _estimates(
+            document.calibrated, space.including(own_draws(listed, names)), folder, findings, unchanged
+        )
     measurements = _measurements(document, chain, findings)
     origins = {
         f"{label}.{setting}" if setting else label: origin
@@ -254,21 +263,16 @@ def _measurements(document: Document, chain: Chain, findings: Findings) -> tuple
     return tuple(found)
 
 
-def _whole(space: Space, sources: Sequence[Source]) -> Space:
-    """Return the space of a sheet with the draws of its sources."""
-    return space.including(own_draws(sources, labels(sources)))
-
-
 def _estimates(
-    document: Document, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
+    calibrated: str, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
 ) -> Estimates | None:
     """Return the estimates of a calibration that the sheet names; a number that was set is what it was set to."""
-    if document.calibrated in (None, "none") or findings.found:
-        return None
     try:
-        estimates = read_estimates(document.calibrated, folder)
+        estimates = read_estimates(calibrated, folder)
+        before = space if unchanged is None else unchanged.whole_space
+        if edited := estimates.edited(before):
+            findings.warning(("calibrated",), _edited(estimates, edited), "W_TEXT_MEASURED")
         if unchanged is not None and unchanged.estimates is not None and ("calibrated",) not in findings.text.changes:
-            before = _whole(unchanged.space, unchanged.sources)
             kept, replaced = estimates.without_changed(before, space)
             if replaced:
                 findings.warning(("calibrated",), _replaced(estimates, replaced), "W_SET_MEASURED")
@@ -292,6 +296,19 @@ def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
         "what was set takes the place of what was measured of this robot (mean ± std, SI): "
         f"{some(measured, _MOST_NAMED, '; ')}; all other "
         "numbers stay as measured; --set calibrated=none takes all tolerances, those of the next robots"
+    )
+
+
+def _edited(estimates: Estimates, now: Mapping[str, tuple[float, float]]) -> str:
+    """Return what is said of tolerances that are others in the sheet's text than when it was calibrated."""
+    changes = [
+        f"{name} {mean:.3g} ± {std:.2g}, then {estimates.stated[name][0]:.3g} ± {estimates.stated[name][1]:.2g}"
+        for name, (mean, std) in now.items()
+    ]
+    return (
+        "tolerances in the sheet are not those that were calibrated (mean ± std, SI): "
+        f"{some(changes, _MOST_NAMED, '; ')}; what was measured of this robot counts all the same; --set puts a tolerance in "
+        "its place, calibrate --set calibrated=none fits the readings anew with these"
     )
 
 
@@ -522,12 +539,16 @@ def _complete_estimates(data: dict[str, Any]) -> Estimates | None:
         names = tuple(map(str, data["posterior"]["names"]))
         mean = np.array([data["posterior"]["mean"][name] for name in names], dtype=float)
         covariance = np.array(data["posterior"]["covariance"], dtype=float)
-    except (KeyError, TypeError, ValueError):
+        # results of older versions have none
+        stated = {
+            str(name): (float(one["mean"]), float(one["std"])) for name, one in (data.get("in_sheet") or {}).items()
+        }
+    except (AttributeError, KeyError, TypeError, ValueError):
         return None
     size = len(names)
     is_whole = covariance.shape == (size, size) and len(set(names)) == size > 0
     return (
-        Estimates(names, mean, covariance)
+        Estimates(names, mean, covariance, stated)
         if is_whole and np.isfinite(covariance).all() and np.isfinite(mean).all()
         else None
     )

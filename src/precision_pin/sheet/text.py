@@ -25,7 +25,7 @@ MOST_NODES: Final = 100_000
 
 LARGE: Final = 20_000
 """Characters from which text is first tried with libyaml, which is some twenty times faster."""
-_OTHERWISE: Final = re.compile(r"[^\n -$&-~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|[{,]\s*:|.{1000}")
+_OTHERWISE: Final = re.compile(r"[^\n -~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|^%|[{,]\s*:|.{1000}", re.M)
 """Where libyaml may differ: tabs, directives, control characters, other line ends than line feeds, empty and long keys."""
 
 

@@ -163,6 +163,11 @@ def _field_names(kind: type) -> tuple[str, ...]:
     return tuple(entry.name for entry in dataclasses.fields(kind))
 
 
+@cache
+def _kind(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
+
+
 class Source(ABC):
     """An error source, which makes terms from its settings.
 
@@ -264,7 +269,7 @@ class Source(ABC):
     @classmethod
     def kind(cls) -> str:
         """Return the kind's name in a sheet: the class name in lower case with underscores."""
-        return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
+        return _kind(cls.__name__)
 
     words: ClassVar[Mapping[str, str]] = {}
     """Description of a setting or of an own draw, by its name; it may contain ``{subject}`` and other settings. Without

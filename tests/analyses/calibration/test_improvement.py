@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+from numpy.typing import NDArray
+from scipy import linalg, special, stats
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
@@ -84,13 +85,31 @@ def test_poses_that_differ_by_less_than_encoders_tell_are_left_out_together() ->
 
 
 def test_the_share_within_has_the_binomial_interval_of_its_groups() -> None:
-    share = LeftOutShare.of(np.arange(60) < 51, 60)
+    squares, sizes = np.where(np.arange(60) < 51, 1.0, 9.0), np.full(60, 3)
+    share = LeftOutShare.of(squares, sizes, 60)
     expected = stats.binomtest(51, 60).proportion_ci(0.95, method="exact")
     assert share.interval == pytest.approx((expected.low, expected.high), rel=1e-9)
-    assert share.verdict == "over-confident"
-    assert LeftOutShare.of(np.arange(60) < 54, 60).verdict == "honest"
-    assert LeftOutShare.of(np.ones(80, dtype=bool), 80).verdict == "over-cautious"
-    assert LeftOutShare.of(np.arange(60) < 51, 6).verdict == "honest"
+    assert share.within == 51 / 60
+
+
+def test_how_far_off_left_out_readings_are_decides_whether_deviations_are_honest() -> None:
+    """Squared sizes of three numbers each: the interval of a variance, and by F where the deviation is of 12 degrees."""
+
+    def of(ratio: float, trials: float, **more: float) -> LeftOutShare:
+        return LeftOutShare.of(np.full(40, 3 * ratio**2), np.full(40, 3), trials, **more)
+
+    for ratio, trials, verdict in ((1.3, 40, "over-confident"), (1.0, 40, "honest"), (0.8, 40, "over-cautious")):
+        found = of(ratio, trials)
+        # chi-square by the gamma function's inverse, not by the law that the code takes
+        ends = [1.5 * trials / special.gammaincinv(1.5 * trials, side) for side in (0.975, 0.025)]
+        assert found.verdict == verdict
+        assert found.ratio == pytest.approx(ratio)
+        assert found.ratio_interval == pytest.approx(ratio * np.sqrt(ends), rel=1e-6)
+    assert (of(1.0, 5).verdict, of(1.3, 5).verdict) == ("undecided", "undecided")
+    sure, unsure = of(1.25, 40), of(1.25, 40, known=12)
+    assert (sure.verdict, unsure.verdict) == ("over-confident", "undecided")
+    x = special.betaincinv(60, 6, 0.975)  # of chi-square of 120 over that sum with chi-square of 12
+    assert unsure.ratio_interval[0] == pytest.approx(1.25 / np.sqrt(x / (1 - x) * 12 / 120), rel=1e-6)
 
 
 @pytest.mark.parametrize("twice", [False, True])
@@ -154,3 +173,49 @@ def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size:
         helps.append(low > 0)
     assert np.mean(held) > 0.94
     assert size > 0 or np.mean(helps) < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poses", [8, 25])
+def test_honest_robots_are_rarely_called_over_confident_and_others_mostly_named(poses: int) -> None:
+    """Linear robots, base and target free, 40 sets of poses; noise as stated, and of twice the variance; all by numpy."""
+    model, free = plain_model(), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
+    stations = stations_of(model, random_poses(4, 300), free)
+    every, set_up = stack_at_means(stations, UnitNumbers.of(model.space), free)
+    rng, sizes = np.random.default_rng(1), np.full(poses, 3)
+    called: dict[float, list[bool]] = {1.0: [], 2.0: []}
+    for _ in range(40):
+        chosen = rng.choice(300, poses, replace=False)
+        a, n = every[chosen].reshape(3 * poses, -1), set_up[chosen].reshape(3 * poses, -1)
+        inverse = np.linalg.inv(np.eye(3 * poses) + a @ a.T)
+        across = np.linalg.pinv(n.T @ inverse @ n, rcond=1e-13, hermitian=True)
+        hold = inverse - inverse @ n @ across @ n.T @ inverse
+        own = [slice(3 * k, 3 * k + 3) for k in range(poses)]
+        # left out and white is root hold y, of covariance root hold root
+        root = linalg.block_diag(*(np.linalg.inv(np.linalg.cholesky(hold[one, one])) for one in own))
+        trials = poses**2 / ((root @ hold @ root.T) ** 2).sum() * 3
+        for variance, found in called.items():
+            y = a @ rng.standard_normal((a.shape[1], 50)) + np.sqrt(variance) * rng.standard_normal((3 * poses, 50))
+            squares = ((root @ hold @ y).reshape(poses, 3, 50) ** 2).sum(axis=1)
+            found += [LeftOutShare.of(one, sizes, trials).verdict == "over-confident" for one in squares.T]
+    # 2,000 robots of each: 2.5 % is stated, of which 3.5 % is three standard deviations off
+    assert np.mean(called[1.0]) < 0.035
+    assert np.mean(called[2.0]) > (0.9 if poses == 25 else 0.2)
+
+
+@pytest.mark.slow
+def test_new_readings_are_within_the_deviations_that_are_told() -> None:
+    """Six robots, complete fits: 216 numbers at unseen poses and 216 left out; 0.06 are three standard deviations of a share."""
+    model, free = plain_model(), pp.Measurement(std=20e-6, base="free")
+    within: dict[str, list[NDArray[np.bool_]]] = {"unseen": [], "left out": []}
+    for seed in range(6):
+        q = random_poses(4, 24, seed)
+        readings = readings_of(model, q, free, seed)
+        found = pp.calibrate(model, (q[:, :12], readings[:12]), free, at=list(q[:, 12:].T))
+        assert found.set_up.base is not None
+        tips = np.array([found.set_up.base @ found.predict(one) for one in q[:, 12:].T])
+        seen = np.array([np.diag(one.covariance_seen[:3, :3]) for one in found.poses])
+        within["unseen"] += [np.abs(readings[12:] - tips[:, :3, 3]) < 1.96 * np.sqrt(seen + free.std**2)]
+        within["left out"] += [np.abs(found.left_out) < 1.96 * found.std_left_out]
+    for shares in within.values():
+        assert 0.89 < np.mean(shares) < 1

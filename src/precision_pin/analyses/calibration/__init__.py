@@ -179,6 +179,11 @@ def _fit(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...],
     from precision_pin.export.as_built import describe_frozen
 
     options, path = asked.options, asked.options["sheet_path"]
+    given = None if asked.sheet.contents is None else asked.sheet.contents.overrides
+    if path is not None and given is not None and (given.robot or given.tip or given.base):
+        raise InputError(
+            "--sheet writes the sheet as it is in its file; write the robot, tip and base of the options there first"
+        )
 
     def write(result: Any) -> list[str]:
         notes = [one.message for one in result.data.findings if one.severity == "note"]

@@ -103,7 +103,17 @@ class CalibrationResult(PosesOutcome):
     KEYS: ClassVar[Keys] = (
         *("*head", "measurement", "measurements=data.measurements", "prior=has_prior", "readings", "verdict"),
         *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
-        *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "intervals", "poses"),
+        *(
+            "set_up",
+            "set_ups",
+            "rank",
+            "observability",
+            "identifiability",
+            "posterior",
+            "in_sheet",
+            "intervals",
+            "poses",
+        ),
         *("residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
         *("improvement", "noise", "lines=data.lines", "data=given", "findings"),
     )
@@ -215,6 +225,17 @@ class CalibrationResult(PosesOutcome):
         return {"before": self.rms("before"), "after": self.rms("after"), "left_out": self.rms("left out")}
 
     @property
+    def in_sheet(self) -> dict[str, dict[str, float]]:
+        """Mean and deviation of each number by the sheet's laws, as in the JSON; of a sheet calibrated before not the prior."""
+        sheet = self.original.sheet
+        if sheet is None:
+            return {}
+        space = sheet.whole_space
+        stds = np.sqrt(space.block_covariance.variances)
+        columns = {name: space.index[name] for name in self.posterior.names if name in space.index}
+        return {name: {"mean": float(space.mean[k]), "std": float(stds[k])} for name, k in columns.items()}
+
+    @property
     def intervals(self) -> dict[str, Any]:
         """The 95 % interval of each number, as in the JSON."""
         return {"probability": LEVEL, "numbers": {name: self.interval(name) for name in self.posterior.names}}
@@ -284,7 +305,9 @@ def calibrate(
     groups = judgement.groups_of(given, np.array(model.chain.prismatic))
     without = fitting.leave_out(used, best.estimator, best.local, best.residuals, groups)
     alone = judgement.SetUpAlone.of(used)
-    improvement = judgement.judge(used, best, without, alone, groups, of_column=bool(given.group.size))
+    repeats = (one.degrees_of_freedom for one in noise.values() if one.decided_by == "repeats")
+    of_column, known = bool(given.group.size), min(repeats, default=judgement.SURE)
+    improvement = judgement.judge(used, best, without, alone, groups, of_column=of_column, known=known)
     unit, estimator = whole.unit, best.estimator
     predicted = whole.reading_deviations(best)
     is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]

@@ -14,7 +14,7 @@ from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
-from precision_pin.analyses.calibration.table import VERDICTS, describe_measurement, measured_text
+from precision_pin.analyses.calibration.table import VERDICTS, describe_measurement, measured_text, verdict_text
 from precision_pin.base.text_escape import visible
 from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY, VERMILION
@@ -23,6 +23,9 @@ _HEIGHT: Final = 70.0
 _ROW: Final = 4.5
 """Height of a tolerance, mm."""
 _TOLERANCES: Final = 40
+_NAMED: Final = 6
+"""Most poses that are named, and most characters of a name."""
+_NAME: Final = 14
 _LEAST: Final = 0.05
 """Scale at which an interval that begins at zero is drawn to begin, of the smallest that is above."""
 
@@ -44,10 +47,11 @@ def forecast_figure(result: CalibrationForecast) -> Figure:
 
 def _finish(made: Figure, axes: Axes, title: str, note: str) -> None:
     """Add the title, and below it the legend of one panel and a note; set the height."""
-    made.suptitle(title)
+    head = figure_style.wrapped(title, made)
+    made.suptitle("\n".join(head))
     lines, entries = figure_style.wrapped(note, made), figure_style.labelled([axes])
     figure_style.legend_below(made, entries, len(entries), lines)
-    figure_style.set_height(made, _HEIGHT + (len(lines) + 2) * figure_style.LINE_HEIGHT)
+    figure_style.set_height(made, _HEIGHT + (len(head) + len(lines) + 1) * figure_style.LINE_HEIGHT)
 
 
 def _draw_curve(
@@ -81,15 +85,20 @@ def plan_figure(result: CalibrationPlan) -> Figure:
         left, right = made.subplots(1, 2, width_ratios=(1, 2))
         left.bar(["random", "chosen"], [100 * result.random_efficiency, 100 * result.efficiency], color=[SKY, BLUE])
         left.axhline(100, color=BLACK, linewidth=0.8)
-        left.set_ylabel("of the bound, at least [%]")
+        left.set_ylabel("of the best choice, at least [%]")
         places = np.arange(len(result.poses)) + 1
         for which, colour, marker in (("before", BLACK, "_"), ("after", BLUE, "o"), ("floor", VERMILION, "_")):
             sizes = [1e3 * entry.rms(which) for entry in result.poses]
             if max(sizes) > 0:
                 right.plot(places, sizes, marker, color=colour, label=which)
         _log(right, "y")
-        right.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
-        right.set_xlabel("pose")
+        if len(result.poses) <= _NAMED:
+            names = [figure_style.shortened(visible(one.name), _NAME) for one in result.poses]
+            right.set_xticks(places, names)
+            right.set_xlim(0.5, len(result.poses) + 0.5)
+        else:
+            right.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
+        right.set_xlabel("pose where accuracy counts")
         right.set_ylabel("rms position error [mm]")
         robot = visible(result.provenance.robot, 60)
         title = f"{result.count:,} of {result.candidates:,} poses of {robot} to measure"
@@ -118,7 +127,7 @@ def calibration_figure(result: CalibrationResult) -> Figure:
         axes.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
         axes.set_xlabel("row of the data")
         axes.set_ylabel("residual [mm]")
-        title = f"calibration of {visible(result.provenance.robot, 60)}; {VERDICTS[result.verdict]}"
+        title = f"{visible(result.provenance.robot, 60)}: {verdict_text(result)}; {VERDICTS[result.verdict]}"
         note = f"{measured_text(result)}; chi-square {result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom"
         _finish(made, axes, title, note)
     return made

@@ -289,35 +289,52 @@ FEWEST: Final = 4
 _SAME_POSE: Final = (1e-3, 1e-4)
 """Difference of joint values (rad, m) up to which two poses are the same: they are left out together."""
 _SETTLED: Final = 1e-9
+SURE: Final = 1e9
+"""Degrees of freedom of a standard deviation that is known."""
+_TOLD: Final = 1.5
+"""How many times too small deviations may be that are called honest."""
 
 
 @final
 @dataclass(frozen=True)
 class LeftOutShare(Record):
-    """Share of left-out readings within the 95 % ellipsoid of their own covariance.
+    """How far off left-out readings are against their own covariance, and the share of them within its 95 % ellipsoid.
 
-    ``interval`` is that of Clopper and Pearson for as many trials as the groups are worth: readings of one group, and groups that
-    share what a fit without them errs by, are no independent trials. The verdict is ``honest`` where it holds 0.95.
+    ``ratio`` is the root mean square of their sizes in standard deviations, 1 where these are right. Its interval is that of
+    chi-square, that of the share Clopper's and Pearson's, both for as many trials as the groups are worth: readings of one group,
+    and groups that share what a fit without them errs by, are no independent trials. The ratio gives the verdict, since it tells
+    deviations that are too small sooner: ``honest`` where its interval holds 1, ``undecided`` where it goes beyond 1.5 too.
     """
 
-    KEYS: ClassVar[Keys] = ("verdict", "within", "interval", "probability")
+    KEYS: ClassVar[Keys] = ("verdict", "ratio", "ratio_interval", "within", "interval", "probability")
     probability: ClassVar[float] = LEVEL
 
+    ratio: float
+    ratio_interval: tuple[float, float]
     within: float
     interval: tuple[float, float]
 
     @classmethod
-    def of(cls, is_within: NDArray[np.bool_], trials: float) -> LeftOutShare:
-        """Return the share of readings ``(P,)`` that are worth so many independent trials."""
-        within = float(is_within.mean())
-        return cls(within, clopper_pearson(within * trials, trials, LEVEL))
+    def of(cls, squares: Array, sizes: NDArray[np.intp], trials: float, known: float = SURE) -> LeftOutShare:
+        """Return that of readings ``(P,)`` of so many numbers and squared sizes, worth so many independent trials.
+
+        ``known`` are the degrees of freedom that the standard deviation rests on.
+        """
+        within = float((squares <= stats.chi2.ppf(LEVEL, sizes)).mean())
+        ratio, free = float((squares / sizes).mean()), trials * float(sizes.mean())
+        ends = [ratio / float(stats.f.isf(side, free, known)) for side in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)]
+        low, high = np.sqrt(ends).tolist()
+        return cls(float(np.sqrt(ratio)), (low, high), within, clopper_pearson(within * trials, trials, LEVEL))
 
     @property
-    def verdict(self) -> Literal["over-confident", "honest", "over-cautious"]:
-        """Whether the deviations are too small, or too large."""
-        if self.interval[1] < LEVEL:
+    def verdict(self) -> Literal["over-confident", "honest", "over-cautious", "undecided"]:
+        """Whether the deviations are too small, or too large, or too few poses tell."""
+        low, high = self.ratio_interval
+        if low > 1:
             return "over-confident"
-        return "over-cautious" if self.interval[0] > LEVEL else "honest"
+        if high < 1:
+            return "over-cautious"
+        return "honest" if high <= _TOLD else "undecided"
 
 
 @final
@@ -333,7 +350,7 @@ class Improvement(Record):
         residual_before: Of readings in the fit of base and target alone.
         groups, grouped_by, readings: Groups that are left out one after another, ``poses`` or ``groups`` of the data's
             column, and their readings.
-        share: How many of them lie within their deviations.
+        share: How far off they are against their deviations, and how many lie within.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -404,9 +421,19 @@ def groups_of(data: CalibrationData, sliding: NDArray[np.bool_]) -> NDArray[np.i
 
 
 def judge(
-    problem: Problem, best: Fit, after: LeftOut, alone: SetUpAlone, groups: NDArray[np.intp], *, of_column: bool
+    problem: Problem,
+    best: Fit,
+    after: LeftOut,
+    alone: SetUpAlone,
+    groups: NDArray[np.intp],
+    *,
+    of_column: bool,
+    known: float = SURE,
 ) -> Improvement | None:
-    """Return how a fit does on the groups left out of it; ``None`` where no group's readings follow from the others."""
+    """Return how a fit does on the groups left out of it; ``None`` where no group's readings follow from the others.
+
+    ``known`` are the degrees of freedom that the standard deviation rests on, apart from these readings.
+    """
     residuals = alone.residuals
     before = leave_out(problem, alone.estimator, alone.estimator, residuals, groups)
     used = np.flatnonzero(before.is_predicted & after.is_predicted)
@@ -423,8 +450,7 @@ def judge(
     if count >= FEWEST and means[0] > 0 and means[1] > 0:
         root = best.local.leverage_root()
         interval = gain_interval(squares[0], squares[1], weights, float((root**2).sum()) / len(root))
-    limit = stats.chi2.ppf(LEVEL, problem.sizes[used])
-    share = LeftOutShare.of(after.distance[used] <= limit, min(after.trials, count))
+    share = LeftOutShare.of(after.distance[used], problem.sizes[used], min(after.trials, count), known)
     roots = [float(np.sqrt(mean)) for mean in means]
     by: Literal["poses", "groups"] = "groups" if of_column else "poses"
     return Improvement(roots[0], roots[1], interval, roots[2], count, by, int(used.size), share)
@@ -439,10 +465,10 @@ def doubt_improvement(found: Improvement | None) -> Iterator[Finding]:
         message = f"at poses left out the calibration {verb}{gain}; do not rely on it there"
         yield Finding("warning", "W_NO_GAIN", message)
     if found is not None and found.share.verdict == "over-confident":
-        low, high = (100 * end for end in found.share.interval)
+        low, high = found.share.ratio_interval
         message = (
-            f"over-confident: {100 * found.share.within:.3g} % of left-out readings are within their 95 % (interval {low:.3g} to "
-            f"{high:.3g} %); the errors left are larger than stated"
+            f"over-confident: left-out readings are {found.share.ratio:.3g} times ({low:.3g} to {high:.3g}) as far off as their "
+            f"standard deviations say, {100 * found.share.within:.3g} % within their 95 %; the errors left are larger than stated"
         )
         yield Finding("warning", "W_OVER_CONFIDENT", message)
 

@@ -175,7 +175,8 @@ def headline(result: CalibrationResult) -> list[str]:
     entries = result.poses
     where = f"pose {shown(entries[0].name)}" if len(entries) == 1 else f"{len(entries):,} poses"
     lines = [
-        f"{_capital(improvement_text(result))}.",
+        # a browser breaks a line within "->"
+        f"{_capital(improvement_text(result).replace('->', '→'))}.",
         f"{_capital(VERDICTS[result.verdict])}: {chi_square_text(result)}.",
         f"{_capital(residuals_text(result))}.",
         *(f"{_capital(line)}." for line in share_lines(result)),
@@ -213,23 +214,27 @@ def residuals_text(result: CalibrationResult) -> str:
     )
 
 
+def verdict_text(result: CalibrationResult) -> str:
+    """Return in few words whether the calibration helps at poses left out of it."""
+    return {
+        "helps": "the calibration helps",
+        "not shown to help": "the calibration is not shown to help",
+        "makes unseen poses worse": "the calibration makes unseen poses worse",
+    }["not shown to help" if result.improvement is None else result.improvement.verdict]
+
+
 def improvement_text(result: CalibrationResult) -> str:
     """Return whether the calibration helps at poses left out of it."""
     found = result.improvement
     if found is None:
-        return "the calibration is not shown to help: no reading follows from the others"
+        return f"{verdict_text(result)}: no reading follows from the others"
     whole = "base and target alone" if result.measurement.nuisances else "the sheet's means"
     facts = f"left-out error {milli(found.before, 3)} -> {milli(found.after, 3)} mm rms"
     how = f"before: {whole}; {found.groups:,} {found.grouped_by} left out in turn"
     if found.interval is None:
-        return f"the calibration is not shown to help: too few {found.grouped_by}; {facts}; {how}"
-    said = {
-        "helps": "the calibration helps",
-        "not shown to help": "the calibration is not shown to help",
-        "makes unseen poses worse": "the calibration makes unseen poses worse",
-    }[found.verdict]
+        return f"{verdict_text(result)}: too few {found.grouped_by}; {facts}; {how}"
     low, high = (milli(end, 3) for end in found.interval)
-    return f"{said}: {facts}, gain {milli(found.gain, 3)} mm (95 %: {low} to {high}); {how}"
+    return f"{verdict_text(result)}: {facts}, gain {milli(found.gain, 3)} mm (95 %: {low} to {high}); {how}"
 
 
 def share_lines(result: CalibrationResult) -> list[str]:
@@ -237,9 +242,11 @@ def share_lines(result: CalibrationResult) -> list[str]:
     if result.improvement is None:
         return []
     share = result.improvement.share
-    low, high = (f"{100 * end:.3g}" for end in share.interval)
+    times, percent = share.ratio_interval, [f"{100 * end:.3g}" for end in share.interval]
+    few = ", too few poses" if share.verdict == "undecided" else ""
     return [
-        f"{share.verdict}: {100 * share.within:.3g} % of left-out readings are within their 95 % (interval {low} to {high} %)"
+        f"{share.verdict}{few}: left-out readings are {share.ratio:.3g} times ({times[0]:.3g} to {times[1]:.3g}) as far off as "
+        f"their standard deviations say; {100 * share.within:.3g} % are within their 95 % ({percent[0]} to {percent[1]} %)"
     ]
 
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
-from precision_pin.analyses.causes import assumed_share, rank_causes
+from precision_pin.analyses.causes import rank_causes
 from precision_pin.analyses.collect import Results
 from precision_pin.analyses.monte_carlo.section import describe_verdict, specifications, verdict
 from precision_pin.analyses.report_cells import MISSING, milli_interval, statistic
@@ -136,17 +136,19 @@ def _causes(results: Results) -> Html:
         lines = [element("li", element("strong", f"{100 * share:.0f} %"), f" {text}") for share, text in largest]
         parts.append(paragraph("Largest causes, share of the variance of d:", class_="lead"))
         parts.append(element("ul", *lines, class_="causes"))
-    return joined([*parts, *_always(results), *_resting(results, pose)])
+    return joined([*parts, *_always(results), *_resting(results)])
 
 
-def _resting(results: Results, pose: PoseBudget | None) -> list[Html]:
-    """Return how much of the spread comes from sources that are marked as assumed."""
+def _resting(results: Results) -> list[Html]:
+    """Return how much of the spread comes from numbers that are marked as assumed."""
     assumed, sources = results.analysis.assumed, results.analysis.sources
     if not assumed:
         return []
     counted = f"{len(assumed):,} of {sources:,} sources are marked as assumed in the sheet."
-    share = None if pose is None else assumed_share(pose, assumed, "position")
-    much = "Rests" if share is None else f"{_percent(share)} of the variance of d rests"
+    # of a calibrated arm a number of an assumed source may be measured
+    shares = {kind: position for kind, (position, _) in results.analysis.origins.items()}
+    varies = any(shares.values())
+    much = f"{_percent(shares.get('assumed', 0.0))} of the variance of d rests" if varies else "Rests"
     return [paragraph(element("strong", f"{much} on assumptions: {counted}"))]
 
 
