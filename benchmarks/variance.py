@@ -28,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.budget.sobol import scrambled_points
-from precision_pin.analyses.moments.moments import moments
-from precision_pin.analyses.moments.moments_result import Method, PoseMoments
+from precision_pin.analyses.moments.moments import Method, PoseMoments, moments
 from precision_pin.analyses.replicates import REPLICATES
 from precision_pin.base.arrays import Array
 from precision_pin.draws.laws import Normal, Uniform

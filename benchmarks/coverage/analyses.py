@@ -20,7 +20,7 @@ import precision_pin as pp
 from benchmarks.coverage.row import Coverage
 from precision_pin.analyses.budget.budget_result import Estimate
 from precision_pin.analyses.exact_law.exact_law_result import LEVELS
-from precision_pin.analyses.moments.moments_result import Measured, Method
+from precision_pin.analyses.moments.moments import Measured, Method
 from precision_pin.analyses.worst_case.convex_bodies import Supports
 from precision_pin.base.arrays import Array
 from precision_pin.draws import laws

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from precision_pin.analyses.allocation.allocate import allocate as allocate
     from precision_pin.analyses.budget.budget import budget as budget
     from precision_pin.analyses.calibration.calibrate import calibrate as calibrate
+    from precision_pin.analyses.calibration.design import identifiability as identifiability
     from precision_pin.analyses.calibration.factory import ur_calibration as ur_calibration
     from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
-    from precision_pin.analyses.calibration.identifiability import identifiability as identifiability
     from precision_pin.analyses.calibration.plan import plan_calibration as plan_calibration
     from precision_pin.analyses.calibration.population import population as population
     from precision_pin.analyses.compare.compare import compare as compare
@@ -119,7 +119,7 @@ _HOMES: Final = {
     "every_frame": "model.frame_models",
     "exact_law": "analyses.exact_law.exact_law",
     "forecast_calibration": "analyses.calibration.forecast",
-    "identifiability": "analyses.calibration.identifiability",
+    "identifiability": "analyses.calibration.design",
     "inverse_kinematics": "robot.inverse_kinematics",
     "joint_grid": "robot.pose_grids",
     "map_poses": "analyses.map.map_poses",

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from precision_pin.analyses.moments.moments import moments
+from precision_pin.analyses.moments.moments import Measured, deviations, moments
 from precision_pin.analyses.moments.moments_control import Control
-from precision_pin.analyses.moments.moments_result import Measured, deviations
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation

@@ -13,7 +13,7 @@ import numpy as np
 
 import precision_pin as pp
 from precision_pin.analyses.calibration.design import stations_of
-from precision_pin.analyses.calibration.simulation import simulate_readings
+from precision_pin.analyses.calibration.forecast import simulate_readings
 from precision_pin.base.errors import PrecisionPinError
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET

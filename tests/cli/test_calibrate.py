@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 import precision_pin as pp
 from precision_pin.analyses.calibration.design import stations_of
-from precision_pin.analyses.calibration.simulation import simulate_readings
+from precision_pin.analyses.calibration.forecast import simulate_readings
 from precision_pin.base.errors import PrecisionPinWarning
 
 SHEET = "4dof.errors.yaml"

@@ -29,8 +29,7 @@ from outputs.report_cases import (
 from precision_pin.analyses.budget.budget import budget
 from precision_pin.analyses.collect import CLOUD, collect_poses
 from precision_pin.analyses.exact_law.exact_law import exact_law
-from precision_pin.analyses.monte_carlo.section import distributions
-from precision_pin.analyses.monte_carlo.verdict import specifications, verdict
+from precision_pin.analyses.monte_carlo.section import distributions, specifications, verdict
 from precision_pin.analyses.worst_case.worst_case import worst_case
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import origin_shares

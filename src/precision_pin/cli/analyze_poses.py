@@ -65,7 +65,7 @@ def refuse_of_one_pose(options: Sequence[str], poses: int) -> None:
 
 def analyze_poses(error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPose], job: PosesJob) -> int:
     """Sample at several poses, print and write the result; returns the exit code."""
-    from precision_pin.analyses.monte_carlo.poses_table import poses_table
+    from precision_pin.analyses.monte_carlo.table import poses_table
     from precision_pin.sampling.many_poses import sample_poses
 
     compile_sampler(error_model.space, job.model)

@@ -23,7 +23,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, final
+from typing import Final, NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -166,9 +166,7 @@ class AsBuilt:
             raise InternalError(f"{chain.robot.file}: a robot as built is not where the exact model puts it")
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Step:
+class _Step(NamedTuple):
     """A constant factor on the way from base to tip, ``(4, 4)`` as the file has it.
 
     ``name`` is the joint whose origin it is; where it is ``added``, not in the file yet, the link that gets a frame; empty
@@ -184,13 +182,10 @@ class _Step:
 
     def displaced(self, insertion: Array) -> Array:
         """Return the placement to write, ``(4, 4)``, for a displacement after the factor."""
-        result: Array = se3.inverse(insertion) @ self.written if self.backwards else self.written @ insertion
-        return result
+        return np.asarray(se3.inverse(insertion) @ self.written if self.backwards else self.written @ insertion)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Fold:
+class _Fold(NamedTuple):
     """The displacements that one step takes in: rows of the term table's targets in chain order.
 
     With each its frame in that of the step's end, ``(4, 4)``, or None where they are the same.
@@ -277,10 +272,8 @@ def _folds(at: PoseModel, links: Sequence[Sequence[_Step]]) -> tuple[_Fold, ...]
 def _step_for(place: Place, steps: Sequence[_Step]) -> _Step | None:
     """Return the first step that the file can change and that does not come before the place; else the last one."""
     rank = max(place.order[1], 1) if place.order[0] <= ORDER_FRAME else len(steps)
-    free = [k for k, step in enumerate(steps, start=1) if step.name]
-    if not free:
-        return None
-    return steps[next((k for k in free if k >= rank), free[-1]) - 1]
+    free = [(k, step) for k, step in enumerate(steps, start=1) if step.name]
+    return next((step for k, step in free if k >= rank), free[-1][1] if free else None)
 
 
 def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
@@ -314,10 +307,8 @@ def _about(at: PoseModel, pose: str, base: str, tip: str, frozen: Sequence[str])
         "those that loads cause and those drawn for each pose or visit (here pose 0, visit 0) included. At other poses it "
         "has those of the built robot that no pose changes: displaced frames and axes, joint offsets."
     )
-    if frozen:
-        yield f"Fixed at their values at this pose: {', '.join(frozen)}."
-    else:
-        yield "No source was seen to depend on the pose."
+    held_here = f"Fixed at their values at this pose: {', '.join(frozen)}."
+    yield held_here if frozen else "No source was seen to depend on the pose."
 
 
 def _wrapped(line: str) -> list[str]:

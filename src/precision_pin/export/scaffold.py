@@ -112,7 +112,7 @@ class Survey:
         ranges = [_trial_range(joint) for joint in chain.joints]
         units = tuple(unit for _, _, unit in ranges)
         trials = _trials(ranges)
-        to_si = np.array([np.pi / 180 if unit == "deg" else 1.0 for unit in units])
+        to_si = np.where(np.array(units) == "deg", np.pi / 180, 1.0)
         size = reach(chain)
         columns = np.where(chain.prismatic, size, 1.0)
         rows = np.array([1 / size] * 3 + [1.0] * 3)
@@ -155,7 +155,8 @@ def _trials(ranges: Sequence[tuple[float, float, str]]) -> Array:
     columns = []
     for (centre, half, _), fraction in zip(ranges, spread_points(len(ranges), TRIALS), strict=True):
         values = centre + half * (2 * fraction - 1)
-        columns.append(np.round(values, _decimals(half)) if half else values)
+        # so many decimals keep a value within limits that are a quarter of half or more away from it
+        columns.append(np.round(values, max(0, math.ceil(-math.log10(half / 4)))) if half else values)
     return np.array(columns).T
 
 
@@ -173,11 +174,6 @@ def _trial_range(joint: Joint) -> tuple[float, float, str]:
     if not math.isfinite(upper):
         upper = max(most, lower + 2 * most)
     return (lower + upper) / 2, min(0.8 * (upper - lower) / 2, most), "m" if slides else "deg"
-
-
-def _decimals(half: float) -> int:
-    """Return how many decimals keep a value within limits that are a quarter of ``half`` or more away from it."""
-    return max(0, math.ceil(-math.log10(half / 4)))
 
 
 def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = None) -> str:
@@ -258,10 +254,8 @@ def _chain_table(chain: Chain) -> Lines:
     on_way = {chain.base, *(joint.child for joint in way)}
     beside = [link for link in chain.robot.links if link.name not in on_way]
     if beside:
-        mass = sum(link.mass for link in beside)
-        lines.append(
-            f"# {len(beside)} links beside it ({mass:.4g} kg) hang on these; the weight of those that move counts."
-        )
+        weight = f"{sum(link.mass for link in beside):.4g} kg"
+        lines.append(f"# {len(beside)} links beside it ({weight}) hang on these; the weight of those that move counts.")
     return lines
 
 
@@ -307,10 +301,8 @@ def _locked(chain: Chain) -> Lines:
     if len(free) > _MANY:
         lines += ["locked: {", *(f"  {line}" for line in _packed(entries)), "  }"]
     elif free:
-        lines += [
-            "locked:",
-            *(f"  {text}    # {joint.kind}, {_range(joint)}" for text, joint in zip(entries, free, strict=True)),
-        ]
+        described = (f"{joint.kind}, {_range(joint)}" for joint in free)
+        lines += ["locked:", *(f"  {text}    # {one}" for text, one in zip(entries, described, strict=True))]
     if follow:
         lines += _comment("They follow others (mimic): " + ", ".join(_escaped(joint.name) for joint in follow))
     return lines
@@ -337,13 +329,12 @@ def _packed(entries: Iterable[str]) -> Lines:
 
 
 def _poses(chain: Chain, survey: Survey, start: Array | None) -> Lines:
-    exact = ["m" if slides else "rad" for slides in chain.prismatic]
     lines = ["poses:", *_comment("Joint order: " + ", ".join(map(_escaped, chain.joint_names)), "  # ")]
     if start is None:
         lines.append(f"  # start: best conditioned of {TRIALS} trial poses within the limits.")
         lines += _pose(chain, "start", survey.trials[survey.start], survey.units)
     else:
-        lines += _pose(chain, "start", start, exact)
+        lines += _pose(chain, "start", start, ["m" if slides else "rad" for slides in chain.prismatic])
     lines.append("  # far: tip far from the first joint.")
     return lines + _pose(chain, "far", survey.trials[survey.far], survey.units)
 
@@ -389,15 +380,11 @@ def _joint_offsets(chain: Chain) -> Lines:
             "  # ",
         )
     if chain.prismatic.any():
-        text = (
-            f"Sliding joints: {SLIDE_OFFSET}, about what a rolled ball screw of grade 7 errs over 300 mm (ISO 3408-3)."
-        )
-        lines += _comment(text, "  # ")
+        what = "about what a rolled ball screw of grade 7 errs over 300 mm (ISO 3408-3)"
+        lines += _comment(f"Sliding joints: {SLIDE_OFFSET}, {what}.", "  # ")
     for joint in chain.joints:
-        offset = SLIDE_OFFSET if joint.kind == "prismatic" else ANGLE_OFFSET
-        lines.append(
-            f"  - joint_offset: {{joint: {quoted(joint.name)}, offset: {{normal: {offset}}}, {_MARK}}}    # assumption"
-        )
+        offset = f"{{normal: {SLIDE_OFFSET if joint.kind == 'prismatic' else ANGLE_OFFSET}}}"
+        lines.append(f"  - joint_offset: {{joint: {quoted(joint.name)}, offset: {offset}, {_MARK}}}    # assumption")
     return lines
 
 
@@ -408,13 +395,9 @@ def _axes(chain: Chain) -> Lines:
         "in grade IT6 has 0.019 mm (ISO 286-1). The span is a guess from the arm's size, a tenth of its links' lengths "
         "within 20 to 100 mm; the turn it causes is nearly proportional to 1/span."
     )
-    return [
-        *_comment(text, "  # "),
-        *(
-            f"  - axis_install: {{joint: {quoted(name)}, radius: {SEAT_RADIUS}, span: {span}, {_MARK}}}    # assumption"
-            for name in chain.joint_names
-        ),
-    ]
+    rest = f"radius: {SEAT_RADIUS}, span: {span}, {_MARK}}}    # assumption"
+    entries = [f"  - axis_install: {{joint: {quoted(name)}, {rest}" for name in chain.joint_names]
+    return [*_comment(text, "  # "), *entries]
 
 
 def _compliances(chain: Chain, survey: Survey) -> Lines:
@@ -451,14 +434,13 @@ def _lengths(chain: Chain) -> Lines:
     lines = _comment(text, "  # ")
     for link, placement in enumerate(chain.placements):
         length = float(np.linalg.norm(placement[:3, 3]))
-        between = f"{_near_end(chain, link)} to {_far_end(chain, link)}"
+        ends = [chain.base, *chain.joint_names, chain.tip]
+        between = " to ".join(map(_escaped, ends[link : link + 2]))
         if length < SHORTEST:
             lines.append(f"  # {between}: {length * 1e3:.3g} mm, too short for a general tolerance")
             continue
         tolerance, grade = general_tolerance(length)
-        what = (
-            f"joint: {quoted(chain.joint_names[link])}" if link < len(chain.joints) else f"frame: {quoted(chain.tip)}"
-        )
+        what = f"{'joint' if link < len(chain.joints) else 'frame'}: {quoted(ends[link + 1])}"
         entry = f"- length: {{{what}, parameters: {{uniform: {tolerance * 1e3:.3g} mm}}, {_MARK}}}"
         lines.append(f"  {entry}    # assumption: class {grade}; {between}, {length * 1e3:.5g} mm")
     return lines
@@ -468,10 +450,8 @@ def _beams(chain: Chain) -> Lines:
     diameter = round_125(reach(chain) / 15)
     wall = diameter / 16
     second_moment = math.pi / 8 * diameter**3 * wall
-    bending, torsion = (
-        float(f"{modulus * moment:.0e}")
-        for modulus, moment in zip(_ALUMINIUM, (second_moment, 2 * second_moment), strict=True)
-    )
+    bending = float(f"{_ALUMINIUM[0] * second_moment:.0e}")
+    torsion = float(f"{_ALUMINIUM[1] * (2 * second_moment):.0e}")
     text = (
         f"Flexibility of the links: left out. Filled in as aluminium tubes of {diameter * 1e3:g} mm mean diameter and "
         f"{wall * 1e3:.3g} mm wall (E 70 GPa, G 26 GPa: EI = E pi/8 d^3 t, GI = G pi/4 d^3 t), to be put right first."
@@ -495,14 +475,6 @@ def _kinds() -> Lines:
         settings = ", ".join(entry.name for entry in setting_fields(kind))
         lines += _comment(f"{name} {{{settings}}}: {_first_line(kind)}", "#   ", "#       ")
     return lines
-
-
-def _near_end(chain: Chain, link: int) -> str:
-    return _escaped(chain.joint_names[link - 1] if link else chain.base)
-
-
-def _far_end(chain: Chain, link: int) -> str:
-    return _escaped(chain.joint_names[link] if link < len(chain.joints) else chain.tip)
 
 
 def _first_line(thing: type) -> str:

@@ -22,7 +22,7 @@ import math
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, Literal, Protocol, final
+from typing import Any, Final, Literal, NamedTuple, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.csv_columns import ColumnNames
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.quantity_arguments import check_quantities, check_quantity
+from precision_pin.base.record import encode
 from precision_pin.base.units import ANGLE, LENGTH
 from precision_pin.robot.chain import Chain
 from precision_pin.sheet.settings import SettingError
@@ -70,14 +71,11 @@ class Anchor:
 
     def read(self, point: Array, own: Array, near: Array) -> Array:
         """Return distances."""
-        del near
         away = point - np.array(self.place)[:, None] - own
-        distance: Array = np.sqrt((away**2).sum(axis=0))[None]
-        return distance
+        return np.asarray(np.sqrt((away**2).sum(axis=0))[None])
 
     def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
         """Return derivatives of a distance."""
-        del near
         away = point - np.array(self.place) - own
         length = float(np.linalg.norm(away))
         if length == 0.0:
@@ -115,15 +113,12 @@ class Plane:
 
     def read(self, point: Array, own: Array, near: Array) -> Array:
         """Return heights."""
-        del near
         away = self.axes.T @ (point - np.array(self.place)[:, None])
         height = away[0] + own[1] * away[1] + own[2] * away[2]
-        reading: Array = (height / np.sqrt(1 + own[1] ** 2 + own[2] ** 2) - own[0])[None]
-        return reading
+        return np.asarray(height / np.sqrt(1 + own[1] ** 2 + own[2] ** 2) - own[0])[None]
 
     def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
         """Return derivatives of a height."""
-        del near
         away = self.axes.T @ (point - np.array(self.place))
         length = np.sqrt(1 + own[1] ** 2 + own[2] ** 2)
         by_point = self.axes @ np.array([1.0, own[1], own[2]]) / length
@@ -151,12 +146,10 @@ class Sockets:
     def read(self, point: Array, own: Array, near: Array) -> Array:
         """Return offsets from the socket."""
         k = self.nearest(near)
-        offset: Array = point - np.array(self.places[k])[:, None] - own[3 * k : 3 * k + 3]
-        return offset
+        return np.asarray(point - np.array(self.places[k])[:, None] - own[3 * k : 3 * k + 3])
 
     def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
         """Return derivatives of an offset."""
-        del point
         by_own = np.zeros((3, own.size))
         k = self.nearest(near)
         by_own[:, 3 * k : 3 * k + 3] = -np.eye(3)
@@ -175,18 +168,19 @@ _LEVER: Final = 0.1
 """Distance (m) between the targets from which an attitude is measured, where no attitude's deviation is given."""
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Derivatives of a reading.
-
-    Attributes:
-        error: With respect to the tip's error, ``(m, 6)``.
-        nuisances: With respect to the nuisances, ``(m, k)``.
-    """
+class Slopes(NamedTuple):
+    """Derivatives of a reading by the tip's error, ``(m, 6)``, and by the nuisances, ``(m, k)``."""
 
     error: Array
     nuisances: Array
+
+
+_KEYS: Final = (
+    *("kind", "std", "std_known", "attitude_std", "target", "base", "target_known", "anchor", "plane", "sockets"),
+    *("visible_from", "facing", "cone", "target_name", "base_name", "load", "nuisances"),
+)
+"""Keys of the JSON."""
+_LOAD: Final = ("at", "mass", "com")
 
 
 @final
@@ -251,8 +245,7 @@ class Measurement:
         check_choice("the base of a measurement", self.base, ("known", "free"))
         check_flag("target_known of a measurement", self.target_known)
         check_flag("std_known of a measurement", self.std_known)
-        given: object = self.std
-        if isinstance(given, str) and given == ESTIMATE:
+        if isinstance(self.std, str) and self.std == ESTIMATE:
             self._fix("std", type(self).std)
             self._fix("std_known", False)
         above, what = "above zero and finite", "std, the standard deviation of a measurement,"
@@ -287,17 +280,14 @@ class Measurement:
             self._fix("plane", (point, _direction("the normal of the plane of a measurement", self.plane[1])))
         if not isinstance(self.sockets, tuple | list):
             raise InputError("the sockets of a measurement must be a list of points")
-        sockets = tuple(
-            _point(f"entry {k + 1} of the sockets of a measurement", one) for k, one in enumerate(self.sockets)
-        )
-        self._fix("sockets", sockets)
-        if len(set(sockets)) < len(sockets):
+        what = "entry {} of the sockets of a measurement"
+        self._fix("sockets", tuple(_point(what.format(k), one) for k, one in enumerate(self.sockets, 1)))
+        if len(set(self.sockets)) < len(self.sockets):
             raise InputError("two sockets of a measurement are at one place")
 
     def _check_sight(self) -> None:
-        limits = "above zero and at most a half turn"
-        cone = check_quantity("the cone of a measurement", self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi)
-        self._fix("cone", cone)
+        what, limits = "the cone of a measurement", "above zero and at most a half turn"
+        self._fix("cone", check_quantity(what, self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi))
         if self.visible_from is None:
             if self.facing is not None:
                 raise InputError("facing of a measurement needs visible_from: where from the target is seen")
@@ -391,8 +381,7 @@ class Measurement:
         return np.concatenate([point, se3.log_rotation(np.einsum("ijn,kj->ikn", attitude, pose[:3, :3]))])
 
     def _nominal(self, pose: Array) -> Array:
-        nominal: Array = pose[:3, 3] + pose[:3, :3] @ self.target
-        return nominal
+        return np.asarray(pose[:3, 3] + pose[:3, :3] @ self.target)
 
     def away(self, pose: Array) -> float:
         """Return how far the nominal target is from where it can touch, m: from the plane or the nearest socket, else zero."""
@@ -445,18 +434,12 @@ class Measurement:
         inner = pose[:3, 3] + error[:3] + arm
         rotation = np.eye(3) if turn is None else se3.exp_rotation(turn[:, 0])
         tilt = se3.left_jacobian(error[3:])
-        by_error = np.zeros((6, 6))
-        by_error[:3, :3] = rotation
-        by_error[:3, 3:] = -rotation @ se3.skew(arm) @ tilt
-        by_error[3:, 3:] = rotation @ tilt
+        none = np.zeros((3, 3))
+        by_error = np.block([[rotation, -rotation @ se3.skew(arm) @ tilt], [none, rotation @ tilt]])
         parts = []
         if turn is not None:
             by_turn = se3.left_jacobian(turn[:, 0])
-            base = np.zeros((6, 6))
-            base[:3, :3] = np.eye(3)
-            base[:3, 3:] = -se3.skew(rotation @ inner) @ by_turn
-            base[3:, 3:] = by_turn
-            parts.append(base)
+            parts.append(np.block([[np.eye(3), -se3.skew(rotation @ inner) @ by_turn], [none, by_turn]]))
         if not self.target_known:
             own = np.zeros((6, 6 if self.kind == "pose" else 3))
             own[:3, :3] = rotation @ attitude
@@ -480,25 +463,14 @@ class Measurement:
 
     def to_dict(self) -> dict[str, object]:
         """Return the set-up as in the JSON."""
-        return {
-            "kind": self.kind,
-            "std": self.std,
-            "std_known": self.std_known,
+        own: dict[str, object] = {
             "attitude_std": float(self.deviations[-1]) if self.kind == "pose" else None,
-            "target": list(self.target),
-            "base": self.base,
-            "target_known": self.target_known,
-            "anchor": list(self.anchor) if self.kind == "distance" else None,
-            "plane": None if self.plane is None else {"point": list(self.plane[0]), "normal": list(self.plane[1])},
-            "sockets": [list(one) for one in self.sockets],
-            "visible_from": None if self.visible_from is None else list(self.visible_from),
-            "facing": None if self.facing is None else list(self.facing),
+            "anchor": self.anchor if self.kind == "distance" else None,
+            "plane": None if self.plane is None else dict(zip(("point", "normal"), self.plane, strict=True)),
             "cone": None if self.facing is None else self.cone,
-            "target_name": self.target_name,
-            "base_name": self.base_name,
-            "load": None if self.load is None else [_load_entry(payload) for payload in self.load],
-            "nuisances": list(self.nuisances),
+            "load": None if self.load is None else [{key: getattr(one, key) for key in _LOAD} for one in self.load],
         }
+        return {key: encode(own[key] if key in own else getattr(self, key)) for key in _KEYS}
 
 
 def _named(numbers: tuple[str, ...], name: str) -> tuple[str, ...]:
@@ -507,8 +479,7 @@ def _named(numbers: tuple[str, ...], name: str) -> tuple[str, ...]:
 
 
 def _product(left: Array, right: Array) -> Array:
-    result: Array = np.einsum("ijn,jkn->ikn", left, right)
-    return result
+    return np.asarray(np.einsum("ijn,jkn->ikn", left, right))
 
 
 def _point(what: str, value: object) -> tuple[float, ...]:
@@ -522,10 +493,6 @@ def _direction(what: str, value: object) -> tuple[float, ...]:
     if length == 0:
         raise InputError(f"{what} is zero")
     return tuple((direction / length).tolist())
-
-
-def _load_entry(payload: Payload) -> dict[str, object]:
-    return {"at": payload.at, "mass": payload.mass, "com": list(payload.com)}
 
 
 class PlaneEntry(BaseModel):
@@ -554,8 +521,7 @@ class MeasurementEntry(BaseModel):
 
     kind: Kind = Field("position", description=f"What is measured: {', '.join(KINDS)}.")
     std: str = Field(
-        "0.02 mm",
-        description="Standard deviation of a measured length, of a contact; estimate: from the readings.",
+        "0.02 mm", description="Standard deviation of a measured length, of a contact; estimate: from the readings."
     )
     attitude_std: str | None = Field(
         None, description="That of a measured angle of a pose; std / 100 mm if left out, as of targets 100 mm apart."

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import precision_pin as pp
 from precision_pin.analyses.calibration.design import stations_of
-from precision_pin.analyses.calibration.simulation import as_measured, simulate_readings
+from precision_pin.analyses.calibration.forecast import as_measured, simulate_readings
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sources import JointCompliance, JointOffset, Length

@@ -13,8 +13,7 @@ from scipy import optimize, stats
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.calibrate import CalibrationResult
-from precision_pin.analyses.calibration.contact import contact_poses
-from precision_pin.analyses.calibration.simulation import simulate_calibrations
+from precision_pin.analyses.calibration.forecast import contact_poses, simulate_calibrations
 from precision_pin.base import se3
 from precision_pin.robot.chain import Chain
 from precision_pin.sources import Backlash, Frame, JointOffset, Mounting

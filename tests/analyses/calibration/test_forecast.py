@@ -8,7 +8,7 @@ from scipy import stats
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses
-from precision_pin.analyses.calibration.simulation import simulate_calibrations
+from precision_pin.analyses.calibration.forecast import simulate_calibrations
 from precision_pin.analyses.calibration.table import forecast_table
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Lognormal, TwoPoint, Uniform

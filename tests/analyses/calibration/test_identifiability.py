@@ -7,7 +7,7 @@ import pytest
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, chain_of, paper_model, plain_model, random_poses
-from precision_pin.analyses.calibration.contact import contact_poses, doubt_contact
+from precision_pin.analyses.calibration.forecast import contact_poses, doubt_contact
 from precision_pin.draws.space import Space
 from precision_pin.sources import JointOffset, Mounting
 from support.sheets import seven_joint_arm

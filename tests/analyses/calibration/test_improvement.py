@@ -13,7 +13,7 @@ from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, stack_at_means, stations_of
 from precision_pin.analyses.calibration.fit import Problem, leave_out
-from precision_pin.analyses.calibration.improvement import LeftOutShare, gain_interval
+from precision_pin.analyses.calibration.residuals import LeftOutShare, gain_interval
 from precision_pin.draws.draw import Scope
 from precision_pin.sources import JointOffset
 

@@ -8,8 +8,8 @@ from scipy import stats
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
+from precision_pin.analyses.calibration.forecast import simulate_calibrations
 from precision_pin.analyses.calibration.posterior import interval_after
-from precision_pin.analyses.calibration.simulation import simulate_calibrations
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.draws.laws import Law
 

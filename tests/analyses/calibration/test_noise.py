@@ -12,7 +12,7 @@ from scipy import optimize, stats
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.design import UnitNumbers, stack_at_means, stations_of
-from precision_pin.analyses.calibration.noise import Likelihood, largest_likelihood
+from precision_pin.analyses.calibration.residuals import Likelihood, largest_likelihood
 from precision_pin.draws.draw import Scope
 from precision_pin.sources import JointOffset
 

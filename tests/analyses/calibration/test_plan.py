@@ -11,9 +11,8 @@ from scipy import optimize
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, chain_of, plain_model, random_poses
-from precision_pin.analyses.calibration import pose_choice
-from precision_pin.analyses.calibration.identifiability import observability
-from precision_pin.analyses.calibration.pose_choice import Design
+from precision_pin.analyses.calibration.design import observability
+from precision_pin.analyses.calibration.plan import Design, _least, _project
 
 SET_UPS = [
     pp.Measurement(std=20e-6, target=OFF_AXIS),
@@ -84,7 +83,7 @@ def test_weights_within_limits_by_general_solvers() -> None:
         low, high = (settled < 0.1).astype(float), (settled < 0.9).astype(float)
         total = int(generator.integers(low.sum(), high.sum() + 1))
         wanted = generator.normal(size=count) * generator.choice([0.1, 1, 10])
-        weights = pose_choice._project(wanted, total, low, high)
+        weights = _project(wanted, total, low, high)
         assert weights.sum() == pytest.approx(total, abs=1e-9)
         assert ((weights >= low) & (weights <= high)).all()
         # the gradient is one number where neither limit holds, and no less (no more) than that at the lower (upper) one
@@ -96,7 +95,7 @@ def test_weights_within_limits_by_general_solvers() -> None:
             assert (away[(weights == low) & (low < high)] >= multiplier - 1e-9).all()
             assert (away[(weights == high) & (low < high)] <= multiplier + 1e-9).all()
         slopes = generator.normal(size=count)
-        least = pose_choice._least(slopes, total, low, high)
+        least = _least(slopes, total, low, high)
         best = optimize.linprog(slopes, A_eq=np.ones((1, count)), b_eq=[total], bounds=np.column_stack([low, high]))
         assert slopes @ least == pytest.approx(best.fun, abs=1e-9)
 

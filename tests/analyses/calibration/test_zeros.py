@@ -7,8 +7,7 @@ import pinocchio as pin
 import pytest
 
 import precision_pin as pp
-from precision_pin.analyses.calibration.data import read_data
-from precision_pin.analyses.calibration.zeros import fit_zeros, refuse_reversed
+from precision_pin.analyses.calibration.data import fit_zeros, read_data, refuse_reversed
 from precision_pin.base.errors import InputError
 from precision_pin.robot.examples import resolve_robot
 from precision_pin.sources import AxisInstall, JointOffset, Length

@@ -98,31 +98,38 @@ def prepare(asked: Asked) -> Job:
     return ahead(asked, model, only_one(measurements, asked.sheet.file), at)
 
 
-def _job(run: Callable[..., Any], use: str, table: str, **settings: Any) -> Job:
-    """Return the run of one use, whose table and figure are named by module and function."""
-    stem = f"calibration{use and f'-{use}'}"
-    figure = f"{__name__}.figure:{use or 'calibration'}_figure"
+def _job(run: Callable[..., Any], use: str, **settings: Any) -> Job:
+    """Return the run of one use, whose table and figure are named after it."""
+    stem, name = f"calibration{use and f'-{use}'}", use or "calibration"
     return Job(run, **{
         "stem": stem,
-        "table": lambda result: load(f"{__name__}.{table}")(result),
-        "files": lambda result: Files({stem: load(figure)(result)}),
+        "table": lambda result: load(f"{__name__}.table:{name}_table")(result),
+        "files": lambda result: Files({stem: load(f"{__name__}.figure:{name}_figure")(result)}),
         "is_met": lambda _: True,
         "is_written_first": True,
         **settings,
     })  # fmt: skip
 
 
+def _writer(path: str | None, write: Callable[[Any], object]) -> Callable[[Any], tuple[str, ...]]:
+    """Return the function that writes a file of a result, if there is a path, and says so."""
+
+    def run(result: Any) -> tuple[str, ...]:
+        if path is None:
+            return ()
+        write(result)
+        return (f"wrote {path}",)
+
+    return run
+
+
 def _factory(asked: Asked, model: ErrorModel) -> Job:
     from precision_pin.analyses.calibration.factory import ur_calibration
 
-    def write(result: Any) -> tuple[str, ...]:
-        if asked.options["urdf"] is None:
-            return ()
-        result.to_urdf(asked.options["urdf"])
-        return (f"wrote {asked.options['urdf']}",)
-
+    path = asked.options["urdf"]
     run = partial(ur_calibration, asked.options["factory"], model)
-    return _job(run, "factory", "table:factory_table", files=lambda _: Files(), write=write, findings=())
+    write = _writer(path, lambda result: result.to_urdf(path))
+    return _job(run, "factory", files=lambda _: Files(), write=write, findings=())
 
 
 def _population(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...]) -> Job:
@@ -130,18 +137,12 @@ def _population(asked: Asked, model: ErrorModel, measurements: tuple[Measurement
     from precision_pin.base.files import write_text
 
     robots, path = asked.options["robots"], asked.options["sheet_path"]
-
-    def write(result: Any) -> tuple[str, ...]:
-        if path is None:
-            return ()
-        write_text(Path(path), population_sheet(result, Path(path).parent))
-        return (f"wrote {path}",)
-
+    write = _writer(path, lambda result: write_text(Path(path), population_sheet(result, Path(path).parent)))
     means: Literal["sheet", "estimated"] = "estimated" if asked.options["means_free"] else "sheet"
     run = partial(population, model, robots, measurements, means=means, findings=asked.sheet.findings)
     steps = len(robots) + len(model.space.draws)
     return _job(
-        run, "population", "table:population_table", write=write, steps=steps,
+        run, "population", write=write, steps=steps,
         what="fitting robots", unit="steps", findings=asked.sheet.findings,
     )  # fmt: skip
 
@@ -153,19 +154,13 @@ def _plan(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[st
 
     options, path = asked.options, asked.options["csv_path"]
     poses, sheet = _measured_poses(asked, model, measurement, _CANDIDATES)
-
-    def write(result: Any) -> tuple[str, ...]:
-        if path is None:
-            return ()
-        write_text(Path(path), poses_csv(model.chain, result.q))
-        return (f"wrote {path}",)
-
+    write = _writer(path, lambda result: write_text(Path(path), poses_csv(model.chain, result.q)))
     run = partial(
         plan_calibration, model, poses, options["count"], measurement, at=at, criterion=options["criterion"] or "task",
         seed=options["seed"], findings=sheet.findings,
     )  # fmt: skip
     return _job(
-        run, "plan", "table:plan_table", write=write, is_written_first=False, steps=PLAN_STEPS, what="choosing poses",
+        run, "plan", write=write, is_written_first=False, steps=PLAN_STEPS, what="choosing poses",
         unit="steps", findings=sheet.findings,
     )  # fmt: skip
 
@@ -175,7 +170,7 @@ def _forecast(asked: Asked, model: ErrorModel, measurement: Measurement, at: lis
 
     poses, sheet = _measured_poses(asked, model, measurement, _RANDOM)
     run = partial(forecast_calibration, model, poses, measurement, at=at, findings=sheet.findings)
-    return _job(run, "forecast", "table:forecast_table", findings=sheet.findings)
+    return _job(run, "forecast", findings=sheet.findings)
 
 
 def _fit(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...], at: list[str] | None) -> Job:
@@ -204,11 +199,10 @@ def _fit(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...],
 
     run = partial(
         calibrate, model, tuple(options["robots"]), measurements, prior=not options["no_prior"], only=options["only"],
-        at=at,
-        findings=asked.sheet.findings,
+        at=at, findings=asked.sheet.findings,
     )  # fmt: skip
     return _job(
-        run, "", "table:calibration_table", write=write, findings=asked.sheet.findings,
+        run, "", write=write, findings=asked.sheet.findings,
         is_met=lambda result: not options["no_prior"] or result.identifiability.is_complete,
     )  # fmt: skip
 
@@ -217,7 +211,7 @@ def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, c
     """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
     import numpy as np
 
-    from precision_pin.analyses.calibration.contact import contact_poses, seen_poses
+    from precision_pin.analyses.calibration.forecast import contact_poses, seen_poses
     from precision_pin.base.arguments import check_whole
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.random_poses import random_poses
@@ -226,9 +220,8 @@ def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, c
     if _gives_poses(dict(options)):
         given = asked.read_poses(_MOST)
         values, _ = model.configurations([one.where for one in given])
-        return PoseSet.at(sheet.chain, np.ascontiguousarray(values), tuple(one.name for one in given)), given.noted_in(
-            sheet
-        )
+        poses = PoseSet.at(sheet.chain, np.ascontiguousarray(values), tuple(one.name for one in given))
+        return poses, given.noted_in(sheet)
     number = count if options["random"] is None else options["random"]
     check_whole("the number of random poses", number, 1, _MOST)
     if measurement.kind in ("plane", "socket"):
@@ -237,12 +230,12 @@ def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, c
         return random_poses(sheet.chain, number, seed=options["seed"]), sheet
     seen = seen_poses(sheet.chain, measurement, random_poses(sheet.chain, _DRAWN * number, seed=options["seed"]))
     if seen is None or len(seen) < number:
-        found = 0 if seen is None else len(seen)
-        raise InputError(
-            f"the instrument sees the target at {found} of {_DRAWN * number:,} random poses, fewer than {number:,}"
-        )
+        found, tried = 0 if seen is None else len(seen), _DRAWN * number
+        raise InputError(f"the instrument sees the target at {found} of {tried:,} random poses, fewer than {number:,}")
     return seen.take(np.arange(number)), sheet
 
+
+_ahead, _fit_of = partial(Option, group=_AHEAD), partial(Option, group=_FIT)
 
 DECLARATION = Declaration(
     name="calibrate",
@@ -267,32 +260,28 @@ DECLARATION = Declaration(
     readings do not determine every number.
     """,
     options=(
-        Option("--forecast", "forecast", "What measuring will buy, before anything is measured.", bool, group=_AHEAD),
-        Option("--plan", "count", "Choose the M best of many poses to measure.", int, metavar="M", group=_AHEAD),
-        Option(
+        _ahead("--forecast", "forecast", "What measuring will buy, before anything is measured.", bool),
+        _ahead("--plan", "count", "Choose the M best of many poses to measure.", int, metavar="M"),
+        _ahead(
             "--criterion", "criterion",
             "Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
-            choices=("task", "D"), group=_AHEAD,
+            choices=("task", "D"),
         ),
-        Option(
-            "--csv", "csv_path", "Of --plan: write the chosen poses, as --trajectory reads them.", metavar="FILE",
-            group=_AHEAD,
-        ),
-        Option(
+        _ahead("--csv", "csv_path", "Of --plan: write the chosen poses, as --trajectory reads them.", metavar="FILE"),
+        _ahead(
             "--random", "random",
             f"N random poses within joint limits (of plane and socket: in contact); {_RANDOM}, {_CANDIDATES} for a plan.", int,
-            metavar="N", group=_AHEAD,
+            metavar="N",
         ),
-        Option("--no-prior", "no_prior", "Maximum likelihood: the sheet's tolerances are no prior.", bool, group=_FIT),
-        Option(
-            "--only", "only", "Estimate the numbers of this kind of source alone; repeats.",
-            metavar="KIND", is_repeated=True, group=_FIT,
+        _fit_of("--no-prior", "no_prior", "Maximum likelihood: the sheet's tolerances are no prior.", bool),
+        _fit_of(
+            "--only", "only", "Estimate the numbers of this kind of source alone; repeats.", metavar="KIND",
+            is_repeated=True,
         ),
-        Option("--urdf", "urdf", "Write the calibrated robot as a URDF.", metavar="FILE", group=_FIT),
-        Option(
+        _fit_of("--urdf", "urdf", "Write the calibrated robot as a URDF.", metavar="FILE"),
+        _fit_of(
             "--sheet", "sheet_path",
             "Write the sheet of the calibrated arm, for every other command, and the result beside it.", metavar="FILE.yaml",
-            group=_FIT,
         ),
         Option(
             "--population", "population",

@@ -9,38 +9,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal, final
+from typing import Any, ClassVar, Final, Literal, NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from precision_pin.analyses.calibration import design
+from precision_pin.analyses.calibration import fit as fitting
+from precision_pin.analyses.calibration import residuals as judgement
 from precision_pin.analyses.calibration.data import CalibrationData, check_data, read_data
-from precision_pin.analyses.calibration.design import measurements_of, task_poses
-from precision_pin.analyses.calibration.fit import (
-    DOUBTFUL,
-    Fit,
-    Problem,
-    doubt_model,
-    fit,
-    leave_out,
-    refuse_far_readings,
-)
-from precision_pin.analyses.calibration.identifiability import (
-    of_stack,
-    rank_findings,
-    refuse_where_nothing_is_seen,
-    remarks_on,
-)
-from precision_pin.analyses.calibration.improvement import (
-    SURE,
-    Improvement,
-    SetUpAlone,
-    doubt_improvement,
-    groups_of,
-    judge,
-)
-from precision_pin.analyses.calibration.noise import EstimatedStd, chance_of, doubt_std, estimate_std, refuse_noise
 from precision_pin.analyses.calibration.posterior import (
     LEVEL,
     PosesOutcome,
@@ -49,7 +27,6 @@ from precision_pin.analyses.calibration.posterior import (
     interval_after,
     normal_interval,
 )
-from precision_pin.analyses.calibration.set_up import SetUp, stations_of_data
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_flag, check_items, check_name, check_number, check_path
@@ -144,7 +121,7 @@ class CalibrationResult(PosesOutcome):
     has_prior: bool
     posterior: Posterior
     without_bounds: Array
-    set_ups: tuple[SetUp, ...]
+    set_ups: tuple[fitting.SetUp, ...]
     chi_square: float
     degrees_of_freedom: int
     residuals: Array
@@ -152,8 +129,8 @@ class CalibrationResult(PosesOutcome):
     left_out: Array
     std_left_out: Array
     std_predicted: Array
-    improvement: Improvement | None
-    noise: Mapping[str, EstimatedStd]
+    improvement: judgement.Improvement | None
+    noise: Mapping[str, judgement.EstimatedStd]
     repeated: int
     gross_errors: tuple[GrossError, ...]
     at_bounds: tuple[str, ...]
@@ -163,7 +140,7 @@ class CalibrationResult(PosesOutcome):
     steps: int
 
     @property
-    def set_up(self) -> SetUp:
+    def set_up(self) -> fitting.SetUp:
         """The set-up of the first measurement as estimated."""
         return self.set_ups[0]
 
@@ -175,7 +152,7 @@ class CalibrationResult(PosesOutcome):
     @property
     def probability(self) -> float | None:
         """Probability that a right model gives a larger chi-square; ``None`` where a std was tuned to the model's residuals."""
-        return chance_of(self.chi_square, self.degrees_of_freedom, self.noise, self.repeated)
+        return judgement.chance_of(self.chi_square, self.degrees_of_freedom, self.noise, self.repeated)
 
     @property
     def verdict(self) -> Verdict:
@@ -183,9 +160,9 @@ class CalibrationResult(PosesOutcome):
         chance = self.probability
         if chance is None:
             return "not tested"
-        if chance < DOUBTFUL:
+        if chance < fitting.DOUBTFUL:
             return "disagrees"
-        return "better than stated" if self.degrees_of_freedom > 0 and 1 - chance < DOUBTFUL else "agrees"
+        return "better than stated" if self.degrees_of_freedom > 0 and 1 - chance < fitting.DOUBTFUL else "agrees"
 
     def interval(self, name: str, probability: float = LEVEL) -> tuple[float, float]:
         """Return the interval of a number drawn once for each robot, SI, with the same probability outside on both sides.
@@ -312,36 +289,34 @@ def calibrate(
         InputError: The data are wrong, nothing varies from robot to robot or no reading sees it, or the fit does not
             settle.
     """
-    measurements = measurements_of(model, measurement, has_data=True)
+    measurements = design.measurements_of(model, measurement, has_data=True)
     findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
     fitted, held = _held(model, only)
     given, bases, whole = measured_problem(fitted, data, measurements)
-    noise: dict[str, EstimatedStd] = {}
+    noise: dict[str, judgement.EstimatedStd] = {}
     if whole.unknown_deviations:
         given, (whole, used, best, distances), noise = _with_std(whole, given, has_prior=prior)
     else:
         used, best, distances = without_gross_errors(whole, given, has_prior=prior)
     repeated = sum(labels.size - np.unique(labels).size for labels in used.labels)
-    chance = chance_of(best.chi_square, best.degrees_of_freedom, noise, repeated)
+    chance = judgement.chance_of(best.chi_square, best.degrees_of_freedom, noise, repeated)
     residuals = whole.residuals(best.z, best.nuisances)
-    groups = groups_of(given, np.array(model.chain.prismatic))
-    without = leave_out(used, best.estimator, best.local, best.residuals, groups)
-    alone = SetUpAlone.of(used)
-    known = min((one.degrees_of_freedom for one in noise.values() if one.decided_by == "repeats"), default=SURE)
-    improvement = judge(used, best, without, alone, groups, of_column=bool(given.group.size), known=known)
+    groups = judgement.groups_of(given, np.array(model.chain.prismatic))
+    without = fitting.leave_out(used, best.estimator, best.local, best.residuals, groups)
+    alone = judgement.SetUpAlone.of(used)
+    repeats = (one.degrees_of_freedom for one in noise.values() if one.decided_by == "repeats")
+    of_column, known = bool(given.group.size), min(repeats, default=judgement.SURE)
+    improvement = judgement.judge(used, best, without, alone, groups, of_column=of_column, known=known)
     unit, estimator = whole.unit, best.estimator
     predicted = whole.reading_deviations(best)
     is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]
-    seen = of_stack(
-        unit.names,
-        *used.slopes(best.z, best.nuisances, plain=True),
-        used.instruments.nuisances,
-        len(given) - len(distances),
-    )
-    refuse_where_nothing_is_seen(seen)
+    slopes = used.slopes(best.z, best.nuisances, plain=True)
+    seen = design.of_stack(unit.names, *slopes, used.instruments.nuisances, len(given) - len(distances))
+    design.refuse_where_nothing_is_seen(seen)
     mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
     variances = np.diag(estimator.nuisance_covariance())
+    tasks = design.task_poses(fitted, at, given.q)
     gross = tuple(
         GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])), row)
         for row in sorted(distances)
@@ -354,7 +329,7 @@ def calibrate(
         without_bounds=unit.values(best.without_bounds),
         identifiability=seen,
         set_ups=tuple(
-            SetUp.of(part, base, best.nuisances[columns], variances[columns])
+            fitting.SetUp.of(part, base, best.nuisances[columns], variances[columns])
             for part, base, columns in zip(given.measurements, bases, used.instruments.columns, strict=True)
         ),
         chi_square=best.chi_square,
@@ -369,9 +344,7 @@ def calibrate(
         repeated=repeated,
         gross_errors=gross,
         at_bounds=best.at_bounds,
-        poses=errors_left(
-            task_poses(fitted, at, given.q), unit, estimator, used.instruments.displaces_base, fitted.space
-        ),
+        poses=errors_left(tasks, unit, estimator, used.instruments.displaces_base, fitted.space),
         original=model,
         model=model.calibrated(Estimates(unit.names, mean, covariance)),
         data=given,
@@ -381,11 +354,11 @@ def calibrate(
             *check_data(model, given),
             *_remarks(given, best, gross),
             *held,
-            *remarks_on(seen),
-            *(() if prior else rank_findings(seen)),
-            *doubt_model(used, best, chance, has_prior=prior),
-            *doubt_std(noise),
-            *doubt_improvement(improvement),
+            *design.remarks_on(seen),
+            *(() if prior else design.rank_findings(seen)),
+            *fitting.doubt_model(used, best, chance, has_prior=prior),
+            *judgement.doubt_std(noise),
+            *judgement.doubt_improvement(improvement),
         ),
     )
 
@@ -393,9 +366,8 @@ def calibrate(
 def _held(model: ErrorModel, only: Sequence[str]) -> tuple[ErrorModel, list[Finding]]:
     """Return the model with the numbers of all but some kinds of source at their means, and a finding that says so."""
     kinds = {label: source.kind() for source, label in zip(model.sources, model.labels, strict=True)}
-    wanted = {
-        check_name("kind of source", kind, sorted(set(kinds.values()))) for kind in check_items("only", only, str)
-    }
+    known = sorted(set(kinds.values()))
+    wanted = {check_name("kind of source", kind, known) for kind in check_items("only", only, str)}
     if not wanted:
         return model, []
     draws, count = [], 0
@@ -414,56 +386,54 @@ def _held(model: ErrorModel, only: Sequence[str]) -> tuple[ErrorModel, list[Find
 
 def measured_problem(
     model: ErrorModel, data: object, measurements: tuple[Measurement, ...]
-) -> tuple[CalibrationData, tuple[Array, ...], Problem]:
+) -> tuple[CalibrationData, tuple[Array, ...], fitting.Problem]:
     """Return the data, for each measurement the first guess of the base ``(4, 4)``, and the problem of all readings."""
     given = read_data(model, data, measurements)
-    whole, bases = Problem.of(model, given)
+    whole, bases = fitting.Problem.of(model, given)
     if not whole.unknown_deviations:
-        refuse_far_readings(whole, given)
+        fitting.refuse_far_readings(whole, given)
     return given, bases, whole
 
 
 def _with_std(
-    whole: Problem, data: CalibrationData, *, has_prior: bool
-) -> tuple[CalibrationData, tuple[Problem, Problem, Fit, dict[int, float]], dict[str, EstimatedStd]]:
+    whole: fitting.Problem, data: CalibrationData, *, has_prior: bool
+) -> tuple[
+    CalibrationData,
+    tuple[fitting.Problem, fitting.Problem, fitting.Fit, dict[int, float]],
+    dict[str, judgement.EstimatedStd],
+]:
     """Return data, problem, fit as :func:`without_gross_errors` does, and the deviations, estimated where the fit has settled."""
     kinds = whole.unknown_deviations
     used, z, nuisances = whole, np.zeros(whole.unit.root.shape[1]), whole.start
     for _ in range(_ROUNDS):
-        found = estimate_std(used, z, nuisances, kinds, has_prior=has_prior)
+        found = judgement.estimate_std(used, z, nuisances, kinds, has_prior=has_prior)
         factors = np.ones(whole.readings.shape)
         for name, (factor, _) in found.items():
             factors[kinds[name]] = factor
         whole = replace(whole, deviations=whole.deviations * factors)
-        refuse_noise(whole, found["std"][1], data.file)
+        judgement.refuse_noise(whole, found["std"][1], data.file)
         used, best, gross = without_gross_errors(whole, data, has_prior=has_prior)
         z, nuisances = best.z, best.nuisances
         if np.abs(np.log(factors)).max() < _STD_SETTLED:
             break
     noise = {name: one for name, (_, one) in found.items()}
     stds = {name: one.std for name, one in noise.items()}
-    data = replace(
-        data,
-        measurements=tuple(
-            part if part.std_known else replace(part, **stds)  # type: ignore[arg-type]
-            for part in data.measurements
-        ),
-        std=np.where(whole.unknown_deviations["std"][:, 0], whole.deviations[:, 0], data.std)
-        if data.std.size
-        else data.std,
-    )
+    parts = tuple(one if one.std_known else replace(one, **stds) for one in data.measurements)  # type: ignore[arg-type]
+    is_new = whole.unknown_deviations["std"][:, 0]
+    std = np.where(is_new, whole.deviations[:, 0], data.std) if data.std.size else data.std
+    data = replace(data, measurements=parts, std=std)
     return data, (whole, used, best, gross), noise
 
 
 def without_gross_errors(
-    whole: Problem, data: CalibrationData, *, has_prior: bool
-) -> tuple[Problem, Fit, dict[int, float]]:
+    whole: fitting.Problem, data: CalibrationData, *, has_prior: bool
+) -> tuple[fitting.Problem, fitting.Fit, dict[int, float]]:
     """Return the problem and fit without gross errors, and the squared size of each of these by its row.
 
     One reading after another is left out, that with the largest residual of a fit without it, where that is too large for
     the spread of the others.
     """
-    best = fit(whole, has_prior=has_prior, steps=_FEW_STEPS)
+    best = fitting.fit(whole, has_prior=has_prior, steps=_FEW_STEPS)
     used, found = whole, dict[int, float]()
     limit, middle = stats.chi2.isf(_GROSS / len(data), whole.sizes), stats.chi2.median(whole.sizes)
     while True:
@@ -472,26 +442,25 @@ def without_gross_errors(
         scale = max(1.0, float(np.median(distance / middle[kept])))
         worst = int(np.argmax(distance / limit[kept]))
         if distance[worst] <= limit[kept[worst]] * scale:
-            return used, fit(used, has_prior=has_prior), found
+            return used, fitting.fit(used, has_prior=has_prior), found
         if len(found) + 1 > _MOST_GROSS * len(data):
-            return whole, fit(whole, has_prior=has_prior), {}
+            return whole, fitting.fit(whole, has_prior=has_prior), {}
         found[int(kept[worst])] = float(distance[worst])
         used = whole.without(found)
-        best = fit(used, has_prior=has_prior, steps=_FEW_STEPS)
+        best = fitting.fit(used, has_prior=has_prior, steps=_FEW_STEPS)
 
 
-def _remarks(data: CalibrationData, best: Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
+def _remarks(data: CalibrationData, best: fitting.Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
     if gross:
         worst = max(gross, key=lambda error: error.deviations)
+        file = data.file if len(set(data.files)) == 1 and data.file else None
         rows = [data.label(error.reading).removeprefix("row ") for error in gross]
         listed = (", " if all(map(str.isdecimal, rows)) else "; ").join(rows)
         message = (
             f"readings that fit no other and were given no weight: rows {listed}; the worst, {data.label(worst.reading)}, is "
             f"{worst.deviations:.3g} standard deviations off ({1e3 * worst.size:.3g} mm)"
         )
-        yield Finding(
-            "warning", "W_GROSS_ERROR", message, data.file if len(set(data.files)) == 1 and data.file else None
-        )
+        yield Finding("warning", "W_GROSS_ERROR", message, file)
     if best.at_bounds:
         yield Finding("warning", "W_AT_BOUND", f"estimated at a bound of their tolerance: {', '.join(best.at_bounds)}")
     if not best.estimator.has_prior:
@@ -505,9 +474,7 @@ def _remarks(data: CalibrationData, best: Fit, gross: tuple[GrossError, ...]) ->
 Verdict = Literal["agrees", "disagrees", "better than stated", "not tested"]
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class WorstReadings:
+class WorstReadings(NamedTuple):
     """K readings, that with the largest residual of its lengths first, base axes.
 
     Attributes:
@@ -539,12 +506,12 @@ class WorstReadings:
         sizes = np.linalg.norm(result.residuals[:, :3], axis=1)
         rows = np.argsort(-sizes, kind="stable")[:most]
         data, known = result.data, _known(result)
-        points, after, before = np.zeros((3, rows.size)), np.zeros((3, rows.size)), np.zeros((3, rows.size))
+        points, after, before = np.zeros((3, 3, rows.size))
         deviations = np.zeros(rows.size)
         chosen = replace(
             data, q=data.q[:, rows], readings=data.readings[rows], part=data.part[rows], visit=np.arange(rows.size)
         )
-        for station in stations_of_data(result.original, chosen):
+        for station in fitting.stations_of_data(result.original, chosen):
             pose, error = station.at.posture.pose, station.at.exact(result.components[:, None])
             for k in station.rows:
                 row = int(rows[k])
@@ -562,18 +529,15 @@ class WorstReadings:
                 if place is not None:
                     after[:, k] = (data.readings[row, :3] - place[:3, 3]) @ place[:3, :3] - point
                 scale = data.std[row] / given.std if data.std.size else 1.0
-                noise = station.noise(
-                    slopes.error, (scale * given.deviations) ** 2, np.zeros(given.size, dtype=np.intp)
-                )
+                one_visit = np.zeros(given.size, dtype=np.intp)
+                noise = station.noise(slopes.error, (scale * given.deviations) ** 2, one_visit)
                 residual = result.residuals[row, : given.size].copy()
                 residual[:3] = after[:, k] if own.place is None else residual[:3]
                 deviations[k] = np.sqrt(residual @ np.linalg.solve(noise, residual))
         gross = {error.reading: error.deviations for error in result.gross_errors}
         lines, labels = tuple(data.lines[row] for row in rows), tuple(data.label(row) for row in rows)
-        is_gross = np.array([row in gross for row in rows.tolist()], dtype=bool)
-        deviations = np.array(
-            [gross.get(row, own) for row, own in zip(rows.tolist(), deviations.tolist(), strict=True)]
-        )
+        is_gross = np.isin(rows, list(gross))
+        deviations = np.array([*map(gross.get, rows.tolist(), deviations.tolist())])
         anchor = result.set_up.anchor if len(data.measurements) == 1 else None
         return cls(rows, lines, labels, points, after, before, sizes[rows], deviations, is_gross, anchor)
 
@@ -609,9 +573,8 @@ def calibrated_sheet(original: str, new: str) -> str:
         data = dict(read_text(text, original).data)
         if folder != Path(new).resolve().parent:
             if _names_tables(data):
-                raise InputError(
-                    f"the calibrated sheet must be in the folder of {original}, which names tables beside it"
-                )
+                message = f"the calibrated sheet must be in the folder of {original}, which names tables beside it"
+                raise InputError(message)
             if not data["robot"].startswith(ELSEWHERE):
                 data["robot"] = str(folder / data["robot"])
                 text = _ROBOT.sub(lambda _: f"robot: {json.dumps(data['robot'])}\n", text)
@@ -623,9 +586,8 @@ def calibrated_sheet(original: str, new: str) -> str:
     except SheetError:
         is_same = False
     if not is_same:
-        raise InputError(
-            f"the key 'calibrated' cannot be added to {original}; write its keys each in a line of its own"
-        )
+        message = f"the key 'calibrated' cannot be added to {original}; write its keys each in a line of its own"
+        raise InputError(message)
     return text
 
 

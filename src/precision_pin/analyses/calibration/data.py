@@ -8,20 +8,24 @@ a pose, the rotation vector of the measured attitude; ``distance`` of a distance
 row's lengths, ``group`` a whole number for rows that are left out together. At contact nothing need be read: ``height`` over a
 plane, and ``x y z`` from the socket, are zero if left out. ``x1 y1 z1 x2 …`` are several targets on the tool. Times are
 ignored; a cell that is empty, nan or NA is a missing reading.
+
+A quick fit of the nominal arm gives zeros and directions of joints for what no tolerance can explain.
 """
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
-from typing import Any, Final, final
+from itertools import combinations, islice
+from typing import Any, Final, NamedTuple, final
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
-from precision_pin.base import csv_columns, units
+from precision_pin.base import csv_columns, se3, units
 from precision_pin.base.arguments import check_numbers, check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, nearest
@@ -112,10 +116,9 @@ def read_data(model: ErrorModel, data: object, measurements: tuple[Measurement, 
     if isinstance(data, CalibrationData):
         return data if data.measurements else replace(data, measurements=measurements, files=(data.file,))
     given: list[Any] = [data]
-    if isinstance(data, tuple | list) and (
-        len(measurements) > 1 or all(isinstance(one, str | os.PathLike) for one in data)
-    ):
-        given = list(data)
+    if isinstance(data, tuple | list):
+        is_listed = len(measurements) > 1 or all(isinstance(one, str | os.PathLike) for one in data)
+        given = list(data) if is_listed else given
     if len(given) not in (1, len(measurements)):
         raise InputError(
             f"{len(given)} files or arrays of data and {len(measurements)} measurement{'s' * (len(measurements) > 1)}: list one "
@@ -142,11 +145,10 @@ def _together(parts: Sequence[CalibrationData]) -> CalibrationData:
         # a reading without a group is one of its own
         free = 1 + max(part.group.max() for part in parts if part.group.size)
         group = np.concatenate([part.group if part.group.size else free + part.visit for part in parts])
-        start = 0
-        for part in parts:
+        starts = np.cumsum([0, *map(len, parts)])
+        for part, start in zip(parts, starts, strict=False):
             if not part.group.size:
                 group[start : start + len(part)] += start
-            start += len(part)
     first = np.cumsum([0, *(len(part.measurements) for part in parts)])
     visits = np.cumsum([0, *(int(part.visit.max(initial=-1)) + 1 for part in parts)])
     return CalibrationData(
@@ -195,17 +197,13 @@ def _of_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Measur
         first, again = _without_copies(own, [int(k) + 1 for k in kept], "")
         findings += again
         kept, values = kept[first], values[first]
-    _refuse_nothing(len(kept), "")
+    if not len(kept):
+        raise _wrong("", "no reading is left")
     lines = tuple(int(k) + 1 for k in kept)
     columns = np.ascontiguousarray(q[:, kept])
     return CalibrationData(
         columns, values, np.zeros(0), np.zeros(0), "", lines, (measurement,), ("",), findings=tuple(findings)
     )
-
-
-def _refuse_nothing(count: int, path: str) -> None:
-    if not count:
-        raise _wrong(path, "no reading is left")
 
 
 def _missing(what: str, is_missing: NDArray[np.bool_], lines: Sequence[int], path: str) -> list[Finding]:
@@ -254,9 +252,8 @@ def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]
     _check_joint_values(model.chain, q, path, table)
     others = [values for values in (std, group) if values.size]
     has_pose = np.isfinite(np.vstack([q, *others])).all(axis=0)
-    findings = [
-        Finding("note", "N_COLUMN", f"the column {name} is not read", path, 1) for name in table.texts
-    ] + _missing("a joint value, std or group", ~has_pose, table.lines, path)
+    findings = [Finding("note", "N_COLUMN", f"the column {name} is not read", path, 1) for name in table.texts]
+    findings += _missing("a joint value, std or group", ~has_pose, table.lines, path)
     kept, again = list(range(q.shape[1])), list[Finding]()
     if any(columns for _, columns in targets):
         texts = list(zip(*table.texts.values(), strict=True)) if table.texts else [()] * q.shape[1]
@@ -278,7 +275,8 @@ def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]
     # row by row, so that the targets of a row follow each other
     order = np.lexsort((part, chosen))
     chosen, part = chosen[order], part[order]
-    _refuse_nothing(chosen.size, path)
+    if not chosen.size:
+        raise _wrong(path, "no reading is left")
     readings = np.concatenate([_padded(read[k][own], width) for k, own in zip(present, rows, strict=True)])[order]
     return CalibrationData(
         np.ascontiguousarray(q[:, chosen]),
@@ -314,21 +312,16 @@ def _targets(
         return [(measurement, columns(name))]
     if set(wanted) & set(free):
         return [(measurement, wanted)]
-    numbers = dict.fromkeys(
-        name.removeprefix(one)
-        for name in free
-        for one in wanted
-        if name.startswith(one) and name.removeprefix(one).isdecimal()
-    )
+    numbered = (re.fullmatch(rf"(?:{'|'.join(wanted)})(\d+)", name) for name in free)
+    numbers = dict.fromkeys(one[1] for one in numbered if one)
     if measurement.kind in _CONTACT and not numbers:
-        if not is_alone:
-            raise _wrong(
-                path,
-                f"no column for {', '.join(wanted)}, so that nothing says which rows are of the {measurement.kind}; give a file "
-                "for each measurement that the sheet lists, in its order, or --kind KIND for one of them",
-                1,
-            )
-        return [(measurement, ())]
+        if is_alone:
+            return [(measurement, ())]
+        message = (
+            f"no column for {', '.join(wanted)}, so that nothing says which rows are of the {measurement.kind}; give a file "
+            "for each measurement that the sheet lists, in its order, or --kind KIND for one of them"
+        )
+        raise _wrong(path, message, 1)
     if len(numbers) > 1 and measurement.target_known:
         message = (
             f"the file has the targets {', '.join(numbers)} and one known target is given; let them be estimated "
@@ -363,10 +356,8 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
     if bare:
         needed = [("m", "lengths", units.LENGTH), ("rad", "angles", units.ANGLE)]
         needed = [one for one in needed if any(quantities[name] == one[2] for name in bare)]
-        example, words = (
-            " ".join(si for si, _, _ in needed),
-            " and ".join(f"{what} are in {si}" for si, what, _ in needed),
-        )
+        example = " ".join(si for si, _, _ in needed)
+        words = " and ".join(f"{what} are in {si}" for si, what, _ in needed)
         listed = f"column {bare[0]!r} has" if len(bare) == 1 else f"columns {', '.join(bare)} have"
         message = (
             f"the {listed} no unit; if {words} add --columns '*=[{example}]' (in a sheet and in Python the setting columns), "
@@ -399,14 +390,10 @@ def _dependent(
             usable[j] &= ~alike
             if not is_copy:
                 usable[i] &= ~alike
+            which = "which of the two was read is not known, both are left out there"
             message = (
                 f"{', '.join(targets[j][1])} repeat {', '.join(targets[i][1])} to the last digit in {int(alike.sum()):,} of "
-                f"{int(both.sum()):,} rows; "
-                + (
-                    "the copy is left out"
-                    if is_copy
-                    else "which of the two was read is not known, both are left out there"
-                )
+                f"{int(both.sum()):,} rows; {'the copy is left out' if is_copy else which}"
             )
             yield Finding("warning", "W_NOT_INDEPENDENT", message, path)
     rigid, largest = set[int](), 0.0
@@ -493,3 +480,124 @@ def check_data(model: ErrorModel, data: CalibrationData) -> Iterator[Finding]:
     yield from data.findings
     _, first = np.unique(data.visit, return_index=True)
     yield from pose_findings(model.chain, data.q[:, first], [f"row {data.lines[k]}" for k in first])
+
+
+_BAD: Final = 0.01
+"""Residual, as a share of the arm's length, that joint zeros leave where a direction may be wrong."""
+_DEVIATIONS: Final = 10.0
+"""The least such residual, in standard deviations of the instrument."""
+_BETTER: Final = 3.0
+"""By how much a reversed direction must lessen the residual."""
+_CLEARLY: Final = 1.5
+"""The same for joints whose direction hardly shows, where that of the others is found."""
+_MOST_TRIED: Final = 64
+"""Combinations of reversed joints that are tried."""
+_HOLD: Final = 1e-4
+"""Weight of a zero, m/rad, that keeps one that no reading sees where it is."""
+
+
+class Zeros(NamedTuple):
+    """Zeros of the joints ``(n,)``, rad or m, beside the nominal ones, and the root mean square (m) of what they leave."""
+
+    values: Array
+    rms: float
+
+
+def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, signs: Array) -> Zeros:
+    """Return the zeros, and with them base, target or anchor where unknown, that fit positions or distances best.
+
+    ``signs`` ``(n,)`` of 1 and -1 multiply the joint values as they were read.
+    """
+    q, count = signs[:, None] * data.q, len(chain.joints)
+    is_free, is_distance = measurement.base == "free", measurement.kind == "distance"
+    readings = data.readings[:, :3]
+
+    size = count + 3 + (3 if is_distance and is_free else 0)
+    estimated = np.ones(size, dtype=bool)
+    estimated[count : count + 3] = not measurement.target_known
+
+    def residuals(y: Array) -> Array:
+        x = np.zeros(size)
+        x[estimated] = y
+        pose = chain.at_columns(q + x[:count, None]).pose
+        target = np.array(measurement.target) + x[count : count + 3]
+        points = (pose[:3, 3] + np.einsum("ijp,j->ip", pose[:3, :3], target)).T
+        if is_distance:
+            anchor = np.array(measurement.anchor) + (x[count + 3 :] if is_free else 0.0)
+            away = np.linalg.norm(points - anchor, axis=1) - readings[:, 0]
+        else:
+            away = (_aligned(points, readings) if is_free else points) - readings
+        held = np.concatenate([x[:count], [] if measurement.target_known else x[count : count + 3]])
+        return np.concatenate([away.ravel(), _HOLD * held])
+
+    found = scipy.optimize.least_squares(residuals, np.zeros(int(estimated.sum())), method="trf", max_nfev=40)
+    left = found.fun[: len(data) * (1 if is_distance else 3)]
+    return Zeros(found.x[:count], float(np.sqrt((left**2).sum() / len(data))))
+
+
+def _aligned(points: Array, readings: Array) -> Array:
+    """Return points ``(P, 3)`` turned and shifted onto readings best."""
+    centre, other = points.mean(axis=0), readings.mean(axis=0)
+    rotation = se3.nearest_rotation((readings - other).T @ (points - centre))
+    return np.asarray((points - centre) @ rotation.T + other)
+
+
+def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measurement) -> Zeros | None:
+    """Refuse readings that fit far better with the direction of some joints reversed; return the zeros that fit them best.
+
+    None where the kind of reading is not one of those that say so: a contact depends on where the arm is thought to be.
+    """
+    if measurement.kind in ("plane", "socket"):
+        return None
+    count = len(chain.joints)
+    plain = fit_zeros(chain, data, measurement, np.ones(count))
+    length = float(np.linalg.norm(chain.placements[:, :3, 3], axis=1).sum())
+    bad = max(_DEVIATIONS * measurement.std, _BAD * length)
+    if plain.rms <= bad:
+        return plain
+    for signs in _reversals(count):
+        rms = fit_zeros(chain, data, measurement, signs).rms
+        if rms < min(plain.rms / _BETTER, bad):
+            signs, rms = _refined(chain, data, measurement, signs, rms)
+            names = " and ".join(chain.joint_names[k] for k in np.flatnonzero(signs < 0))
+            message = (
+                f"{names}: readings fit far better with the direction reversed (residuals {1e3 * rms:.3g} mm rms instead "
+                f"of {1e3 * plain.rms:.3g} mm, all zeros free); change the sign of the column, or turn the axis and its "
+                "limits around in the URDF; or two columns of places are swapped"
+            )
+            raise InputError([Finding("error", "E_REVERSED", message, data.file or None)])
+    return plain
+
+
+def _refined(
+    chain: Chain, data: CalibrationData, measurement: Measurement, signs: Array, rms: float
+) -> tuple[Array, float]:
+    """Return signs with those joints turned around, one after another, that matter less and still fit clearly better."""
+    while True:
+        others = [signs * np.where(np.arange(signs.size) == k, -1.0, 1.0) for k in range(signs.size)]
+        sizes = [fit_zeros(chain, data, measurement, other).rms for other in others]
+        best = int(np.argmin(sizes))
+        if sizes[best] > rms / _CLEARLY:
+            return signs, rms
+        signs, rms = others[best], sizes[best]
+
+
+def _reversals(count: int) -> Iterator[Array]:
+    """Yield signs of the joints ``(n,)`` with some reversed, the fewest first, as many as are tried."""
+    chosen = (one for number in range(1, count + 1) for one in combinations(range(count), number))
+    for one in islice(chosen, _MOST_TRIED):
+        signs = np.ones(count)
+        signs[list(one)] = -1.0
+        yield signs
+
+
+def describe_zeros(chain: Chain, zeros: Zeros) -> str:
+    """Return zeros in words, those that matter first."""
+    order = np.argsort(-np.abs(zeros.values), kind="stable")[:3]
+    words = [
+        f"{chain.joint_names[k]} {1e3 * zeros.values[k]:+.3g} mm"
+        if chain.prismatic[k]
+        else f"{chain.joint_names[k]} {np.degrees(zeros.values[k]):+.3g}°"
+        for k in order
+    ]
+    return ", ".join(words)

@@ -7,23 +7,35 @@ is the identity. Readings are divided by the root of their noise
 
 where K are the slopes of the tip's error with respect to visit- and pose-scope numbers. What the nuisances could explain is
 projected out; what is left is the information on z.
+
+Which combinations of a model's numbers measurements can tell apart: ranks and subspaces.
+
+The readings' derivatives with respect to the numbers, each in units of its prior standard deviation, have a null space: the
+combinations that no reading sees. A basis of it is arbitrary; its projector P is not. A number k with ``P_kk`` = 0 is
+determined by itself, one with ``P_kk`` = 1 is not seen at all. All others fall into groups between which P has no entries:
+of n numbers in a group, some combinations are determined and the rest are not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, final
+from itertools import compress
+from typing import ClassVar, Final, NamedTuple, final
 
 import numpy as np
 import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from precision_pin.base.arguments import check_instance
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.record import Keys, Record
+from precision_pin.base.text_escape import some
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
@@ -75,8 +87,7 @@ class UnitNumbers:
     def values(self, z: Array) -> Array:
         """Return x for z ``(r, …)``."""
         mean = self.mean if z.ndim == 1 else self.mean[:, None]
-        result: Array = mean + self.root @ z
-        return result
+        return np.asarray(mean + self.root @ z)
 
     def components(self, space: Space, z: Array) -> Array:
         """Return all components ``(d, N)`` for z ``(r, N)``, those of other scopes at their means."""
@@ -95,8 +106,7 @@ def _columns(space: Space, scope: Scope) -> NDArray[np.intp]:
 def _scope_covariance(at: PoseModel, scope: Scope) -> Array:
     columns = _columns(at.space, scope)
     slopes = at.jacobian[:, columns]
-    result: Array = slopes @ at.space.block_covariance.within(columns) @ slopes.T
-    return result
+    return np.asarray(slopes @ at.space.block_covariance.within(columns) @ slopes.T)
 
 
 def repeat_covariance(at: PoseModel) -> Array:
@@ -104,9 +114,7 @@ def repeat_covariance(at: PoseModel) -> Array:
     return sum((_scope_covariance(at, scope) for scope in (Scope.POSE, Scope.VISIT)), np.zeros((6, 6)))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Station:
+class Station(NamedTuple):
     """A pose at which readings are taken: the model there, and the indices of its readings."""
 
     at: PoseModel
@@ -120,8 +128,7 @@ class Station:
         """
         each = by_error @ _scope_covariance(self.at, Scope.VISIT) @ by_error.T
         common = by_error @ _scope_covariance(self.at, Scope.POSE) @ by_error.T
-        result: Array = np.diag(variances) + each * (visits[:, None] == visits) + common
-        return result
+        return np.asarray(np.diag(variances) + each * (visits[:, None] == visits) + common)
 
     def noise_root(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
         """Return the lower triangular root of :meth:`noise`; refuse an instrument that is lost in rounding beside it."""
@@ -152,21 +159,17 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
 def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_data: bool = False) -> Measurement:
     """Return the measurement given, or that of the model's sheet; refuse an unknown std without readings that tell it."""
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
-    if measurement is not None:
-        check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
-    found = _stated(model) if measurement is None else measurement
-    if not found.std_known and not has_data:
-        raise InputError(
-            "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
-        )
-    return found
-
-
-def _stated(model: ErrorModel) -> Measurement:
-    found = None if model.sheet is None else model.sheet.measurement
+    if measurement is None:
+        found = None if model.sheet is None else model.sheet.measurement
+    else:
+        found = check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
     if found is None:
         raise InputError(
             "nothing says what is measured; give pp.Measurement(kind=..., std=...), or measurement: in the sheet"
+        )
+    if not found.std_known and not has_data:
+        raise InputError(
+            "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
         )
     return found
 
@@ -227,13 +230,11 @@ def stack_at_means(
         rows = list(station.rows)
         slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
         own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
-        visits = len(rows)
-        root = station.noise_root(
-            np.tile(slopes.error, (visits, 1)), given[rows].ravel() ** 2, np.repeat(np.arange(visits), measurement.size)
-        )
+        by_error, visits = np.tile(slopes.error, (len(rows), 1)), np.repeat(np.arange(len(rows)), measurement.size)
+        root = station.noise_root(by_error, given[rows].ravel() ** 2, visits)
         white = scipy.linalg.solve_triangular(root, np.tile(own, (len(rows), 1)), lower=True)
-        white = white.reshape(len(rows), measurement.size, -1)
-        by_z[rows], by_nuisance[rows] = np.split(white, [unit.root.shape[1]], axis=2)
+        parts = np.split(white.reshape(len(rows), measurement.size, -1), [unit.root.shape[1]], axis=2)
+        by_z[rows], by_nuisance[rows] = parts
     return by_z, by_nuisance
 
 
@@ -268,8 +269,7 @@ def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
     """Return the covariance of z after measurements, ``(r, r)``: ``(I + Hᵀ(1 - P)H)⁻¹`` with P that of the nuisances."""
     left, _ = project_out(by_z, by_nuisance)
     values, vectors = np.linalg.eigh(left.T @ left)
-    result: Array = (vectors / (1 + np.maximum(values, 0.0))) @ vectors.T
-    return result
+    return np.asarray((vectors / (1 + np.maximum(values, 0.0))) @ vectors.T)
 
 
 @final
@@ -311,24 +311,21 @@ class Estimator:
     def estimate(self, readings: Array, low: Array | None = None, high: Array | None = None) -> Array:
         """Return z ``(r,)`` for whitened readings ``(M,)``, within bounds ``(r,)`` if they are given."""
         if not self.has_prior:
-            found: Array = self.covariance @ (self.kept @ (self.kept.T @ (self.projected.T @ readings)))
-            return found
+            return np.asarray(self.covariance @ (self.kept @ (self.kept.T @ (self.projected.T @ readings))))
         free: Array = self.covariance @ (self.projected.T @ readings)
         if low is None or high is None or ((free >= low) & (free <= high)).all():
             return free
         rows = np.vstack([self.projected, np.eye(free.size)])
         target = np.concatenate([readings, np.zeros(free.size)])
         # BVLS is exact at the bounds, and the problem is small
-        bounded: Array = scipy.optimize.lsq_linear(rows, target, (low, high), method="bvls", tol=1e-14).x
-        return bounded
+        return np.asarray(scipy.optimize.lsq_linear(rows, target, (low, high), method="bvls", tol=1e-14).x)
 
     def nuisances(self, readings: Array) -> Array:
         """Return the nuisances ``(k,)`` that explain whitened readings less what z explains, ``(M,)``, with least norm."""
         if not self.by_nuisance.shape[1]:
             return np.zeros(0)
         scale = _lengths(self.by_nuisance)
-        found: Array = np.linalg.lstsq(self.by_nuisance / scale, readings, rcond=1e-9)[0] / scale
-        return found
+        return np.asarray(np.linalg.lstsq(self.by_nuisance / scale, readings, rcond=1e-9)[0] / scale)
 
     def leverage_root(self) -> Array:
         """Return Q ``(M, k + r)``: the estimate follows the share Q Qᵀ of whitened readings, fitted = Q Qᵀ readings."""
@@ -343,8 +340,7 @@ class Estimator:
     def hold(self) -> Array:
         """Return what the estimate leaves of whitened readings, ``(M, M)``: residuals = hold readings."""
         root = self.leverage_root()
-        result: Array = np.eye(len(root)) - root @ root.T
-        return result
+        return np.asarray(np.eye(len(root)) - root @ root.T)
 
     @cached_property
     def joint_covariance(self) -> Array:
@@ -371,3 +367,227 @@ def task_poses(model: ErrorModel, at: object, measured: Array) -> list[tuple[str
         values, names = measured, ("",) * measured.shape[1]
     labels = [name or f"pose {k + 1}" for k, name in enumerate(names)]
     return list(zip(labels, model.at_columns(np.ascontiguousarray(values)), strict=True))
+
+
+_ENTRY: Final = 1e-6
+"""Entry of a projector that counts as zero."""
+_MOST_NAMED: Final = 4
+
+
+@final
+@dataclass(frozen=True)
+class Combination(Record):
+    """A weighted sum of numbers, each in units of its prior standard deviation; the squared weights sum up to 1."""
+
+    KEYS: ClassVar[Keys] = ("*weight_by_name",)
+
+    names: tuple[str, ...]
+    weights: tuple[float, ...]
+
+    @property
+    def weight_by_name(self) -> dict[str, float]:
+        """The weight of each number."""
+        return dict(zip(self.names, self.weights, strict=True))
+
+    def __str__(self) -> str:
+        return " ".join(f"{weight:+.3g}·{name}" for name, weight in self.weight_by_name.items())
+
+
+@final
+@dataclass(frozen=True)
+class Group(Record):
+    """Numbers of which only some combinations are determined, and the combination that no reading sees, if there is only one."""
+
+    names: tuple[str, ...]
+    determined: int
+    unseen: Combination | None
+
+    def __str__(self) -> str:
+        text = f"{self.determined} of {len(self.names)} combinations of {', '.join(self.names)}"
+        return text if self.unseen is None else f"{text}; not seen: {self.unseen}"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Identifiability(Record):
+    """What readings determine of a model's U numbers drawn once for each robot.
+
+    Attributes:
+        rank, singular_values: How many independent combinations the readings determine, and the singular values of
+            their derivatives, in units of noise and of prior standard deviation, falling.
+        projector: Onto the combinations that no reading sees, ``(U, U)``, in units of prior standard deviation.
+        nuisances, nuisance_rank: Unknown numbers of the set-up, and how many combinations of them are determined.
+        observability: O1 to O5 of the determined combinations.
+    """
+
+    KEYS: ClassVar[Keys] = (
+        *("rank", "parameters", "singular_values", "determined", "unseen", "combinations"),
+        *("nuisances", "nuisance_rank", "observability"),
+    )
+
+    names: tuple[str, ...]
+    rank: int
+    singular_values: Array
+    projector: Array
+    nuisances: tuple[str, ...]
+    nuisance_rank: int
+    observability: dict[str, float]
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers there are."""
+        return len(self.names)
+
+    @property
+    def determined(self) -> tuple[str, ...]:
+        """Numbers that are determined each by itself."""
+        return self._named(np.diag(self.projector) <= _ENTRY)
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Numbers that no reading sees."""
+        return self._named(np.diag(self.projector) >= 1 - _ENTRY)
+
+    def _named(self, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+        return tuple(compress(self.names, chosen))
+
+    @property
+    def combinations(self) -> tuple[Group, ...]:
+        """Groups of numbers of which only combinations are determined."""
+        return subspaces(self.names, self.projector)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the readings determine every number, of the model and of the set-up."""
+        return self.rank == len(self.names) and self.nuisance_rank == len(self.nuisances)
+
+
+def identifiability(model: ErrorModel, poses: object, measurement: Measurement | None = None) -> Identifiability:
+    """Return which combinations of a model's unit-scope numbers measurements at some poses determine.
+
+    First order, at the numbers' means.
+
+    Args:
+        model: The model; :func:`precision_pin.every_frame` returns one with all geometric errors.
+        poses: A list of poses, an array ``(n, P)``, a mapping of joint values or a
+            :class:`~precision_pin.robot.pose_set.PoseSet`.
+        measurement: Instrument and set-up; those of the sheet if left out.
+
+    Raises:
+        InputError: Nothing varies from robot to robot, or the poses are wrong.
+    """
+    measurement = measurement_of(model, measurement)
+    values, _ = read_poses(model, poses)
+    unit = UnitNumbers.of(model.space)
+    return determined_by(stations_of(model, values, measurement), unit, measurement)
+
+
+def determined_by(stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement) -> Identifiability:
+    """Return what the readings at some stations determine, at the means."""
+    # a number that another one fixes is a combination too, so the columns are numbers and not independent ones
+    plain = replace(unit, root=np.diag(unit.std))
+    by_number, by_nuisance = stack_at_means(stations, plain, measurement)
+    return of_stack(unit.names, flat(by_number), flat(by_nuisance), measurement.nuisances, len(by_number))
+
+
+def of_stack(
+    names: tuple[str, ...], by_z: Array, by_nuisance: Array, nuisances: tuple[str, ...], poses: int
+) -> Identifiability:
+    """Return what whitened derivatives ``(M, U)`` and ``(M, k)`` determine."""
+    projected, nuisance_rank = project_out(by_z, by_nuisance)
+    if len(projected) > projected.shape[1]:
+        _, projected = np.linalg.qr(projected)
+    _, found, rows = np.linalg.svd(projected, full_matrices=True)
+    scale = float(np.linalg.norm(by_z, 2))
+    rank = int((found > NEGLIGIBLE * scale).sum())
+    null = rows[rank:]
+    values = np.zeros(len(names))
+    values[: found.size] = found
+    return Identifiability(
+        names, rank, values, null.T @ null, nuisances, nuisance_rank, observability(found[:rank], poses)
+    )
+
+
+def refuse_where_nothing_is_seen(found: Identifiability) -> None:
+    """Refuse readings that determine no combination of the arm's numbers."""
+    if not found.rank:
+        free = ", or with the base known" if any(name.startswith("base") for name in found.nuisances) else ""
+        raise InputError(
+            "no reading sees any number that varies from robot to robot: there is nothing to estimate; "
+            f"measure at other poses, under another load, with another instrument{free}"
+        )
+
+
+def remarks_on(found: Identifiability) -> Iterator[Finding]:
+    """Yield warnings about what the readings do not determine."""
+    if found.nuisance_rank < len(found.nuisances):
+        message = (
+            f"the poses determine {found.nuisance_rank} of the {len(found.nuisances)} unknown numbers of the set-up "
+            f"({', '.join(found.nuisances)}); add poses that differ more"
+        )
+        yield Finding("warning", "W_SETUP", message)
+    if not found.rank:
+        message = (
+            "no reading sees any number that varies from robot to robot; measure at other poses or another quantity"
+        )
+        yield Finding("warning", "W_UNOBSERVABLE", message)
+    elif found.unseen:
+        listed = some(found.unseen, 3)
+        keeps = "they keep their tolerances" if len(found.unseen) > 1 else "it keeps its tolerance"
+        yield Finding("warning", "W_UNOBSERVABLE", f"no reading sees {listed}; {keeps}")
+
+
+def rank_findings(found: Identifiability) -> Iterator[Finding]:
+    """Yield a warning where the readings do not determine every number, which a fit without a prior needs."""
+    if found.is_complete:
+        return
+    groups = [str(group) for group in found.combinations]
+    parts = [f"not seen at all: {some(found.unseen, _MOST_NAMED)}"] if found.unseen else []
+    parts += [f"only {some(groups, _MOST_NAMED, '; only ')}"] if groups else []
+    if found.nuisance_rank < len(found.nuisances):
+        parts.append(
+            f"{found.nuisance_rank} of the {len(found.nuisances)} numbers of the set-up ({some(found.nuisances, _MOST_NAMED)})"
+        )
+    message = (
+        f"without a prior, the readings determine {found.rank:,} combinations of {len(found.names):,} numbers: "
+        f"{'; '.join(parts)}; measure other poses, hold these numbers fixed, or keep the prior"
+    )
+    yield Finding("warning", "W_RANK", message)
+
+
+def observability(singular_values: Array, poses: int) -> dict[str, float]:
+    """Return the observability indices O1 to O5 of singular values, in units of prior std and noise (Sun and Hollerbach 2008)."""
+    s = np.sort(singular_values)[::-1]
+    if not s.size or poses < 1:
+        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+    return {
+        "O1": float(np.exp(np.log(s).mean()) / np.sqrt(poses)),
+        "O2": float(s[-1] / s[0]),
+        "O3": float(s[-1]),
+        "O4": float(s[-1] ** 2 / s[0]),
+        "O5": float(1 / (1 / s).sum()),
+    }
+
+
+def subspaces(names: Sequence[str], projector: Array) -> tuple[Group, ...]:
+    """Return the groups of numbers of which only combinations are determined, from the projector on what is not seen."""
+    share = np.diag(projector)
+    mixed = np.flatnonzero((share > _ENTRY) & (share < 1 - _ENTRY))
+    if not mixed.size:
+        return ()
+    within = projector[np.ix_(mixed, mixed)]
+    count, labels = connected_components(csr_array(np.abs(within) > _ENTRY), directed=False)
+    return tuple(_group(names, mixed[labels == k], projector) for k in range(count))
+
+
+def _group(names: Sequence[str], members: Array, projector: Array) -> Group:
+    block = projector[np.ix_(members, members)]
+    values, vectors = np.linalg.eigh(block)
+    missing = int((values > 0.5).sum())
+    chosen = tuple(names[int(k)] for k in members)
+    unseen = None
+    if missing == 1:
+        weights = vectors[:, -1]
+        weights = weights * np.sign(weights[int(np.argmax(np.abs(weights).round(9)))])
+        unseen = Combination(chosen, tuple(weights.tolist()))
+    return Group(chosen, len(chosen) - missing, unseen)

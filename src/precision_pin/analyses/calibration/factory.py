@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import ClassVar, Final, final
 
 import numpy as np
@@ -138,8 +139,7 @@ def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> F
 def _distances(found: UrKinematics, q: Array, *kinds: str) -> Array:
     """Return the distances of the flange from that of some models at poses ``(P, 6)``, m, ``(kinds, P)``."""
     tip, *others = (one.pose(q)[:, :3, 3] for one in (found, *map(nominal_ur, kinds)))
-    distances: Array = np.linalg.norm(np.array(others) - tip, axis=2)
-    return distances
+    return np.asarray(np.linalg.norm(np.array(others) - tip, axis=2))
 
 
 def _refuse_other_model(file: str, kind: str, found: UrKinematics, q: Array) -> None:
@@ -174,18 +174,9 @@ def _remarks(file: str, kind: str, found: UrKinematics, q: Array) -> tuple[Findi
     return (Finding("warning", "W_FACTORY_ANGLES", message, file),)
 
 
-def _axes(frames: Array) -> tuple[Array, Array]:
-    """Return points and directions of the z axes of frames ``(n, 4, 4)``, ``(n, 3)`` each."""
-    return frames[:, :3, 3], frames[:, :3, 2]
-
-
 def _seats(chain: Chain) -> Array:
     """Return the seats of the joints and the tip at zero in the base, ``(n + 1, 4, 4)``."""
-    frames, frame = [], np.eye(4)
-    for placement in chain.placements:
-        frame = frame @ placement
-        frames.append(frame)
-    return np.array(frames)
+    return np.array(list(accumulate(chain.placements, np.matmul, initial=np.eye(4)))[1:])
 
 
 def _model_of(chain: Chain) -> tuple[str, Array]:
@@ -195,7 +186,8 @@ def _model_of(chain: Chain) -> tuple[str, Array]:
         directions = np.einsum("kij,kj->ki", seats[:, :3, :3], chain.axes)
         best, distance = "", np.inf
         for kind in MODELS:
-            base, apart, turned = _fitted(*_axes(nominal_ur(kind).joints), seats[:, :3, 3], directions)
+            frames = nominal_ur(kind).joints
+            base, apart, turned = _fitted(frames[:, :3, 3], frames[:, :3, 2], seats[:, :3, 3], directions)
             if turned < _SAME[1] and apart < distance:
                 best, placed, distance = kind, base, apart
         if best and distance < _SAME[0]:
@@ -229,18 +221,18 @@ def _placements(chain: Chain, kind: str, base: Array, found: UrKinematics, file:
     """
     seats = _seats(chain)
     new = []
-    frames = base @ found.joints
-    for k in range(6):
+    for k, frame in enumerate(base @ found.joints):
         axis, centre = seats[k, :3, :3] @ chain.axes[k], seats[k, :3, 3]
-        point, direction = frames[k, :3, 3], frames[k, :3, 2]
+        point, direction = frame[:3, 3], frame[:3, 2]
         foot = point + direction * float(direction @ (centre - point))
         sine = np.cross(axis, direction)
         size = float(np.linalg.norm(sine))
         turn = sine * (np.arctan2(size, float(axis @ direction)) / size if size > 0 else 1.0)
-        if np.linalg.norm(foot - centre) > _CALIBRATED[0] or np.linalg.norm(turn) > _CALIBRATED[1]:
+        away, angle = float(np.linalg.norm(foot - centre)), float(np.linalg.norm(turn))
+        if away > _CALIBRATED[0] or angle > _CALIBRATED[1]:
             message = (
-                f"{chain.joint_names[k]} would be {1e3 * float(np.linalg.norm(foot - centre)):.3g} mm and "
-                f"{float(np.linalg.norm(turn)):.3g} rad from that of a {kind}: the file is of another robot"
+                f"{chain.joint_names[k]} would be {1e3 * away:.3g} mm and {angle:.3g} rad from that of a {kind}: the file is of "
+                "another robot"
             )
             raise InputError([Finding("error", "E_DATA", message, file)])
         new.append(se3.pose(se3.exp_rotation(turn) @ seats[k, :3, :3], foot))

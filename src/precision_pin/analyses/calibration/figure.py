@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
@@ -17,18 +16,8 @@ from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
 from precision_pin.analyses.calibration.table import VERDICTS, describe_measurement, measured_text, verdict_text
 from precision_pin.base.text_escape import visible
+from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY, VERMILION
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-    wrapped,
-)
 
 _HEIGHT: Final = 70.0
 _ROW: Final = 4.5
@@ -43,8 +32,8 @@ _LEAST: Final = 0.05
 
 def forecast_figure(result: CalibrationForecast) -> Figure:
     """Return the accuracy against the number of readings (left) and the instrument's deviation (right), 174 mm wide."""
-    with style():
-        made = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         left, right = made.subplots(1, 2, sharey=True)
         _draw_curve(left, result, result.by_count, 1.0, "readings", float(result.readings))
         of_instrument = "standard deviation of the instrument [µm]"
@@ -58,11 +47,11 @@ def forecast_figure(result: CalibrationForecast) -> Figure:
 
 def _finish(made: Figure, axes: Axes, title: str, note: str) -> None:
     """Add the title, and below it the legend of one panel and a note; set the height."""
-    head = wrapped(title, made)
+    head = figure_style.wrapped(title, made)
     made.suptitle("\n".join(head))
-    lines, entries = wrapped(note, made), labelled([axes])
-    legend_below(made, entries, len(entries), lines)
-    set_height(made, _HEIGHT + (len(head) + len(lines) + 1) * LINE_HEIGHT)
+    lines, entries = figure_style.wrapped(note, made), figure_style.labelled([axes])
+    figure_style.legend_below(made, entries, len(entries), lines)
+    figure_style.set_height(made, _HEIGHT + (len(head) + len(lines) + 1) * figure_style.LINE_HEIGHT)
 
 
 def _draw_curve(
@@ -74,25 +63,25 @@ def _draw_curve(
     if result.rms("floor") > 0:
         axes.axhline(1e3 * result.rms("floor"), color=VERMILION, linestyle="--", label="floor: repeatability")
     axes.axvline(here * per_si, color=SKY, linestyle=":", label="as asked")
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    _number(axes.xaxis)
-    _number(axes.yaxis)
+    _log(axes, "x", "y")
     axes.set_xlabel(label)
 
 
-def _number(axis: Axis) -> None:
-    """Write plain numbers at a logarithmic axis: 1, 2 and 5 where it spans less than two decades, else decades."""
-    low, high = axis.get_view_interval()
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
+def _log(axes: Axes, *names: str) -> None:
+    """Make axes logarithmic, with plain numbers: 1, 2 and 5 where one spans less than two decades, else decades."""
+    axes.set(**{f"{name}scale": "log" for name in names})
+    for name in names:
+        axis = getattr(axes, f"{name}axis")
+        low, high = axis.get_view_interval()
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def plan_figure(result: CalibrationPlan) -> Figure:
     """Return the efficiency of the choice and of random ones (left), and the error left at each pose, 174 mm wide."""
-    with style():
-        made = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         left, right = made.subplots(1, 2, width_ratios=(1, 2))
         left.bar(["random", "chosen"], [100 * result.random_efficiency, 100 * result.efficiency], color=[SKY, BLUE])
         left.axhline(100, color=BLACK, linewidth=0.8)
@@ -102,10 +91,10 @@ def plan_figure(result: CalibrationPlan) -> Figure:
             sizes = [1e3 * entry.rms(which) for entry in result.poses]
             if max(sizes) > 0:
                 right.plot(places, sizes, marker, color=colour, label=which)
-        right.set_yscale("log")
-        _number(right.yaxis)
+        _log(right, "y")
         if len(result.poses) <= _NAMED:
-            right.set_xticks(places, [shortened(visible(one.name), _NAME) for one in result.poses])
+            names = [figure_style.shortened(visible(one.name), _NAME) for one in result.poses]
+            right.set_xticks(places, names)
             right.set_xlim(0.5, len(result.poses) + 0.5)
         else:
             right.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
@@ -125,8 +114,8 @@ def calibration_figure(result: CalibrationResult) -> Figure:
         "after": np.linalg.norm(result.residuals[:, :3], axis=1),
         "left out of the fit": np.linalg.norm(result.left_out[:, :3], axis=1),
     }
-    with style():
-        made = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         axes = made.subplots()
         for (label, values), colour, marker in zip(sizes.items(), (BLACK, BLUE, SKY), ("_", "o", "x"), strict=True):
             axes.plot(rows, 1e3 * np.maximum(values, 1e-12), marker, color=colour, markersize=3, label=label)
@@ -134,8 +123,7 @@ def calibration_figure(result: CalibrationResult) -> Figure:
         if gross:
             after = 1e3 * sizes["after"][gross]
             axes.plot(rows[gross], after, "o", ms=7, mfc="none", color=VERMILION, label="no weight")
-        axes.set_yscale("log")
-        _number(axes.yaxis)
+        _log(axes, "y")
         axes.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
         axes.set_xlabel("row of the data")
         axes.set_ylabel("residual [mm]")
@@ -149,8 +137,8 @@ def population_figure(result: Population) -> Figure:
     """Return each measured tolerance over that of the sheet with its interval, the largest at the top, 174 mm wide."""
     shown = sorted(result.tolerances, key=lambda one: one.scale)[-_TOLERANCES:]
     least = _LEAST * min([1.0, *(one.scale for one in shown if one.scale > 0)])
-    with style():
-        made = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         axes = made.subplots()
         for row, one in enumerate(shown):
             colour = BLUE if one.agrees else VERMILION
@@ -158,16 +146,15 @@ def population_figure(result: Population) -> Figure:
             axes.plot([max(one.low, least), most], [row, row], "-", color=colour, linewidth=1)
             axes.plot([max(one.scale, least)], [row], "o", color=colour, markersize=3)
         axes.axvline(1.0, color=BLACK, linewidth=0.8)
-        axes.set_xscale("log")
-        _number(axes.xaxis)
+        _log(axes, "x")
         axes.set_ylim(-0.6, len(shown) - 0.4)
         axes.set_yticks(range(len(shown)), [visible(" and ".join(one.names), 40) for one in shown])
         axes.set_xlabel("measured standard deviation over that of the sheet")
         of = result.provenance
         made.suptitle(f"tolerances of {result.robots:,} robots {visible(of.robot, 60)}")
-        lines = wrapped(
+        lines = figure_style.wrapped(
             f"{100 * result.confidence:g} % intervals of the profile likelihood; orange: other than the sheet's", made
         )
-        legend_below(made, {}, 1, lines)
-        set_height(made, 30 + _ROW * len(shown) + len(lines) * LINE_HEIGHT)
+        figure_style.legend_below(made, {}, 1, lines)
+        figure_style.set_height(made, 30 + _ROW * len(shown) + len(lines) * figure_style.LINE_HEIGHT)
     return made

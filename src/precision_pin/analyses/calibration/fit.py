@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, final
+from itertools import pairwise
+from typing import Final, NamedTuple, final
 
 import numpy as np
 import scipy.linalg
@@ -18,24 +19,202 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy import stats
 
-from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers
-from precision_pin.analyses.calibration.set_up import (
-    Instruments,
-    first_guess,
-    nominal_distance,
-    readings_in_base,
-    stations_of_data,
-)
-from precision_pin.analyses.calibration.zeros import describe_zeros, refuse_reversed
+from precision_pin.analyses.calibration.data import CalibrationData, describe_zeros, refuse_reversed
+from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers, stations_of
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.record import Record
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.estimates import bounds_of
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel
-from precision_pin.sheet.measurement import Slopes
+from precision_pin.robot.chain import Chain
+from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, Sockets
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Instruments:
+    """Measurements whose unknown numbers (nuisances) are shared where they have one name; one measurement or many.
+
+    Raises:
+        InputError: One name stands for different targets or places.
+    """
+
+    parts: tuple[Measurement, ...]
+
+    def __post_init__(self) -> None:
+        first: dict[str, Measurement] = {}
+        for part in self.parts:
+            target = "target" + (f"[{part.target_name}]" if part.target_name else "")
+            for name in (*part.nuisances, f"{target}.x"):
+                other = first.setdefault(name, part)
+                if name.startswith("target"):
+                    is_same = part.target_known == other.target_known and (
+                        part.target_known or part.target == other.target
+                    )
+                else:
+                    is_same = part.place == other.place
+                if not is_same:
+                    key = "target_name" if name.startswith("target") else "base_name"
+                    raise InputError(
+                        f"two measurements share {name.partition('.')[0]} and say different things of it; "
+                        f"give each {key} of its own"
+                    )
+
+    @cached_property
+    def nuisances(self) -> tuple[str, ...]:
+        """Names of all unknown numbers of the set-up, those of a base first."""
+        names = dict.fromkeys(name for part in self.parts for name in part.nuisances)
+        return tuple(sorted(names, key=lambda name: not name.startswith("base")))
+
+    @cached_property
+    def columns(self) -> tuple[NDArray[np.intp], ...]:
+        """Which of them each measurement has."""
+        place = {name: k for k, name in enumerate(self.nuisances)}
+        return tuple(np.array([place[name] for name in part.nuisances], dtype=np.intp) for part in self.parts)
+
+    @property
+    def displaces_base(self) -> bool:
+        """Whether the first six nuisances displace the base."""
+        return any(part.displaces_base for part in self.parts)
+
+    def slopes(self, part: int, pose: Array, error: Array, nuisances: Array) -> Slopes:
+        """Return the derivatives of a reading as :meth:`Measurement.slopes`, by all nuisances."""
+        own = self.parts[part].slopes(pose, error, nuisances[self.columns[part]])
+        whole = np.zeros((self.parts[part].size, nuisances.size))
+        whole[:, self.columns[part]] = own.nuisances
+        return Slopes(own.error, whole)
+
+
+def stations_of_data(model: ErrorModel, data: CalibrationData) -> tuple[Station, ...]:
+    """Return a station for each different pose and load."""
+    found: list[Station] = []
+    loads = [part.load for part in data.measurements]
+    own = np.array([loads.index(load) for load in loads])[data.part]
+    for k in np.unique(own):
+        rows = np.flatnonzero(own == k)
+        for station in stations_of(model, data.q[:, rows], data.measurements[k]):
+            found.append(Station(station.at, tuple(rows[list(station.rows)].tolist())))
+    return tuple(found)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SetUp(Record):
+    """Set-up of an instrument as estimated; what does not belong to the readings is ``None``.
+
+    Attributes:
+        base: The robot's base in the instrument's axes, ``(4, 4)``; ``None`` where it is known.
+        target, anchor, plane, sockets: In tool axes, ``(3,)``; in base axes ``(3,)``, point and unit normal ``(2, 3)``,
+            and ``(S, 3)``; m.
+        std: Standard deviation of each unknown number, m and rad.
+    """
+
+    base: Array | None
+    target: Array
+    anchor: Array | None
+    plane: Array | None
+    sockets: Array | None
+    std: dict[str, float]
+
+    @classmethod
+    def of(cls, measurement: Measurement, base: Array, nuisances: Array, variances: Array) -> SetUp:
+        """Return the set-up of the measurement's nuisances, estimated beside a first guess of the base, and their variances."""
+        shift, turn, target, _ = measurement.split(nuisances[:, None])
+        anchor = placed = plane = sockets = None
+        place, own = measurement.place, shift[:, 0]
+        if isinstance(place, Anchor):
+            anchor = np.array(place.place) + own
+        elif isinstance(place, Plane):
+            plane = np.array(place.tilted(own))
+        elif isinstance(place, Sockets):
+            sockets = np.array(place.places) + own.reshape(-1, 3)
+        elif turn is not None:
+            placed = base @ se3.displacement(nuisances[:6])
+        deviations = np.sqrt(np.maximum(variances, 0.0)).tolist()
+        std = dict(zip(measurement.nuisances, deviations, strict=True))
+        return cls(placed, target[:, 0], anchor, plane, sockets, std)
+
+
+def first_guess(data: CalibrationData, tips: Array, instruments: Instruments) -> tuple[tuple[Array, ...], Array]:
+    """Return for each measurement the base ``(4, 4)`` that fits tips ``(P, 4, 4)`` best, and the nuisances beside it."""
+    nuisances, bases = np.zeros(len(instruments.nuisances)), [np.eye(4) for _ in data.measurements]
+    targets = np.array([part.target for part in data.measurements])[data.part]
+    points = tips[:, :3, 3] + np.einsum("pij,pj->pi", tips[:, :3, :3], targets)
+    names = np.array([f"{'' if part.place is None else part.kind} {part.base_name}" for part in data.measurements])
+    for name in dict.fromkeys(names.tolist()):
+        chosen = [k for k, part in enumerate(data.measurements) if names[k] == name and part.base == "free"]
+        rows = np.flatnonzero(np.isin(data.part, chosen))
+        if not rows.size or data.measurements[chosen[0]].kind in ("plane", "socket"):
+            continue
+        part = data.measurements[chosen[0]]
+        if part.kind == "distance":
+            columns = instruments.columns[chosen[0]][:3]
+            nuisances[columns] = _anchor(points[rows], data.readings[rows, 0]) - part.anchor
+            continue
+        attitudes = [row for row in rows.tolist() if data.measurements[data.part[row]].kind == "pose"]
+        base = _base(points[rows], data.readings[rows, :3], tips[attitudes, :3, :3], data.readings[attitudes, 3:6])
+        for k in chosen:
+            bases[k] = base
+    return tuple(bases), nuisances
+
+
+def _base(nominal: Array, measured: Array, attitudes: Array, turned: Array) -> Array:
+    """Return the base ``(4, 4)`` for points ``(P, 3)``, and attitudes ``(A, 3, 3)`` read as rotation vectors if there are any."""
+    centre, other = nominal.mean(axis=0), measured.mean(axis=0)
+    if len(attitudes):
+        turns = np.einsum("ijp,pkj->ik", se3.exp_rotation(turned.T), attitudes)
+    else:
+        turns = (measured - other).T @ (nominal - centre)
+        values = np.linalg.svd(turns, compute_uv=False)
+        if len(nominal) < 3 or values[1] < 1e-6 * values[0]:
+            raise InputError("a free base needs at least three positions that do not lie on one line")
+    rotation = se3.nearest_rotation(turns)
+    return se3.pose(rotation, other - rotation @ centre)
+
+
+def _anchor(points: Array, distances: Array) -> Array:
+    """Return the anchor ``(3,)`` from which points ``(P, 3)`` have these distances best: ``|p|² - d² = 2 p·a - |a|²``."""
+    centre = points.mean(axis=0)
+    near = points - centre
+    rows = np.hstack([2 * near, -np.ones((len(near), 1))])
+    if len(near) < 4 or np.linalg.svd(near, compute_uv=False)[2] < 1e-6 * np.abs(near).max():
+        raise InputError("a free anchor needs distances of at least four points that do not lie in one plane")
+    found = np.linalg.lstsq(rows, (near**2).sum(axis=1) - distances**2, rcond=None)[0]
+    return np.asarray(centre + found[:3])
+
+
+def readings_in_base(data: CalibrationData, poses: Array, bases: Sequence[Array]) -> Array:
+    """Return readings ``(P, m)`` as :meth:`Measurement.predict` returns them: in base axes, turns from nominal ``(P, 4, 4)``."""
+    result = np.nan_to_num(data.readings, nan=0.0)
+    for row, number in enumerate(data.part):
+        part, base = data.measurements[number], bases[number]
+        if part.place is not None:
+            continue
+        result[row, :3] = (data.readings[row, :3] - base[:3, 3]) @ base[:3, :3]
+        if part.kind == "pose":
+            attitude = base[:3, :3].T @ se3.exp_rotation(data.readings[row, 3:6])
+            result[row, 3:6] = se3.log_rotation(attitude @ poses[row, :3, :3].T)
+    return result
+
+
+def nominal_distance(chain: Chain, data: CalibrationData) -> float:
+    """Return how far the readings are from the nominal arm whatever the set-up: root mean square of whitened residuals."""
+    instruments = Instruments(data.measurements)
+    poses = np.moveaxis(chain.with_target((0.0, 0.0, 0.0)).at_columns(np.ascontiguousarray(data.q)).pose, -1, 0)
+    bases, start = first_guess(data, poses, instruments)
+    readings = readings_in_base(data, poses, bases)
+    values, slopes = [], []
+    for row, number in enumerate(data.part):
+        part, own = data.measurements[number], start[instruments.columns[number]]
+        predicted = part.predict(poses[row], np.zeros((6, 1)), own[:, None])
+        values.append(part.residual(readings[row, : part.size, None], predicted)[:, 0] / part.deviations)
+        slopes.append(instruments.slopes(number, poses[row], np.zeros(6), start).nuisances / part.deviations[:, None])
+    white, by_nuisance = np.concatenate(values), np.concatenate(slopes)
+    left = white - by_nuisance @ np.linalg.lstsq(by_nuisance, white, rcond=1e-9)[0]
+    return float(np.sqrt(np.mean(left**2)))
+
 
 STEPS: Final = 60
 _SETTLED: Final = 1e-8
@@ -101,11 +280,14 @@ class Problem:
     @cached_property
     def places(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
         """Row and column in the readings of every number read at a station, in the order of its whitened numbers."""
-        listed = (np.array(station.rows, dtype=np.intp) for station in self.stations)
-        return tuple(
-            (np.repeat(rows, self.sizes[rows]), np.concatenate([np.arange(size) for size in self.sizes[rows]]))
-            for rows in listed
-        )
+        listed = ((np.array(station.rows), self.sizes[list(station.rows)]) for station in self.stations)
+        return tuple((np.repeat(rows, sizes), np.concatenate([*map(np.arange, sizes)])) for rows, sizes in listed)
+
+    @cached_property
+    def spans(self) -> tuple[slice, ...]:
+        """Where the whitened numbers of each station lie."""
+        ends = np.cumsum([0, *(len(rows) for rows, _ in self.places)]).tolist()
+        return tuple(slice(first, last) for first, last in pairwise(ends))
 
     @cached_property
     def labels(self) -> tuple[NDArray[np.intp], ...]:
@@ -205,20 +387,17 @@ class Problem:
 
     def reading_deviations(self, best: Fit) -> Array:
         """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""
-        estimator, result, first = best.estimator, np.zeros_like(self.readings), 0
-        is_whole = len(estimator.by_z) == sum(map(len, self.roots))
+        estimator, result = best.estimator, np.zeros_like(self.readings)
+        is_whole = len(estimator.by_z) == self.spans[-1].stop
         white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(best.z, best.nuisances)
-        for places, root in zip(self.places, self.roots, strict=True):
-            own = root @ np.hstack([part[first : first + len(root)] for part in white])
-            first += len(root)
+        for places, span, root in zip(self.places, self.spans, self.roots, strict=True):
+            own = root @ np.hstack([part[span] for part in white])
             variances = (root**2).sum(axis=1) + np.einsum("ij,jk,ik->i", own, estimator.joint_covariance, own)
             result[places] = np.sqrt(variances)
         return result
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class LeftOut:
+class LeftOut(NamedTuple):
     """Readings less the prediction of a fit without their group, first order.
 
     Attributes:
@@ -237,9 +416,7 @@ class LeftOut:
     trials: float
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(NamedTuple):
     """An estimate.
 
     Attributes:
@@ -320,8 +497,7 @@ def _result(
     estimator = Estimator.of(*problem.slopes(z, nuisances), has_prior=has_prior, kept=kept)
     residuals = problem.residuals(z, nuisances)
     estimated = estimator.nuisance_rank + (0 if has_prior else estimator.kept.shape[1])
-    at_bounds: tuple[str, ...] = ()
-    local = estimator
+    at_bounds, local = tuple[str, ...](), estimator
     if has_prior and problem.unit.is_independent:
         low, high = problem.bounds
         held = (z <= low) | (z >= high)
@@ -382,7 +558,7 @@ def leave_out(
             shared += weight / np.sqrt(own.size) * spread
             alone += weight**2 * (1 - (spread**2).sum() / own.size)
             count += weight
-    return replace(found, trials=count**2 / (alone + float((shared**2).sum())) if count else 0.0)
+    return found._replace(trials=count**2 / (alone + float((shared**2).sum())) if count else 0.0)
 
 
 def _of_group(block: Array, through: Array) -> tuple[Array, bool]:
@@ -521,12 +697,12 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     """Return the joint whose own error explains residuals best, and by how much its squares exceed those expected."""
     white = problem.whiten(problem.residuals(fit.z, fit.nuisances))
     hold = fit.estimator.hold()
-    values, first = np.zeros(len(problem.model.chain.joints)), 0
-    expected = np.zeros_like(values)
-    for station, places, root in zip(problem.stations, problem.places, problem.roots, strict=True):
-        rows = slice(first, first + len(root))
-        first += len(root)
-        moved = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error @ _joint_jacobian(station.at)
+    values, expected = np.zeros((2, len(problem.model.chain.joints)))
+    parts = zip(problem.stations, problem.places, problem.spans, problem.roots, strict=True)
+    for station, places, rows, root in parts:
+        posture = station.at.posture
+        by_joints = posture.chain.at_columns(posture.q[:, None]).joint_jacobian[:, :, 0]
+        moved = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error @ by_joints
         for visit in np.unique(problem.visit[places[0]]):
             own = np.where((problem.visit[places[0]] == visit)[:, None], moved, 0.0)
             along = np.linalg.solve(root, own)
@@ -535,8 +711,3 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     ratio = values / np.where(expected > 0, expected, np.inf)
     best = int(np.argmax(ratio))
     return problem.model.chain.joint_names[best], float(ratio[best])
-
-
-def _joint_jacobian(at: PoseModel) -> Array:
-    result: Array = at.posture.chain.at_columns(at.posture.q[:, None]).joint_jacobian[:, :, 0]
-    return result

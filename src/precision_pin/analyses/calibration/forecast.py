@@ -6,39 +6,130 @@ First order, at the numbers' means: the covariance of the unit-scope numbers aft
 
 with the nuisances of the set-up free, and the error that is left at a pose has the covariance ``J C Jᵀ + K Σ Kᵀ``. The second
 part comes from pose- and visit-scope numbers. No calibration removes it: it is the floor.
+
+Complete calibrations of simulated robots with the exact model check it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, final
 
 import numpy as np
+import scipy.linalg
 
-from precision_pin.analyses.calibration.contact import doubt_contact
-from precision_pin.analyses.calibration.design import (
-    Estimator,
-    Station,
-    UnitNumbers,
-    covariance_with_prior,
-    flat,
-    measurement_of,
-    read_poses,
-    stack_at_means,
-    stations_of,
-    task_poses,
-)
-from precision_pin.analyses.calibration.identifiability import Identifiability, determined_by, remarks_on
+from precision_pin.analyses.calibration import design
+from precision_pin.analyses.calibration.fit import Instruments, Problem
 from precision_pin.analyses.calibration.posterior import PosesOutcome, Posterior, errors_left
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.base.arguments import check_items
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_items, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.record import Keys, Record
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.estimates import Estimates
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.sheet.measurement import Measurement
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.robot.random_poses import random_poses
+from precision_pin.sheet.measurement import KINDS, Measurement
+
+_TOGETHER: Final = 64
+_ROUNDS: Final = 40
+_MOST_STEPS: Final = 60
+_CLOSE: Final = 1e-12
+"""Distance from contact, m, at which a pose touches."""
+_LONGEST: Final = 0.5
+"""Largest change of a joint value in a step."""
+_DAMPING: Final = 1e-8
+_FAR: Final = 0.05
+"""Distance from contact, m, beyond which a warning says that a pose does not touch."""
+
+
+def contact_poses(chain: Chain, measurement: Measurement, count: int, *, seed: int = 0) -> PoseSet:
+    """Return random poses in which the target touches the plane, or is in one of the sockets.
+
+    From random joint values within their limits the nearest contact is found by steps of least norm; those that end outside the
+    limits, or where the arm hits something, are drawn again.
+
+    Args:
+        chain, measurement: The arm, and a measurement of kind ``"plane"`` or ``"socket"``.
+        count, seed: Number of poses, and 64-bit seed.
+
+    Raises:
+        InputError: Another kind of measurement, or too few poses are found.
+    """
+    place = measurement.place
+    if place is None or measurement.kind not in ("plane", "socket"):
+        raise InputError(f"a {measurement.kind} is measured without contact")
+    arm = chain.with_target(measurement.target)
+    starts = random_poses(arm, _TOGETHER * _ROUNDS, seed=seed).q
+    found: list[Array] = []
+    for k in range(_ROUNDS):
+        raise_if_interrupted()
+        q = _touching(arm, measurement, starts[:, _TOGETHER * k : _TOGETHER * (k + 1)].copy(), k)
+        found.extend(q.T)
+        if len(found) >= count:
+            break
+    if len(found) < count:
+        raise InputError(
+            f"only {len(found):,} of {_TOGETHER * _ROUNDS:,} random poses end in contact within joint limits; move the "
+            f"{measurement.kind} closer, or give the poses"
+        )
+    names = tuple(f"contact {number}" for number in range(1, count + 1))
+    return PoseSet.at(chain, np.ascontiguousarray(np.array(found[:count]).T), names)
+
+
+def _touching(chain: Chain, measurement: Measurement, q: Array, number: int) -> Array:
+    """Return the columns of joint values ``(n, S)`` that reach contact within limits, after steps of least norm."""
+    sockets = np.array(measurement.sockets)
+    # a socket for each start, in turn, so that all are visited
+    chosen = (np.arange(q.shape[1]) + number) % max(len(sockets), 1)
+    for _ in range(_MOST_STEPS):
+        at = chain.at_columns(q)
+        point, slopes = at.pose[:3, 3], at.joint_jacobian[:3]
+        if measurement.plane is not None:
+            normal = np.array(measurement.plane[1])
+            away = (normal @ (point - np.array(measurement.plane[0])[:, None]))[None]
+            slopes = np.einsum("i,ijs->js", normal, slopes)[None]
+        else:
+            away = point - sockets[chosen].T
+        if np.abs(away).max() < _CLOSE:
+            break
+        gram = np.einsum("ias,jas->sij", slopes, slopes) + _DAMPING * np.eye(len(away))
+        pull = np.linalg.solve(gram, -away.T[:, :, None])[:, :, 0]
+        step = np.einsum("ias,si->as", slopes, pull)
+        q = q + step * np.minimum(1.0, _LONGEST / np.maximum(np.abs(step).max(axis=0), 1e-300))
+    touches = (np.abs(away) < _CLOSE).all(axis=0) & ~chain.configurations.outside(q).any(axis=0)
+    q = np.ascontiguousarray(q[:, touches])
+    return q if chain.collision_check is None or not q.size else q[:, chain.collision_check.free(q)]
+
+
+def seen_poses(chain: Chain, measurement: Measurement, poses: PoseSet) -> PoseSet | None:
+    """Return the poses at which the instrument sees the target; ``None`` where it never does."""
+    if measurement.visible_from is None:
+        return poses
+    nominal = np.moveaxis(chain.with_target((0.0, 0.0, 0.0)).at_columns(poses.q).pose, -1, 0)
+    seen = np.array([measurement.sees(pose) for pose in nominal])
+    return poses.of(seen) if seen.any() else None
+
+
+def doubt_contact(measurement: Measurement, poses: Array) -> Iterator[Finding]:
+    """Yield a warning where nominal poses ``(P, 4, 4)`` do not touch what they are measured at, or are not seen."""
+    hidden = sum(not measurement.sees(pose) for pose in poses)
+    if hidden:
+        message = f"at {hidden} of {len(poses)} poses the target faces away from the instrument by more than the cone"
+        yield Finding("warning", "W_HIDDEN", message)
+    away = np.array([measurement.away(pose) for pose in poses])
+    far = int((away > _FAR).sum())
+    if far:
+        where = "the plane" if measurement.kind == "plane" else "a socket"
+        message = f"{far} of {len(away)} poses do not touch {where}, the farthest by {1e3 * away.max():.3g} mm"
+        yield Finding("warning", "W_CONTACT", message)
+
 
 _COUNTS: Final = (3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 1000)
 _BEYOND: Final = (2, 4)
@@ -117,16 +208,16 @@ def forecast_calibration(
     Raises:
         InputError: Nothing varies from robot to robot, or the poses are wrong.
     """
-    measurement = measurement_of(model, measurement)
+    measurement = design.measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
-    values, _ = read_poses(model, poses)
-    unit = UnitNumbers.of(model.space)
-    stations = stations_of(model, values, measurement)
-    by_z, by_nuisance = stack_at_means(stations, unit, measurement)
-    estimator = Estimator.of(flat(by_z), flat(by_nuisance), has_prior=True)
-    tasks = task_poses(model, at, values)
+    values, _ = design.read_poses(model, poses)
+    unit = design.UnitNumbers.of(model.space)
+    stations = design.stations_of(model, values, measurement)
+    by_z, by_nuisance = design.stack_at_means(stations, unit, measurement)
+    estimator = design.Estimator.of(design.flat(by_z), design.flat(by_nuisance), has_prior=True)
+    tasks = design.task_poses(model, at, values)
     entries = errors_left(tasks, unit, estimator, measurement.displaces_base, model.space)
-    found = determined_by(stations, unit, measurement)
+    found = design.determined_by(stations, unit, measurement)
     slopes = np.concatenate([one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks])
     nominal = np.array([station.at.posture.pose for station in stations])
     floor = float(np.mean([entry.rms("floor") ** 2 for entry in entries]))
@@ -146,7 +237,7 @@ def forecast_calibration(
 
 
 def _rms(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> float:
-    covariance = covariance_with_prior(by_z, by_nuisance)
+    covariance = design.covariance_with_prior(by_z, by_nuisance)
     return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", slopes, covariance, slopes).mean() + floor))
 
 
@@ -158,35 +249,174 @@ def _by_count(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> t
     points = []
     for number in (*(one for one in _COUNTS if one < count), count):
         chosen = [np.sort(order[:number]) for order in (orders if number < count else orders[:1])]
-        squares = [_rms(flat(by_z[rows]), flat(by_nuisance[rows]), slopes, floor) ** 2 for rows in chosen]
+        squares = [_rms(design.flat(by_z[rows]), design.flat(by_nuisance[rows]), slopes, floor) ** 2 for rows in chosen]
         points.append(CurvePoint(number, float(np.sqrt(np.mean(squares)))))
     for factor in _BEYOND:
         more = np.sqrt(factor)
-        points.append(CurvePoint(factor * count, _rms(more * flat(by_z), more * flat(by_nuisance), slopes, floor)))
+        points.append(
+            CurvePoint(factor * count, _rms(more * design.flat(by_z), more * design.flat(by_nuisance), slopes, floor))
+        )
     return tuple(points)
 
 
 def _by_instrument(
-    stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement, slopes: Array, floor: float
+    stations: Sequence[design.Station], unit: design.UnitNumbers, measurement: Measurement, slopes: Array, floor: float
 ) -> tuple[CurvePoint, ...]:
     count = sum(len(station.rows) for station in stations)
     points = []
     for factor in _FACTORS:
         deviations = np.tile(factor * measurement.deviations, (count, 1))
-        by_z, by_nuisance = stack_at_means(stations, unit, measurement, deviations)
-        points.append(CurvePoint(factor * measurement.std, _rms(flat(by_z), flat(by_nuisance), slopes, floor)))
+        by_z, by_nuisance = design.stack_at_means(stations, unit, measurement, deviations)
+        points.append(
+            CurvePoint(factor * measurement.std, _rms(design.flat(by_z), design.flat(by_nuisance), slopes, floor))
+        )
     return tuple(points)
 
 
-def _remarks(found: Identifiability, model: ErrorModel, unit: UnitNumbers) -> tuple[Finding, ...]:
-    remarks = list(remarks_on(found))
-    laws = {
-        draw.name for draw in model.space.draws if not draw.law.is_normal and set(draw.components) & set(unit.names)
-    }
-    if laws:
+def _remarks(found: design.Identifiability, model: ErrorModel, unit: design.UnitNumbers) -> Iterator[Finding]:
+    yield from design.remarks_on(found)
+    draws = model.space.draws
+    names = {draw.name for draw in draws if not draw.law.is_normal and set(draw.components) & set(unit.names)}
+    if names:
         message = (
-            f"{len(laws)} of {len(model.space.draws)} draws are not normal; they enter rms values with their means and "
+            f"{len(names)} of {len(draws)} draws are not normal; they enter rms values with their means and "
             "covariances, and the 95 % quantiles are those of sampled robots"
         )
-        remarks.append(Finding("warning", "W_NOT_NORMAL", message))
-    return tuple(remarks)
+        yield Finding("warning", "W_NOT_NORMAL", message)
+
+
+_STEPS: Final = 30
+_SETTLED: Final = 1e-9
+"""Largest change of z at which the estimates have settled."""
+_POSES: Final = 100_000
+"""Poses of each kind in the random streams."""
+_TASK_POSE: Final = 1 << 19
+"""Number of the first of the user's poses in the random streams, beyond all measured ones."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SimulatedCalibrations:
+    """Calibrations of N simulated robots.
+
+    Attributes:
+        errors: Error of the tip from the calibrated arm's own pose, at each of the user's T poses at a later visit,
+            ``(T, 6, N)``.
+        estimates, truth: Estimated and true z, ``(r, N)``.
+        chi_square, degrees_of_freedom: Sum of squares of residuals and estimates, ``(N,)``, and its expectation.
+    """
+
+    errors: Array
+    estimates: Array
+    truth: Array
+    chi_square: Array
+    degrees_of_freedom: int
+
+    @property
+    def rms_position(self) -> Array:
+        """Root mean square of the position's error at each of the user's poses, ``(T,)``."""
+        return np.asarray(np.sqrt((self.errors[:, :3] ** 2).sum(axis=1).mean(axis=1)))
+
+
+def simulate_calibrations(
+    model: ErrorModel, poses: object, measurement: Measurement, *, at: object = None, robots: int = 1000, seed: int = 0
+) -> SimulatedCalibrations:
+    """Build robots, measure each at all poses and fit each with the exact model.
+
+    Every robot's estimate is iterated until its residuals, by the exact model, satisfy the normal equations of the first
+    order at the means. Bounds of laws are not heeded.
+
+    Args:
+        model, poses, measurement, at: As for :func:`precision_pin.forecast_calibration`.
+        robots, seed: Number of robots, and 64-bit seed.
+    """
+    measurement = design.measurement_of(model, measurement)
+    check_whole("the number of robots", robots, 1, 10**6)
+    values, _ = design.read_poses(model, poses)
+    unit = design.UnitNumbers.of(model.space)
+    stations = design.stations_of(model, values, measurement)
+    x = model.space.sample(seed, 0, robots)
+    readings = simulate_readings(stations, measurement, model, robots=robots, seed=seed)
+    by_z, by_nuisance = map(design.flat, design.stack_at_means(stations, unit, measurement))
+    estimator = design.Estimator.of(by_z, by_nuisance, has_prior=True)
+    deviations = np.tile(measurement.deviations, (len(readings), 1))
+    alone = np.zeros(len(readings), dtype=np.intp), np.arange(len(readings))
+    instruments, start = Instruments((measurement,)), np.zeros(by_nuisance.shape[1])
+    roots = Problem(model, instruments, stations, readings, deviations, *alone, start).roots
+    z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
+
+    def whitened_residuals() -> Array:
+        result = np.empty_like(readings)
+        for station, root in zip(stations, roots, strict=True):
+            rows = list(station.rows)
+            tip_errors = station.at.exact(unit.components(station.at.space, z))
+            predicted = measurement.predict(station.at.posture.pose, tip_errors, nuisances)
+            own = np.array([measurement.residual(readings[row], predicted) for row in rows])
+            white = scipy.linalg.solve_triangular(root, own.reshape(len(rows) * measurement.size, -1), lower=True)
+            result[rows] = white.reshape(own.shape)
+        return result.reshape(-1, robots)
+
+    for _ in range(_STEPS):
+        residuals = whitened_residuals()
+        target = residuals + by_z @ z
+        better = estimator.covariance @ (estimator.projected.T @ target)
+        step = better - z
+        if nuisances.size:
+            nuisances = nuisances + np.linalg.lstsq(by_nuisance, residuals - by_z @ step, rcond=None)[0]
+        z = better
+        if np.abs(step).max() < _SETTLED:
+            break
+    residuals = whitened_residuals()
+    chi_square: Array = (residuals**2).sum(axis=0) + (z**2).sum(axis=0)
+    errors = []
+    for k, (_, one) in enumerate(design.task_poses(model, at, values)):
+        later = _with_later_draws(model, x, seed, _TASK_POSE + k)
+        errors.append(one.exact(later) - one.exact(unit.components(model.space, z)))
+    truth = np.asarray(np.linalg.lstsq(unit.root, x[unit.columns] - unit.mean[:, None], rcond=None)[0], dtype=float)
+    return SimulatedCalibrations(np.array(errors), z, truth, chi_square, len(by_z) - estimator.nuisance_rank)
+
+
+def simulate_readings(
+    stations: tuple[design.Station, ...],
+    measurement: Measurement,
+    model: ErrorModel,
+    *,
+    robots: int = 1,
+    seed: int = 0,
+    first: int = 0,
+) -> Array:
+    """Return readings ``(P, m, N)`` of robots by the exact model, with the set-up at its nominal values.
+
+    They are the robots ``first … first + robots - 1`` of those that `precision_pin.monte_carlo` samples with the seed, which is
+    that of the noise too; the stations are the poses in the order of the random streams. Each kind has its own noise and visits,
+    so that readings of one robot by several instruments do not share them.
+    """
+    x = model.space.sample(seed, first, robots)
+    count, kind = sum(len(station.rows) for station in stations), KINDS.index(measurement.kind)
+    noise = np.random.default_rng([seed, 1, first, kind]).standard_normal((count, measurement.size, robots))
+    readings = measurement.deviations[:, None] * noise
+    set_up = np.zeros((len(measurement.nuisances), robots))
+    for number, station in enumerate(stations):
+        for visit, row in enumerate(station.rows):
+            errors = station.at.exact(_with_later_draws(model, x, seed, kind * _POSES + number, visit, first))
+            readings[row] += measurement.predict(station.at.posture.pose, errors, set_up)
+    return readings
+
+
+def as_measured(readings: Array, stations: tuple[design.Station, ...], measurement: Measurement) -> Array:
+    """Return readings ``(P, m)`` of one robot as an instrument gives them, in the axes of a known base: whole attitudes."""
+    if measurement.kind != "pose":
+        return readings
+    result = readings.copy()
+    for station in stations:
+        rows = list(station.rows)
+        turned = np.einsum("ijn,jk->ikn", se3.exp_rotation(readings[rows, 3:].T), station.at.posture.pose[:3, :3])
+        result[rows, 3:] = se3.log_rotation(turned).T
+    return result
+
+
+def _with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: int = 0, first: int = 0) -> Array:
+    """Return component values ``(d, N)`` of the same robots at another pose and visit."""
+    if all(draw.scope is Scope.UNIT for draw in model.space.draws):
+        return x
+    return model.space.sample(seed, first, x.shape[1], pose=pose, visit=visit)

@@ -1,47 +1,351 @@
-"""Which poses to measure: the best of many candidates, and how good they are."""
+"""Which poses to measure: the best of many candidates, and how good they are.
+
+With weights w_i of candidates, the information on z and nuisances is ``M(w) = diag(I, 0) + Σ w_i A_iᵀ A_i``, A_i the whitened
+derivatives of candidate i. Two measures of a design:
+
+- *D*: ``ln det S(w)``, S the Schur complement of the nuisances: the information on z with the nuisances free;
+- *task*: ``tr(G S(w)⁻¹)``, G = Σ JᵀJ over the user's poses: the mean square position error that is left there.
+
+Poses are exchanged while that improves the measure: first by adding the best candidate and leaving out the worst pose, or the
+other way round (Mitchell 1974), which is quick; then by the best of all exchanges of one pose for another (Fedorov 1972).
+
+The first measure is concave in w, the second convex. So with weights between 0 and 1 in place of 0 or 1 the tangent of the loss
+at any weights bounds it from below over all designs: the loss there plus the least that the slopes allow. Where the relaxed
+design counts parts of poses, the problem is split: a candidate is measured or it is not. The least bound of all parts is the
+bound (Land and Doig 1960).
+"""
 
 from __future__ import annotations
 
+import heapq
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from precision_pin.analyses.calibration.contact import doubt_contact, seen_poses
-from precision_pin.analyses.calibration.design import (
-    Estimator,
-    Station,
-    UnitNumbers,
-    flat,
-    measured_model,
-    measurement_of,
-    read_poses,
-    stack_at_means,
-    task_poses,
-)
-from precision_pin.analyses.calibration.identifiability import (
-    Identifiability,
-    determined_by,
-    of_stack,
-    refuse_where_nothing_is_seen,
-    remarks_on,
-)
-from precision_pin.analyses.calibration.pose_choice import Design, branches, relaxed
+from precision_pin.analyses.calibration import design as linear
+from precision_pin.analyses.calibration.forecast import doubt_contact, seen_poses
 from precision_pin.analyses.calibration.posterior import PosesOutcome, errors_left
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.arguments import check_choice, check_items, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sheet.measurement import Measurement
+
+_EXCHANGES: Final = 500
+_RIDGE: Final = 1e-9
+"""Information on nuisances that is added, as a share of that of all candidates, so that few poses are no singular case."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Losses of designs, to be minimised: -ln det S, or tr(G S⁻¹).
+
+    Attributes:
+        rows: Derivatives of each candidate by z and by scaled nuisances, ``(P, m, r + k)``.
+        prior: Information before any reading, ``(r + k,) * 2``.
+        size, rank: r, and how many combinations of z all candidates together determine.
+        goal: G, ``(r, r)``; None for the determinant.
+    """
+
+    rows: Array
+    prior: Array
+    size: int
+    rank: int
+    goal: Array | None
+
+    @classmethod
+    def of(cls, by_z: Array, by_nuisance: Array, goal: Array | None) -> Design:
+        """Return the design of candidates; nuisances are scaled so that all candidates together give them unit information."""
+        size, count = by_z.shape[2], by_nuisance.shape[2]
+        scaled = by_nuisance
+        if count:
+            _, values, rows = np.linalg.svd(linear.flat(by_nuisance), full_matrices=False)
+            kept = values > 1e-9 * values[0]
+            scaled = by_nuisance @ (rows[kept].T / values[kept])
+        prior = np.diag(np.concatenate([np.ones(size), np.full(scaled.shape[2], _RIDGE)]))
+        found = np.linalg.svd(linear.project_out(linear.flat(by_z), linear.flat(by_nuisance))[0], compute_uv=False)
+        rank = max(int((found > linear.NEGLIGIBLE * found[0]).sum()), 1)
+        return cls(np.concatenate([by_z, scaled], axis=2), prior, size, rank, goal)
+
+    def information(self, chosen: NDArray[np.intp]) -> Array:
+        """Return M of some candidates."""
+        rows = linear.flat(self.rows[chosen])
+        return np.asarray(self.prior + rows.T @ rows)
+
+    def weighted(self, weights: Array) -> Array:
+        """Return M of weights ``(P,)``."""
+        rows = linear.flat(self.rows)
+        return np.asarray(self.prior + (rows * np.repeat(weights, self.rows.shape[1])[:, None]).T @ rows)
+
+    def loss(self, information: Array) -> float:
+        """Return the loss of M."""
+        if self.goal is None:
+            nuisance = information[self.size :, self.size :]
+            return float(np.linalg.slogdet(nuisance)[1] - np.linalg.slogdet(information)[1])
+        inverse = np.linalg.inv(information)[: self.size, : self.size]
+        return float(np.einsum("ij,ji->", self.goal, inverse))
+
+    def exact_loss(self, chosen: NDArray[np.intp]) -> float:
+        """Return the loss of some candidates without the information that is added on nuisances; never the smaller one."""
+        by_z, by_nuisance = np.split(self.rows[chosen], [self.size], axis=2)
+        covariance = linear.covariance_with_prior(linear.flat(by_z), linear.flat(by_nuisance))
+        if self.goal is None:
+            return float(np.linalg.slogdet(covariance)[1])
+        return float(np.einsum("ij,ji->", self.goal, covariance))
+
+    def efficiency(self, loss: float, bound: float) -> float:
+        """Return the efficiency of a loss, at least."""
+        if self.goal is None:
+            return float(np.exp(min(bound - loss, 0.0) / self.rank))
+        return float(np.clip(bound / loss, 0.0, 1.0)) if loss > 0 else 1.0
+
+    def slopes(self, weights: Array) -> tuple[float, Array]:
+        """Return the loss of weights, and its derivatives ``(P,)``, all zero or less."""
+        information = self.weighted(weights)
+        inverse = np.linalg.inv(information)
+        if self.goal is None:
+            middle = inverse.copy()
+            nuisance = information[self.size :, self.size :]
+            middle[self.size :, self.size :] -= np.linalg.inv(nuisance)
+        else:
+            left = inverse[:, : self.size]
+            middle = left @ self.goal @ left.T
+        gains = np.einsum("pmi,ij,pmj->p", self.rows, middle, self.rows, optimize=True)
+        return self.loss(information), -gains
+
+    def swap(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return a choice that neither adding the best candidate, then leaving out the worst pose, improves, nor the reverse."""
+        inside = np.zeros(len(self.rows), dtype=bool)
+        inside[chosen] = True
+        information = self.information(chosen)
+        here = self.loss(information)
+        for _ in range(_EXCHANGES):
+            raise_if_interrupted()
+            for first in (1.0, -1.0):
+                moved, changed, there = inside.copy(), information, here
+                for sign in (first, -first):
+                    changes = self._changes_by_one(changed, sign)
+                    changes[moved if sign > 0 else ~moved] = np.inf
+                    best = int(np.argmin(changes))
+                    moved[best] = sign > 0
+                    changed = changed + sign * self.rows[best].T @ self.rows[best]
+                    there += float(changes[best])
+                if there < here - 1e-9 * max(1.0, abs(here)):
+                    break
+            else:
+                break
+            inside = moved
+            # without the rounding of the sums
+            information = self.information(np.flatnonzero(inside))
+            here = self.loss(information)
+        return np.flatnonzero(inside)
+
+    def _changes_by_one(self, information: Array, sign: float) -> Array:
+        """Return the change of loss where a candidate is added (1) or left out (-1), ``(P,)``; infinite where none is left."""
+        inverse: Array = scipy.linalg.inv(information)
+        eye = np.eye(self.rows.shape[1])
+        through = self.rows @ inverse
+        own = eye + sign * through @ self.rows.transpose(0, 2, 1)
+        with np.errstate(divide="ignore"):
+            if self.goal is not None:
+                effect = through[:, :, : self.size] @ self.goal @ through[:, :, : self.size].transpose(0, 2, 1)
+                return np.asarray(-sign * np.einsum("pii->p", np.linalg.solve(own, effect)))
+            change = -np.linalg.slogdet(own)[1]
+            nuisance = self.rows[:, :, self.size :]
+            if nuisance.shape[2]:
+                kept: Array = scipy.linalg.inv(information[self.size :, self.size :])
+                change += np.linalg.slogdet(eye + sign * nuisance @ kept @ nuisance.transpose(0, 2, 1))[1]
+        return np.where(np.isfinite(change), change, np.inf)
+
+    def exchange(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return a choice that no exchange of one pose for another improves."""
+        chosen = self.swap(chosen)
+        rest = np.setdiff1d(np.arange(len(self.rows)), chosen)
+        for _ in range(_EXCHANGES):
+            raise_if_interrupted()
+            if not rest.size:
+                break
+            change = self._changes(chosen, rest)
+            out, into = np.unravel_index(int(np.argmin(change)), change.shape)
+            here = self.loss(self.information(chosen))
+            chosen[out], rest[into] = rest[into], chosen[out]
+            there = self.loss(self.information(chosen))
+            if not there < here - 1e-12 * max(1.0, abs(here)):
+                chosen[out], rest[into] = rest[into], chosen[out]
+                break
+        return chosen
+
+    def _changes(self, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> Array:
+        """Return the change of loss of every exchange, ``(count, P - count)``, by updates of low rank."""
+        inverse: Array = scipy.linalg.inv(self.information(chosen))
+        change = _log_changes(self.rows, inverse, chosen, rest)
+        if self.goal is None:
+            nuisance = self.rows[:, :, self.size :]
+            if nuisance.shape[2]:
+                own: Array = scipy.linalg.inv(self.information(chosen)[self.size :, self.size :])
+                return _log_changes(nuisance, own, chosen, rest) - change
+            return -change
+        left = inverse[:, : self.size]
+        return _trace_changes(self.rows, inverse, left @ self.goal @ left.T, chosen, rest)
+
+
+def _pairs(rows: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    """Return ``A_i X A_iᵀ`` of chosen ones, of the rest, and ``A_i X A_jᵀ`` of all pairs ``(count, rest, m, m)``."""
+    size = rows.shape[1]
+    ours, others = rows[chosen], rows[rest]
+    through = ours @ middle
+    own = np.einsum("pmi,pni->pmn", through, ours)
+    their = np.einsum("pmi,pni->pmn", others @ middle, others)
+    cross = (
+        (linear.flat(through) @ linear.flat(others).T).reshape(len(ours), size, len(others), size).transpose(0, 2, 1, 3)
+    )
+    return own, their, cross
+
+
+def _log_changes(rows: Array, inverse: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> Array:
+    """Return the change of ln det M of every exchange: det(I - U) det(I + V + Cᵀ (I - U)⁻¹ C) with Schur complements."""
+    own, their, cross = _pairs(rows, inverse, chosen, rest)
+    eye = np.eye(rows.shape[1])
+    left = eye - own
+    inner = eye + their[None] + np.swapaxes(cross, 2, 3) @ np.linalg.solve(left[:, None], cross)
+    return np.asarray(np.linalg.slogdet(left)[1][:, None] + np.linalg.slogdet(inner)[1])
+
+
+def _trace_changes(
+    rows: Array, inverse: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]
+) -> Array:
+    """Return the change of ``tr(G S⁻¹)`` of every exchange: ``-tr((D + W)⁻¹ F)`` with D = diag(-I, I)."""
+    size = rows.shape[1]
+    blocks = []
+    for kernel in (inverse, middle):
+        own, their, cross = _pairs(rows, kernel, chosen, rest)
+        block = np.empty((len(chosen), len(rest), 2 * size, 2 * size))
+        block[:, :, :size, :size] = own[:, None]
+        block[:, :, size:, size:] = their[None]
+        block[:, :, :size, size:] = cross
+        block[:, :, size:, :size] = np.swapaxes(cross, 2, 3)
+        blocks.append(block)
+    weights, effect = blocks
+    signs = np.diag(np.concatenate([-np.ones(size), np.ones(size)]))
+    return np.asarray(-np.einsum("abii->ab", np.linalg.solve(weights + signs, effect)))
+
+
+_MOST_STEPS: Final = 400
+_GAP: Final = 2e-5
+"""Gap of the relaxed problem, in units of the efficiency, at which it is solved."""
+_WORK: Final = 24_000
+"""Parts that are bounded, times candidates."""
+_MOST: Final = 120
+"""The most parts that are bounded."""
+_ENOUGH: Final = 0.995
+"""Efficiency at which no better bound is sought."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """A relaxed problem: a bound of its loss, weights ``(P,)``, and their limits, equal where a candidate is settled."""
+
+    bound: float
+    weights: Array
+    low: Array
+    high: Array
+
+    def rounded(self, count: int) -> NDArray[np.intp]:
+        """Return the candidates with the largest weights, ``(count,)``."""
+        return np.argsort(-self.weights, kind="stable")[:count]
+
+    def __lt__(self, other: Relaxed) -> bool:
+        return self.bound < other.bound
+
+
+def relaxed(design: Design, count: int, weights: Array, low: Array, high: Array) -> Relaxed:
+    """Return the solution of the relaxed problem within limits, from first weights ``(P,)``."""
+    weights, best, step = _project(weights, count, low, high), -np.inf, 1.0
+    loss, slopes = design.slopes(weights)
+    for _ in range(_MOST_STEPS):
+        best = max(best, loss + float(slopes @ (_least(slopes, count, low, high) - weights)))
+        if design.efficiency(loss, best) > 1 - _GAP:
+            break
+        scale = step / max(float(np.abs(slopes).max()), 1e-300)
+        for _ in range(40):
+            moved = _project(weights - scale * slopes, count, low, high)
+            change = moved - weights
+            new_loss, new_slopes = design.slopes(moved)
+            if new_loss <= loss + 1e-4 * float(slopes @ change):
+                curvature = float((new_slopes - slopes) @ change)
+                length = float(change @ change) / curvature if curvature > 0 else 2 * scale
+                step = length * max(float(np.abs(new_slopes).max()), 1e-300)
+                weights, loss, slopes = moved, new_loss, new_slopes
+                break
+            scale /= 4
+        else:  # no descent but rounding
+            break
+    return Relaxed(best, weights, low, high)
+
+
+def branches(design: Design, count: int, root: Relaxed, chosen: NDArray[np.intp]) -> tuple[float, NDArray[np.intp]]:
+    """Return a bound at least as good as the root's, of no candidate settled, and a choice at least as good as that given."""
+    best, parts = design.exact_loss(chosen), [root]
+    for _ in range(min(_MOST, _WORK // len(root.weights)) // 2):
+        raise_if_interrupted()
+        if design.efficiency(best, parts[0].bound) >= _ENOUGH:
+            break
+        part = heapq.heappop(parts)
+        doubt = part.weights * (1 - part.weights) * (part.low < part.high)
+        candidate = int(np.argmax(doubt))
+        if not doubt[candidate] > 0:  # a choice already: nothing is below it
+            heapq.heappush(parts, part)
+            break
+        for value in (0.0, 1.0):
+            low, high = part.low.copy(), part.high.copy()
+            low[candidate] = high[candidate] = value
+            if not low.sum() <= count <= high.sum():
+                continue
+            found = relaxed(design, count, part.weights, low, high)
+            # a part of a problem is bounded by the whole's bound as well
+            heapq.heappush(parts, Relaxed(max(found.bound, part.bound), found.weights, low, high))
+            tried = design.swap(found.rounded(count))
+            loss = design.exact_loss(tried)
+            if loss < best:
+                chosen, best = tried, loss
+    return parts[0].bound, chosen
+
+
+def _least(slopes: Array, count: int, low: Array, high: Array) -> Array:
+    """Return the weights within their limits, of sum ``count``, with the least sum of slopes."""
+    order = np.argsort(slopes, kind="stable")
+    room = (high - low)[order]
+    result = low.copy()
+    result[order] += np.clip(count - float(low.sum()) - (np.cumsum(room) - room), 0.0, room)
+    return result
+
+
+def _project(weights: Array, count: int, low: Array, high: Array) -> Array:
+    """Return the closest weights within their limits whose sum is ``count``."""
+    # the sum of clip(weights - shift, low, high) falls by straight pieces as the shift grows
+    ends = np.concatenate([weights - high, weights - low])
+    order = np.argsort(ends, kind="stable")
+    ends = ends[order]
+    slopes = np.cumsum(np.where(order < len(weights), -1.0, 1.0))
+    sums = float(high.sum()) + np.concatenate([[0.0], np.cumsum(slopes[:-1] * np.diff(ends))])
+    piece = int(np.clip(np.searchsorted(-sums, -count, side="right") - 1, 0, len(ends) - 1))
+    shift = ends[piece] + (sums[piece] - count) / max(-slopes[piece], 1.0)
+    return np.asarray(np.clip(weights - shift, low, high))
+
 
 _STARTS: Final = 3
 PLAN_STEPS: Final = _STARTS + 3
@@ -154,7 +458,7 @@ def plan_calibration(
         InputError: Fewer candidates than poses to choose, a candidate twice, nothing varies from robot to robot, or no
             candidate sees anything.
     """
-    measurement = measurement_of(model, measurement)
+    measurement = linear.measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)
@@ -162,7 +466,7 @@ def plan_calibration(
     if isinstance(candidates, PoseSet):
         left_out.update(candidates.obstructed)
         candidates = candidates.of(candidates.known) if candidates.known.any() else candidates
-    values, names = read_poses(model, candidates)
+    values, names = linear.read_poses(model, candidates)
     given = PoseSet.at(model.chain, np.ascontiguousarray(values), names).unobstructed(model.chain)
     hit = len(given) - int(given.known.sum())
     if hit == len(given):
@@ -178,15 +482,17 @@ def plan_calibration(
         "the number of poses to choose", count, 1, total, f"from 1 to {total}, the number of candidates"
     )
     _refuse_copies(values)
-    unit = UnitNumbers.of(model.space)
+    unit = linear.UnitNumbers.of(model.space)
     # each candidate by itself: one reading at its own pose
     stations = tuple(
-        Station(one, (k,))
-        for k, one in enumerate(measured_model(model, measurement).at_columns(np.ascontiguousarray(values)))
+        linear.Station(one, (k,))
+        for k, one in enumerate(linear.measured_model(model, measurement).at_columns(np.ascontiguousarray(values)))
     )
-    by_z, by_nuisance = stack_at_means(stations, unit, measurement)
-    refuse_where_nothing_is_seen(of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement.nuisances, total))
-    tasks = task_poses(model, at, values)
+    by_z, by_nuisance = linear.stack_at_means(stations, unit, measurement)
+    linear.refuse_where_nothing_is_seen(
+        linear.of_stack(unit.names, linear.flat(by_z), linear.flat(by_nuisance), measurement.nuisances, total)
+    )
+    tasks = linear.task_poses(model, at, values)
     slopes = [one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks]
     goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
     design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
@@ -208,10 +514,10 @@ def plan_calibration(
     loss = design.exact_loss(chosen)
     efficiency = design.efficiency(loss, bound)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
-    estimator = Estimator.of(flat(by_z[chosen]), flat(by_nuisance[chosen]), has_prior=True)
+    estimator = linear.Estimator.of(linear.flat(by_z[chosen]), linear.flat(by_nuisance[chosen]), has_prior=True)
     nominal = np.array([stations[k].at.posture.pose for k in chosen])
-    own = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
-    found = determined_by(own, unit, measurement)
+    own = tuple(linear.Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
+    found = linear.determined_by(own, unit, measurement)
     return CalibrationPlan(
         provenance=Provenance.of(model, seed),
         measurement=measurement,
@@ -268,18 +574,17 @@ def _refuse_copies(values: Array) -> None:
         )
 
 
-def _remarks(found: Identifiability, efficiency: float, hidden: int, hit: int) -> tuple[Finding, ...]:
-    remarks = []
+def _remarks(found: linear.Identifiability, efficiency: float, hidden: int, hit: int) -> Iterator[Finding]:
     if hit:
         message = f"{hit} candidates are left out: the arm hits itself or what it is kept out of"
-        remarks.append(Finding("warning", "W_COLLISION", message))
+        yield Finding("warning", "W_COLLISION", message)
     if hidden:
         message = f"{hidden} candidates are left out: the target faces away from the instrument by more than the cone"
-        remarks.append(Finding("warning", "W_HIDDEN", message))
+        yield Finding("warning", "W_HIDDEN", message)
     if efficiency < 0.99:
         message = (
             f"the choice is certified to {100 * efficiency:.3g} % of the best only: the bound may be beyond every choice, and no "
             "exchange of two poses is better"
         )
-        remarks.append(Finding("warning", "W_PLAN", message))
-    return (*remarks, *remarks_on(found))
+        yield Finding("warning", "W_PLAN", message)
+    yield from linear.remarks_on(found)

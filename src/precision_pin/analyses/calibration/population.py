@@ -9,16 +9,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal, final
+from typing import Any, ClassVar, Final, Literal, NamedTuple, final
 
 import numpy as np
 import scipy.optimize
 from scipy import stats
 
+from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, measured_problem, without_gross_errors
 from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.calibration.design import NEGLIGIBLE, UnitNumbers, measurements_of, project_out
-from precision_pin.analyses.calibration.identifiability import Group, subspaces
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import units
@@ -97,7 +96,7 @@ class Population(Outcome):
     confidence: float
     tolerances: tuple[MeasuredTolerance, ...]
     unseen: tuple[str, ...]
-    groups: tuple[Group, ...]
+    groups: tuple[design.Group, ...]
     log_likelihood_ratio: float
     model: ErrorModel
 
@@ -153,20 +152,24 @@ def population(
     confidence = check_number("the confidence", confidence, "between 0 and 1", lambda n: 0 < n < 1)
     if isinstance(robots, str | bytes | Mapping) or not isinstance(robots, Sequence) or len(robots) < 2:
         raise InputError("robots: at least two robots are needed, each with its readings or its calibration")
-    unit = UnitNumbers.of(model.space)
+    unit = design.UnitNumbers.of(model.space)
     components = _components(model.space, unit)
     with steps_to(progress, len(robots) + len(components), "steps") as step:
         found = []
         for one in robots:
             found.append(_evidence(model, unit, one, measurement))
             step(1)
-        evidence = Evidence(np.array([each[0] for each in found]), np.array([each[1] for each in found]))
+        evidence = Evidence(*(np.array(each) for each in zip(*found, strict=True)))
         total = np.diag(evidence.information.sum(axis=0))
-        shown = {names: rows for names, rows in components.items() if total[rows].max() > NEGLIGIBLE * total.max()}
+        shown = {
+            names: rows for names, rows in components.items() if total[rows].max() > design.NEGLIGIBLE * total.max()
+        }
         if not shown or total.max() <= 0:
             raise InputError("no reading of any robot shows a number that varies from robot to robot")
         correlation = _correlation(model.space, unit)
-        blocks = np.array([_block(correlation, rows) for rows in shown.values()])
+        members = [np.isin(np.arange(len(total)), rows) for rows in shown.values()]
+        # C of the numbers of each component
+        blocks = np.array([np.where(np.outer(one, one), correlation, 0.0) for one in members])
         step(len(components) - len(shown))
         estimated = variance_components(
             evidence, blocks, has_means=means == "estimated", confidence=confidence, advance=step
@@ -199,7 +202,7 @@ def population(
     )
 
 
-def _components(space: Space, unit: UnitNumbers) -> dict[tuple[str, ...], list[int]]:
+def _components(space: Space, unit: design.UnitNumbers) -> dict[tuple[str, ...], list[int]]:
     """Return the numbers of each draw, or of draws that are correlated, by the names of these draws."""
     owner = {draw.name: draw.name for draw in space.draws}
     for correlation in space.correlations:
@@ -216,20 +219,12 @@ def _components(space: Space, unit: UnitNumbers) -> dict[tuple[str, ...], list[i
     return {tuple(names[key]): rows[key] for key in rows}
 
 
-def _correlation(space: Space, unit: UnitNumbers) -> Array:
-    matrix: Array = space.block_covariance.within(unit.columns) / np.outer(unit.std, unit.std)
-    return matrix
-
-
-def _block(correlation: Array, rows: list[int]) -> Array:
-    """Return C of some numbers, ``(U, U)``."""
-    block = np.zeros_like(correlation)
-    block[np.ix_(rows, rows)] = correlation[np.ix_(rows, rows)]
-    return block
+def _correlation(space: Space, unit: design.UnitNumbers) -> Array:
+    return np.asarray(space.block_covariance.within(unit.columns) / np.outer(unit.std, unit.std))
 
 
 def _evidence(
-    model: ErrorModel, unit: UnitNumbers, robot: object, measurement: Measurement | Sequence[Measurement] | None
+    model: ErrorModel, unit: design.UnitNumbers, robot: object, measurement: Measurement | Sequence[Measurement] | None
 ) -> tuple[Array, Array]:
     """Return A ``(U, U)`` and b ``(U,)`` of one robot."""
     found, file = None, "a calibration"
@@ -241,14 +236,14 @@ def _evidence(
     if found is not None:
         if "data" not in found or (found.get("prior") and not found.get("at_bounds")):
             return _of_calibration(model, unit, found, file)
-        robot = _readings(found, file, measurements_of(model, measurement))
+        robot = _readings(found, file, design.measurements_of(model, measurement))
 
-    given, _, whole = measured_problem(model, robot, measurements_of(model, measurement))
+    given, _, whole = measured_problem(model, robot, design.measurements_of(model, measurement))
     used, best, _ = without_gross_errors(whole, given, has_prior=True)
     by_number, by_nuisance = used.slopes(best.z, best.nuisances, plain=True)
     numbers = (unit.values(best.z) - unit.mean) / unit.std
     target = used.whiten(used.residuals(best.z, best.nuisances)) + by_number @ numbers
-    projected, _ = project_out(by_number, by_nuisance)
+    projected, _ = design.project_out(by_number, by_nuisance)
     return projected.T @ projected, projected.T @ target
 
 
@@ -294,7 +289,9 @@ def _set_up(measurement: dict[str, Any]) -> dict[str, Any]:
     return {"base_name": "", **measurement, "target_name": "", "nuisances": []}
 
 
-def _of_calibration(model: ErrorModel, unit: UnitNumbers, data: dict[str, Any], file: str) -> tuple[Array, Array]:
+def _of_calibration(
+    model: ErrorModel, unit: design.UnitNumbers, data: dict[str, Any], file: str
+) -> tuple[Array, Array]:
     """Return what a calibration says without its prior: the difference of the inverse covariances, and its score."""
     if data.get("prior") is False:
         raise InputError(f"{file}: a calibration without prior does not say what its readings show; give its readings")
@@ -311,18 +308,17 @@ def _of_calibration(model: ErrorModel, unit: UnitNumbers, data: dict[str, Any], 
     if not same or not np.allclose(std, unit.std, rtol=1e-9):
         raise InputError(f"{file}: its prior is not that of this sheet; calibrate with this sheet, or give readings")
     if data.get("at_bounds"):
-        raise InputError(
-            f"{file}: numbers at a bound of their law do not say what its readings show; give its readings"
-        )
+        message = f"{file}: numbers at a bound of their law do not say what its readings show; give its readings"
+        raise InputError(message)
     scaled = covariance / np.outer(std, std)
     prior = _correlation(model.space, unit)
-    if np.linalg.eigvalsh(prior)[0] < NEGLIGIBLE:
+    if np.linalg.eigvalsh(prior)[0] < design.NEGLIGIBLE:
         raise InputError(f"{file}: the sheet fixes some numbers by others; give its readings")
     inverse = np.linalg.inv(scaled)
     return inverse - np.linalg.inv(prior), inverse @ ((mean - before) / std)
 
 
-def _groups(names: Sequence[str], evidence: Evidence, blocks: Array) -> tuple[Group, ...]:
+def _groups(names: Sequence[str], evidence: Evidence, blocks: Array) -> tuple[design.Group, ...]:
     """Return the groups of components of which only a joint tolerance shows: by the information on variances at the sheet."""
     spread = np.eye(blocks.shape[1]) + evidence.information @ blocks.sum(axis=0)
     width = np.linalg.solve(spread, evidence.information)
@@ -331,16 +327,15 @@ def _groups(names: Sequence[str], evidence: Evidence, blocks: Array) -> tuple[Gr
     size = np.sqrt(np.diag(fisher))
     values, vectors = np.linalg.eigh(fisher / np.outer(size, size))
     null = vectors[:, values < _UNSEEN * float(values[-1])]
-    return subspaces(names, null @ null.T)
+    return design.subspaces(names, null @ null.T)
 
 
 def _remarks(
-    robots: int, tolerances: Sequence[MeasuredTolerance], unseen: Sequence[str], groups: Sequence[Group]
+    robots: int, tolerances: Sequence[MeasuredTolerance], unseen: Sequence[str], groups: Sequence[design.Group]
 ) -> Iterator[Finding]:
     if robots < _FEW:
-        yield Finding(
-            "warning", "W_FEW_ROBOTS", f"{robots} robots only: the intervals are wide, and hold at large numbers"
-        )
+        message = f"{robots} robots only: the intervals are wide, and hold at large numbers"
+        yield Finding("warning", "W_FEW_ROBOTS", message)
     other = [one for one in tolerances if not one.agrees]
     if other:
         listed = some([f"{' and '.join(one.names)} × {one.scale:.3g}" for one in other], 3)
@@ -375,13 +370,10 @@ class Evidence:
     def seen(self) -> Array:
         """Basis of the combinations that any robot shows, ``(U, k)``."""
         values, vectors = np.linalg.eigh(self.information.sum(axis=0))
-        basis: Array = vectors[:, values > NEGLIGIBLE * max(float(values[-1]), 0.0)]
-        return basis
+        return np.asarray(vectors[:, values > design.NEGLIGIBLE * max(float(values[-1]), 0.0)])
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class VarianceComponents:
+class VarianceComponents(NamedTuple):
     """Scales of K components, standard deviation over that of the sheet.
 
     ``scale``, ``low`` and ``high`` ``(K,)`` are estimate and interval, whose upper end may be infinite; ``means`` ``(U,)``
@@ -421,13 +413,11 @@ class _Likelihood:
 
     def _within(self, matrix: Array) -> Array:
         """Return tr(C_k M) of each block, ``(K,)``."""
-        result: Array = self.blocks.reshape(len(self.blocks), -1) @ matrix.T.ravel()
-        return result
+        return np.asarray(self.blocks.reshape(len(self.blocks), -1) @ matrix.T.ravel())
 
     def _covariance(self, scales: Array) -> Array:
         # a matrix product: einsum over the blocks took most of the time of 48 draws
-        result: Array = (scales**2 @ self.blocks.reshape(len(self.blocks), -1)).reshape(self.blocks.shape[1:])
-        return result
+        return np.asarray((scales**2 @ self.blocks.reshape(len(self.blocks), -1)).reshape(self.blocks.shape[1:]))
 
     def _parts(self, scales: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Return I + A D, W, the means, b̃ and v."""
@@ -442,9 +432,6 @@ class _Likelihood:
             means = np.asarray(basis @ np.linalg.solve(total, basis.T @ moved.sum(axis=0)), dtype=float)
             score, moved = score - information @ means, moved - width @ means
         return spread, width, means, score, moved
-
-    def means(self, scales: Array) -> Array:
-        return self._parts(scales)[2]
 
     def best(self, start: Array, fixed: int | None = None, tolerance: float = 1e-13) -> tuple[Array, float]:
         """Return the scales of the largest likelihood and ln L there, one of them fixed at its start if it is named.
@@ -504,12 +491,7 @@ def variance_components(
         low[k], high[k] = _interval(likelihood, scale, k, limit)
         advance(1)
     return VarianceComponents(
-        scale,
-        low,
-        high,
-        likelihood.means(scale),
-        largest,
-        likelihood.of(np.ones(len(blocks)))[0],
+        scale, low, high, likelihood._parts(scale)[2], largest, likelihood.of(np.ones(len(blocks)))[0]
     )
 
 
@@ -563,7 +545,8 @@ def population_sheet(result: Population, folder: Path) -> str:
                 # a draw without a number in its name is the first of a list
                 path = f"{path}[0]"
                 values = sheet.contents.values_at(sheet, path)
-            found = _scaled(list(values.values()), one) if _has_limit(one) else None
+            has_limit = one.scale > 0 and one.high < float("inf")
+            found = _scaled(list(values.values()), one) if has_limit else None
             if found is not None:
                 changes[path] = found
             kept = "" if found is not None else "; kept as it was"
@@ -575,10 +558,6 @@ def population_sheet(result: Population, folder: Path) -> str:
     measured = {path: {"measured": f"{result.robots} robots"} for path in changes}
     stated = {"provenance": {**changed.contents.text.data.get("provenance", {}), **measured}} if measured else {}
     return "".join(f"# {note}\n" for note in notes) + changed.contents.written(folder, **stated)
-
-
-def _has_limit(one: MeasuredTolerance) -> bool:
-    return one.scale > 0 and one.high < float("inf")
 
 
 def _scaled(values: list[Any], one: MeasuredTolerance) -> object:

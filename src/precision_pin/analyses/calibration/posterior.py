@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Final, final
+from typing import Any, ClassVar, Final, NamedTuple, final
 
 import numpy as np
 from scipy import special
 
-from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, repeat_covariance
-from precision_pin.analyses.calibration.identifiability import Identifiability
+from precision_pin.analyses.calibration.design import Estimator, Identifiability, UnitNumbers, repeat_covariance
 from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import se3
@@ -181,9 +180,7 @@ class PosesOutcome(Outcome):
         return preformatted(self._output("table:table")(self))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class SampledRobots:
+class SampledRobots(NamedTuple):
     """Robots with the laws of the sheet, each measured once: what the linear estimate leaves of their numbers.
 
     With C the covariance of z after measuring, the estimate leaves ``C z`` of z, and of the noise of the readings a normal part
@@ -226,47 +223,28 @@ class SampledRobots:
 
 
 def errors_left(
-    tasks: Iterable[tuple[str, PoseModel]],
-    unit: UnitNumbers,
-    estimator: Estimator,
-    displaces_base: bool,
-    space: Space,
+    tasks: Iterable[tuple[str, PoseModel]], unit: UnitNumbers, estimator: Estimator, displaces_base: bool, space: Space
 ) -> tuple[ErrorLeft, ...]:
     """Return the error at each named pose before and after a calibration; the first six nuisances may displace the base."""
-    robots = SampledRobots.of(space, unit, estimator)
-    return tuple(_error_left(at, name, unit, estimator, displaces_base, robots) for name, at in tasks)
-
-
-def _error_left(
-    at: PoseModel,
-    name: str,
-    unit: UnitNumbers,
-    estimator: Estimator,
-    displaces_base: bool,
-    robots: SampledRobots | None,
-) -> ErrorLeft:
-    slopes = at.jacobian[:, unit.columns] @ unit.root
-    floor = repeat_covariance(at)
-    chain = at.posture.chain
-    after = slopes @ estimator.covariance @ slopes.T + floor
-    seen, together = after, slopes
-    if displaces_base:
-        base = np.eye(6)
-        base[:3, 3:] = -se3.skew(at.posture.pose[:3, 3] + at.error_at_means[:3])
-        together = np.hstack([slopes, base])
-        rows = together.shape[1]
-        seen = together @ estimator.joint_covariance[:rows, :rows] @ together.T + floor
-    return ErrorLeft(
-        name,
-        dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
-        tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
-        at.error_at_means,
-        slopes @ slopes.T + floor,
-        after,
-        seen,
-        floor,
-        {} if robots is None else robots.sizes(at, unit, slopes, together),
-    )
+    robots, found = SampledRobots.of(space, unit, estimator), []
+    for name, at in tasks:
+        slopes = at.jacobian[:, unit.columns] @ unit.root
+        floor = repeat_covariance(at)
+        chain = at.posture.chain
+        after = slopes @ estimator.covariance @ slopes.T + floor
+        seen, together = after, slopes
+        if displaces_base:
+            base = np.eye(6)
+            base[:3, 3:] = -se3.skew(at.posture.pose[:3, 3] + at.error_at_means[:3])
+            together = np.hstack([slopes, base])
+            rows = together.shape[1]
+            seen = together @ estimator.joint_covariance[:rows, :rows] @ together.T + floor
+        q = dict(zip(chain.joint_names, map(float, at.posture.q), strict=True))
+        sliding = tuple(joint.name for joint in chain.joints if joint.kind == "prismatic")
+        sampled = {} if robots is None else robots.sizes(at, unit, slopes, together)
+        before, around = at.error_at_means, slopes @ slopes.T + floor
+        found.append(ErrorLeft(name, q, sliding, before, around, after, seen, floor, sampled))
+    return tuple(found)
 
 
 _NOTHING: Final = 1e-9

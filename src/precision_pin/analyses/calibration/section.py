@@ -4,25 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from precision_pin.analyses.calibration import table as text
 from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.figure import calibration_figure
 from precision_pin.analyses.calibration.layer import CalibrationLayer
-from precision_pin.analyses.calibration.table import (
-    LEARNED,
-    LEFT_OUT,
-    NO_PRIOR,
-    SEEN,
-    estimate_rows,
-    explanation,
-    gross_rows,
-    headline,
-    identifiability_lines,
-    measured_text,
-    pose_rows,
-    poses_with_less,
-    reading_rows,
-    set_up_lines,
-)
 from precision_pin.render.chapter import Chapter
 from precision_pin.render.html import Child, Html, element, items, joined, paragraph, section, table
 from precision_pin.render.svg import figure as inline_figure
@@ -39,14 +24,14 @@ _SHOWN: Final = (
 
 def calibration_chapter(result: CalibrationResult) -> Chapter:
     """Return a calibration as a chapter; at its head whether it helps, whether the model fits, what is left, and gross errors."""
-    said = headline(result)
+    said = text.headline(result)
     answers = [*said[:2], *said[3:]]
     lines = tuple(f"Calibration: {line[:1].lower()}{line[1:]}" for line in answers)
     return Chapter("calibration", "Calibration", _section(result), lines, CalibrationLayer.of(result))
 
 
 def _section(result: CalibrationResult) -> Html:
-    said = headline(result)
+    said = text.headline(result)
     sheet = result.original.sheet
     of_sheet = () if sheet is None else sheet.findings
     warnings = [one.message for one in result.findings if one not in of_sheet]
@@ -59,31 +44,31 @@ def _section(result: CalibrationResult) -> Html:
     parts: list[Child] = [
         items(said),
         paragraph(*_SHOWN),
-        paragraph(f"{measured_text(result)}.", class_="note"),
-        *([] if result.has_prior else [paragraph(f"{NO_PRIOR.capitalize()}.", class_="note")]),
+        paragraph(f"{text.measured_text(result)}.", class_="note"),
+        *([] if result.has_prior else [paragraph(f"{text.NO_PRIOR.capitalize()}.", class_="note")]),
         picture,
         *_readings(result),
         *_poses(result),
         *_numbers(result),
-        *_list("What the readings determine", identifiability_lines(result.identifiability)),
-        *_list("Set-up as estimated", set_up_lines(result.set_ups)),
+        *_list("What the readings determine", text.identifiability_lines(result.identifiability)),
+        *_list("Set-up as estimated", text.set_up_lines(result.set_ups)),
         *_list("Warnings of the calibration", warnings),
     ]
     return section("calibration", "Calibration", *parts)
 
 
 def _readings(result: CalibrationResult) -> list[Child]:
-    rows, gross = reading_rows(result), gross_rows(result)
+    rows, gross = text.reading_rows(result), text.gross_rows(result)
     parts: list[Child] = [table("The worst readings, worst first; residuals in mm", rows[0], rows[1:])]
     if len(gross) > 1:
         parts.append(table("Readings that fit no other and were given no weight", gross[0], gross[1:]))
-    return [*parts, paragraph(f"{LEFT_OUT}.", class_="note")]
+    return [*parts, paragraph(f"{text.LEFT_OUT}.", class_="note")]
 
 
 def _poses(result: CalibrationResult) -> list[Child]:
-    rows = pose_rows(result.poses, result.measurement)
-    notes = [*poses_with_less(len(result.poses)), explanation(result.poses)]
-    notes += [SEEN] if result.measurement.displaces_base else []
+    rows = text.pose_rows(result.poses, result.measurement)
+    notes = [*text.poses_with_less(len(result.poses)), text.explanation(result.poses)]
+    notes += [text.SEEN] if result.measurement.displaces_base else []
     return [
         table("Position error of the tip, before and after, mm", rows[0], rows[1:]),
         paragraph(f"{'; '.join(notes)}.", class_="note"),
@@ -91,9 +76,11 @@ def _poses(result: CalibrationResult) -> list[Child]:
 
 
 def _numbers(result: CalibrationResult) -> list[Child]:
-    rows, count = estimate_rows(result, _NUMBERS), len(result.posterior.names)
+    rows, count = text.estimate_rows(result, _NUMBERS), len(result.posterior.names)
     which = "The numbers" if count <= _NUMBERS else f"The {_NUMBERS} of {count:,} numbers of which most is learned"
-    body = joined([table(f"{which}, most learned first", rows[0], rows[1:]), paragraph(f"{LEARNED}.", class_="note")])
+    body = joined(
+        [table(f"{which}, most learned first", rows[0], rows[1:]), paragraph(f"{text.LEARNED}.", class_="note")]
+    )
     return [element("details", element("summary", f"What was learned of {count:,} numbers"), body)]
 
 

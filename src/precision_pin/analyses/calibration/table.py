@@ -10,14 +10,14 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, WorstReadings
+from precision_pin.analyses.calibration.design import Identifiability
 from precision_pin.analyses.calibration.factory import FactoryCalibration
+from precision_pin.analyses.calibration.fit import SetUp
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
-from precision_pin.analyses.calibration.identifiability import Identifiability
-from precision_pin.analyses.calibration.noise import EstimatedStd
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
 from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, PosesOutcome, Posterior
-from precision_pin.analyses.calibration.set_up import SetUp
+from precision_pin.analyses.calibration.residuals import EstimatedStd
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.text_escape import shortened, shown, some, visible
 from precision_pin.render.tables import milli, resting_on
@@ -51,6 +51,11 @@ _HEAD: Final = 9
 """Longest name of a joint above its values."""
 _JOINTS: Final = 7
 """Most joints whose values fit into a line."""
+_AIMS: Final = {"task": "the position error left at the poses below", "D": "the determinant of the information"}
+_SOURCES: Final = {
+    "repeats": "differences at repeated poses",
+    "all readings": "all readings, with what the model leaves",
+}
 _FREE: Final = {"distance": "anchor", "plane": "plane", "socket": "sockets"}
 """What is known or free of a kind; of others the base."""
 _EXPLANATION: Final = (
@@ -109,9 +114,7 @@ def calibration_table(result: CalibrationResult) -> str:
         LEFT_OUT,
         *set_up_lines(result.set_ups),
         "",
-        *identifiability_lines(result.identifiability),
-        "",
-        explanation(result.poses),
+        *_closing(result),
     ]
     return "\n".join(lines)
 
@@ -120,42 +123,38 @@ def plan_table(result: CalibrationPlan) -> str:
     """Return the poses to measure, how good the choice is, and the error that it leaves."""
     of = result.provenance
     joints = list(result.poses[0].q)
-    aim = (
-        "the position error left at the poses below"
-        if result.criterion == "task"
-        else "the determinant of the information"
-    )
     heads = [visible(joint) for joint in joints]
-    is_long = any(len(head) > _HEAD for head in heads)
-    listed = [f"joints: {', '.join(f'{k} {head}' for k, head in enumerate(heads, 1))}"] if is_long else []
-    rows = [["pose to measure", "", *([f"{k}" for k in range(1, len(joints) + 1)] if is_long else heads)]]
+    listed = []
+    if any(len(head) > _HEAD for head in heads):
+        listed = [f"joints: {', '.join(f'{k} {head}' for k, head in enumerate(heads, 1))}"]
+        heads = [f"{k}" for k in range(1, len(joints) + 1)]
+    rows = [["pose to measure", "", *heads]]
     for k, name, q in zip(result.chosen, result.names, result.q.T, strict=True):
         cells = [
             f"{1e3 * value:.2f} mm" if joint in result.sliding_joints else f"{math.degrees(value):.2f}°"
             for joint, value in zip(joints, q, strict=True)
         ]
         rows.append([shortened(name, 20) or f"candidate {k + 1}", "", *cells])
+    left_out = ", ".join(f"{n:,} {why}" for why, n in result.left_out.items())
     lines = [
         f"measure {result.count:,} of {result.candidates:,} poses of {_arm(of)}: rms position error {_sizes(result)}",
-        *(
-            [f"left out before: {', '.join(f'{n:,} {why}' for why, n in result.left_out.items())}"]
-            if result.left_out
-            else []
-        ),
+        *([f"left out before: {left_out}"] if left_out else []),
         f"{describe_measurement(result.measurement)}; first order; seed {of.seed}",
-        f"chosen for {aim}: at least {100 * result.efficiency:.4g} % of the best possible (certified bound); "
+        f"chosen for {_AIMS[result.criterion]}: at least {100 * result.efficiency:.4g} % of the best possible (certified bound); "
         f"random choices: {100 * result.random_efficiency:.3g} %",
         "",
         *_poses(result.poses, result.measurement),
         "",
         *([*aligned(rows), *listed] if len(joints) <= _JOINTS else ["the poses to measure are in the JSON"]),
         "",
-        *identifiability_lines(result.identifiability),
-        "",
-        explanation(result.poses),
+        *_closing(result),
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(lines)
+
+
+def _closing(result: PosesOutcome) -> list[str]:
+    return [*identifiability_lines(result.identifiability), "", explanation(result.poses)]
 
 
 def describe_measurement(measurement: Measurement) -> str:
@@ -185,9 +184,8 @@ def headline(result: CalibrationResult) -> list[str]:
     ]
     if result.gross_errors:
         worst = max(result.gross_errors, key=lambda error: error.deviations)
-        count = len(result.gross_errors)
-        what = "1 reading was" if count == 1 else f"{count:,} readings were"
-        which = f"{'' if count == 1 else 'the worst is '}{result.data.label(worst.reading)}"
+        count, which = len(result.gross_errors), result.data.label(worst.reading)
+        what, which = ("1 reading was", which) if count == 1 else (f"{count:,} readings were", f"the worst is {which}")
         lines.append(
             f"{what} given no weight: {which}, {milli(worst.size, 3)} mm or {worst.deviations:.3g} standard deviations off."
         )
@@ -279,12 +277,9 @@ def _std_text(name: str, found: EstimatedStd) -> str:
     """Return an estimated std, and what it rests on."""
     unit = "mm" if name == "std" else "mrad"
     low, high = (milli(end, 3) for end in found.interval)
-    source = (
-        "differences at repeated poses" if found.decided_by == "repeats" else "all readings, with what the model leaves"
-    )
     return (
         f"{name} estimated as {milli(found.std, 3)} {unit} (95 %: {low} to {high}) on {found.degrees_of_freedom:.3g} degrees of "
-        f"freedom, from {source}"
+        f"freedom, from {_SOURCES[found.decided_by]}"
     )
 
 
@@ -295,17 +290,13 @@ def _spaced(rows: Sequence[Sequence[str]]) -> list[list[str]]:
 
 def pose_rows(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[list[str]]:
     """Return a header and a row for each of the user's poses, mm; where there are many the twelve with most left, worst first."""
-    columns = ["before", "after", *(["seen"] if measurement.displaces_base else []), "floor"]
+    columns = ["before", "after", *["seen"] * measurement.displaces_base]
     listed = sorted(entries, key=lambda entry: -entry.rms("after"))[:_POSES] if len(entries) > _POSES else entries
-    head = [f"{which} {what}" for which in columns for what in (["rms", "95 %"] if which != "floor" else ["rms"])]
-    rows = [["pose, mm", *head]]
+    rows = [["pose, mm", *(f"{which} {what}" for which in columns for what in ("rms", "95 %")), "floor rms"]]
     for entry in listed:
-        cells = []
-        for which in columns:
-            cells.append(milli(entry.rms(which), 3))
-            if which != "floor":
-                cells.append(_quantile_text(entry, which))
-        rows.append([shortened(entry.name, 20), *cells])
+        pairs = [(milli(entry.rms(which), 3), _quantile_text(entry, which)) for which in columns]
+        cells = [cell for pair in pairs for cell in pair]
+        rows.append([shortened(entry.name, 20), *cells, milli(entry.rms("floor"), 3)])
     return rows
 
 
@@ -317,9 +308,8 @@ def _quantile_text(entry: ErrorLeft, which: str) -> str:
 
 def explanation(entries: Sequence[ErrorLeft]) -> str:
     """Return what the columns of :func:`pose_rows` are, and what the quantiles rest on."""
-    if any(entry.sampled for entry in entries):
-        return f"{_EXPLANATION}of {ROBOTS:,} robots sampled with the sheet's laws"
-    return f"{_EXPLANATION}of normal errors"
+    is_sampled = any(entry.sampled for entry in entries)
+    return _EXPLANATION + (f"of {ROBOTS:,} robots sampled with the sheet's laws" if is_sampled else "of normal errors")
 
 
 def poses_with_less(count: int) -> list[str]:
@@ -408,8 +398,7 @@ def gross_rows(result: CalibrationResult) -> list[list[str]]:
 
 def set_up_lines(set_ups: Sequence[SetUp]) -> list[str]:
     """Return a line for each part of the set-ups that was estimated, mm."""
-    lines = [line for found in set_ups for line in _set_up_lines(found)]
-    return list(dict.fromkeys(lines))
+    return list(dict.fromkeys(line for found in set_ups for line in _set_up_lines(found)))
 
 
 def _set_up_lines(found: SetUp) -> list[str]:

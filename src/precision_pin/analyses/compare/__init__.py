@@ -56,7 +56,7 @@ def prepare(asked: Asked) -> Job:
 DECLARATION = Declaration(
     name="compare",
     function=f"{__name__}.compare:compare",
-    result=f"{__name__}.comparison_result:ComparisonResult",
+    result=f"{__name__}.compare:ComparisonResult",
     title="Comparison",
     heading="",
     summary="Compare sheets with the same robots: laws, verdicts, causes, and what differs in the sheets.",

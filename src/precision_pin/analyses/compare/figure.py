@@ -8,21 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.analyses.compare.comparison_result import ComparisonResult, PoseComparison
+from precision_pin.analyses.compare.compare import ComparisonResult, PoseComparison
 from precision_pin.base.text_escape import visible
+from precision_pin.render import figure_style
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-    wrapped,
-)
 from precision_pin.render.tables import symbol
 
 _STYLES: Final = ((BLUE, "-"), (VERMILION, "--"), (PURPLE, "-."), (SKY, ":"))
@@ -33,18 +23,19 @@ _POINTS: Final = 400
 def figure(result: ComparisonResult) -> Figure:
     """Return the figure, 174 mm wide: position beside attitude, at the worst pose of the first model."""
     pose = result.poses[result.worst_pose()]
-    with style():
-        made = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         panels = made.subplots(1, 2, sharey=True)
         for axes, vector in zip(panels, ("position", "attitude"), strict=True):
             _draw(axes, result, pose, vector)
         panels[0].set_ylabel("robots within [%]")
         where = f" at {visible(pose.label.name, 40)}" if pose.label.name else ""
         title = f"error of {visible(result.provenance.robot, 60)}{where}: {len(result.names)} sheets, the same robots"
-        made.suptitle("\n".join(wrapped(title, made)))
-        entries, below = labelled(panels), wrapped(f"N = {result.samples:,}, seed {result.provenance.seed}", made)
-        legend_below(made, entries, 2, below)
-        set_height(made, 75.0 + (len(below) + 1 + len(entries) / 2) * LINE_HEIGHT)
+        made.suptitle("\n".join(figure_style.wrapped(title, made)))
+        entries = figure_style.labelled(panels)
+        below = figure_style.wrapped(f"N = {result.samples:,}, seed {result.provenance.seed}", made)
+        figure_style.legend_below(made, entries, 2, below)
+        figure_style.set_height(made, 75.0 + (len(below) + 1 + len(entries) / 2) * figure_style.LINE_HEIGHT)
     return made
 
 
@@ -55,7 +46,7 @@ def _draw(axes: Axes, result: ComparisonResult, pose: PoseComparison, vector: st
     places = np.linspace(smallest, largest, _POINTS)
     for rank, (name, law) in enumerate(zip(result.names, laws, strict=True)):
         colour, dashes = _STYLES[rank % len(_STYLES)]
-        label = shortened(visible(name), _MOST_LETTERS)
+        label = figure_style.shortened(visible(name), _MOST_LETTERS)
         axes.plot(places * unit.per_si, 100 * law.cumulative(places), color=colour, linestyle=dashes, label=label)
     for one in result.specifications:
         if one.quantity == f"{vector}.norm":

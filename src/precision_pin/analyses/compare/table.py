@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.analyses.compare.comparison_result import LEVELS, ComparisonResult, PoseComparison
+from precision_pin.analyses.compare.compare import LEVELS, ComparisonResult, PoseComparison
 from precision_pin.analyses.compare.paired import Difference
 from precision_pin.analyses.monte_carlo.table import demanded, verdict_line
 from precision_pin.base.text_escape import shortened, shown, visible
@@ -34,12 +34,8 @@ def comparison_table(result: ComparisonResult) -> str:
     for pose in result.poses:
         lines += ["", *_pose(result, pose)]
     for name, changes in zip(result.names[1:], result.sheet_differences, strict=True):
-        lines += [
-            "",
-            f"{shown(name)} has otherwise than {shown(result.names[0])}:"
-            if changes
-            else f"{shown(name)}: the same sheet",
-        ]
+        other = f" has otherwise than {shown(result.names[0])}:" if changes else ": the same sheet"
+        lines += ["", f"{shown(name)}{other}"]
         rows = [
             [f"  {shortened(visible(one.path), 50)}", _written(one.before), "->", _written(one.after)]
             for one in changes[:_MOST_DIFFERENCES]
@@ -54,7 +50,7 @@ def headline(result: ComparisonResult, rank: int) -> str:
     """Return in a sentence which of a model and the first is better, at the worst pose of the first."""
     pose = result.poses[result.worst_pose()]
     one = pose.differences[rank - 1].quantiles["position.norm"][0.95]
-    first, other = (_quantile(pose.laws[k], "position.norm", 0.95)[0] for k in (0, rank))
+    first, other = (_quantile(pose.laws[k], "position.norm", 0.95) for k in (0, rank))
     names = shown(result.names[0]), shown(result.names[rank])
     where = f" at the worst pose {shown(pose.label.name)}" if len(result.poses) > 1 else ""
     within = f"95 % of robots within |d| {other} mm instead of {first}{where}"
@@ -71,7 +67,7 @@ def headline(result: ComparisonResult, rank: int) -> str:
 def _verdicts(result: ComparisonResult) -> list[str]:
     """Return a line for each specification, model and pose where it is judged; of several poses only those missed."""
     lines = []
-    for name, rank in zip(result.names, range(len(result.names)), strict=True):
+    for rank, name in enumerate(result.names):
         for pose in result.poses:
             for number, one in enumerate(pose.laws[rank].summary.specifications):
                 where = f" at {shown(pose.label.name or 'the pose')}" if len(result.poses) > 1 else ""
@@ -96,12 +92,9 @@ def _pose(result: ComparisonResult, pose: PoseComparison) -> list[str]:
     for quantity, unit in _SHOWN:
         for rank, (name, law) in enumerate(zip(result.names, pose.laws, strict=True)):
             of = law.position.norm if quantity.startswith("position") else law.attitude.norm
-            cells = [milli(of.mean, 4), *(_quantile(law, quantity, level)[0] for level in LEVELS)]
-            if rank:
-                by_level = pose.differences[rank - 1].quantiles[quantity]
-                cells += [_signed(by_level[level]) for level in LEVELS[1:]]
-            else:
-                cells += [""] * (len(LEVELS) - 1)
+            cells = [milli(of.mean, 4), *(_quantile(law, quantity, level) for level in LEVELS)]
+            by_level = pose.differences[rank - 1].quantiles[quantity] if rank else {}
+            cells += [_signed(by_level[level]) if rank else "" for level in LEVELS[1:]]
             label = f"{symbol(quantity)} {unit}" if rank == 0 else ""
             rows.append([label, shortened(visible(name), _MOST_LETTERS), *cells])
     return [*title, *aligned(rows), "", *_causes(result, pose)]
@@ -125,12 +118,12 @@ def _variance(value: float | None) -> str:
     return "-" if value is None else f"{1e6 * value:.3g}"
 
 
-def _quantile(law: MonteCarloResult, quantity: str, level: float) -> tuple[str, str]:
+def _quantile(law: MonteCarloResult, quantity: str, level: float) -> str:
     of = law.position.norm if quantity.startswith("position") else law.attitude.norm
     value, ends = of.quantile(level), of.quantile_interval(level)
     if value is None or ends is None:
-        return "-", "-"
-    return format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=5), " to ".join(format_interval(*ends, 1e3))
+        return "-"
+    return format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=5)
 
 
 def _signed(one: Difference) -> str:

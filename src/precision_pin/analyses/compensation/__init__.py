@@ -61,7 +61,7 @@ def _weights(text: str) -> list[float]:
 DECLARATION = Declaration(
     name="compensate",
     function=f"{__name__}.compensate:compensate",
-    result=f"{__name__}.compensation_result:CompensationResult",
+    result=f"{__name__}.compensate:CompensationResult",
     title="Compensation",
     heading="",
     summary="Correct the constant part of the pose error by other joint values.",

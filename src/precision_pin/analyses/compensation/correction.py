@@ -177,8 +177,7 @@ class _Arm:
         shifts = _DIFFERENCE * np.eye(joints)[:, :, None] * self.units
         moved = np.concatenate([values[:, None] + shifts, values[:, None] - shifts], axis=1).reshape(joints, -1)
         errors = self.error(moved, np.tile(poses, 2 * joints)).reshape(6, 2, joints, count)
-        slopes: Array = (errors[:, 0] - errors[:, 1]) / (2 * _DIFFERENCE)
-        return slopes
+        return np.asarray((errors[:, 0] - errors[:, 1]) / (2 * _DIFFERENCE))
 
     def nominal_slopes(self, values: Array) -> Array:
         """Return the Jacobian of the nominal arm, as :meth:`slopes`."""
@@ -266,8 +265,7 @@ class _Arm:
         points = spread_points(len(start) + 1, _SCATTERED)
         reach = _NEAREST * (_FARTHEST / _NEAREST) ** np.sqrt(points[-1]) * self.units
         bottom, top = np.maximum(low, start[:, None] - reach), np.minimum(high, start[:, None] + reach)
-        scattered: Array = bottom + (top - bottom) * points[:-1]
-        return scattered
+        return np.asarray(bottom + (top - bottom) * points[:-1])
 
     def _descend(self, values: Array, pose: int) -> tuple[Array, Array]:
         """Return where damped steps within the limits end without an error, from values ``(n, S)``, and the errors there.

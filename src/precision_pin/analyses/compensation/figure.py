@@ -9,21 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.base.text_escape import visible
+from precision_pin.render import figure_style
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLUE, VERMILION
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-    wrapped,
-)
 from precision_pin.render.tables import symbol
 
 _MOST_NAMED: Final = 12
@@ -33,18 +23,18 @@ _MOST_LEVEL: Final = 40
 
 def figure(result: CompensationResult) -> Figure:
     """Return the figure, 174 mm wide: position beside attitude."""
-    with style():
-        made = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         panels = made.subplots(1, 2)
         for norm, axes in enumerate(panels):
             _draw(axes, result, norm)
         goal = "position" if result.mode == "position" else "position and attitude"
         title = f"{goal} corrected: {visible(result.provenance.robot, 60)} at {len(result.poses):,} poses"
-        made.suptitle("\n".join(wrapped(title, made)))
+        made.suptitle("\n".join(figure_style.wrapped(title, made)))
         caption = "mean: error with every component at its mean; 95 %: quantile of a normal law, first order"
-        entries, below = labelled(panels), wrapped(caption, made)
-        legend_below(made, entries, 4, below)
-        set_height(made, 75.0 + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT)
+        entries, below = figure_style.labelled(panels), figure_style.wrapped(caption, made)
+        figure_style.legend_below(made, entries, 4, below)
+        figure_style.set_height(made, 75.0 + (len(below) + 1 + len(entries) / 4) * figure_style.LINE_HEIGHT)
     return made
 
 
@@ -73,7 +63,7 @@ def _draw(axes: Axes, result: CompensationResult, norm: int) -> None:
     if times is not None:
         axes.set_xlabel("time [s]")
     elif len(places) <= _MOST_NAMED:
-        labels = [shortened(visible(label), _MOST_LETTERS) for label in result.poses.labels]
+        labels = [figure_style.shortened(visible(label), _MOST_LETTERS) for label in result.poses.labels]
         turned = sum(map(len, labels)) > _MOST_LEVEL
         axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
         axes.set_xlim(0.5, len(places) + 0.5)

@@ -8,7 +8,7 @@ from typing import Any, Final, final
 import numpy as np
 from matplotlib.colors import to_hex
 
-from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.analyses.compensation.table import headline
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
@@ -26,7 +26,11 @@ _LARGEST: Final = 0.12
 """Largest displacement at first, in lengths of the arm."""
 _RADIUS: Final = 0.005
 """Radius of the arms' rods, in lengths of the arm; corrected is the thickest, so that each is seen where they agree."""
-_LINES: Final = (("deflected", VERMILION, 1.0), ("commanded", _GREEN, 0.8), ("corrected", BLUE, 1.2))
+_LINES: Final = (
+    ("deflected", VERMILION, 1.0, "deflected: at the joint values asked for, with its mean errors"),
+    ("commanded", _GREEN, 0.8, "commanded: at the corrected joint values, without errors"),
+    ("corrected", BLUE, 1.2, "corrected: at the corrected joint values, with its mean errors"),
+)
 
 
 @final
@@ -83,7 +87,7 @@ class CompensationLayer:
         made, wanted = self.result.correction, self.result.poses.position
         moves = {"deflected": made.before[:3], "commanded": self.commanded, "corrected": made.after[:3]}
         lines = []
-        for (name, colour, share), arm in zip(_LINES, self.arms, strict=True):
+        for (name, colour, share, _), arm in zip(_LINES, self.arms, strict=True):
             lines.append(_line(colour, share * _RADIUS * length, self.nominal, arm))
             lines.append(_line(colour, 0.0, self._seen(wanted), self._seen(moves[name])))
         largest = float(np.linalg.norm(self.arms, axis=1).max())
@@ -96,15 +100,7 @@ class CompensationLayer:
         swatches = "".join(
             f'<li class="row"><i class="line" style="background-image: linear-gradient({to_hex(colour)}, {to_hex(colour)})"></i>'
             f"<span>{escaped(words)}</span></li>"
-            for (_, colour, _), words in zip(
-                _LINES,
-                (
-                    "deflected: at the joint values asked for, with its mean errors",
-                    "commanded: at the corrected joint values, without errors",
-                    "corrected: at the corrected joint values, with its mean errors",
-                ),
-                strict=True,
-            )
+            for _, colour, _, words in _LINES
         )
         return (
             f'<section aria-label="Compensation"><h2>Compensation</h2>{said}<ul class="legend controls"><li><label>'

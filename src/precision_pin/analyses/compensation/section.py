@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.analyses.compensation.figure import figure
 from precision_pin.analyses.compensation.layer import CompensationLayer
 from precision_pin.analyses.compensation.table import EXPLANATION, headline, joint_rows, pose_rows, setting_lines

@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.compensation.compensation_result import CompensationResult
-from precision_pin.base.arrays import Array
+from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.base.files import csv_text
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import resting_on
@@ -34,15 +33,13 @@ _REASONS: Final = {
 
 def compensation_table(result: CompensationResult) -> str:
     """Return what the correction leaves: the worst pose first in words, then a row for each pose, mm and mrad."""
-    rows = pose_rows(result)
-    joints = joint_rows(result)
+    rows, joints = pose_rows(result), joint_rows(result)
     lines = [*headline(result), "", *setting_lines(result), ""]
     lines += ["corrected joint values", *aligned(joints), ""] if len(joints) > 1 else []
     lines += aligned(rows)
     hidden = len(result.poses) - len(rows) + 1
     lines += [f"{hidden:,} more poses are in the JSON"] if hidden else []
-    refused = [reason for reason in _REASONS if reason in result.correction.status]
-    lines += [f"{reason}: {_REASONS[reason]}" for reason in refused]
+    lines += [f"{reason}: {why}" for reason, why in _REASONS.items() if reason in result.correction.status]
     farther = int((~result.correction.is_least).sum())
     lines += [f"at {farther:,} of the poses a smaller change of the joints may do"] if farther else []
     of = result.provenance
@@ -65,7 +62,7 @@ def setting_lines(result: CompensationResult) -> list[str]:
 def headline(result: CompensationResult) -> list[str]:
     """Return the largest errors before and after, and how many poses have no correction."""
     made = result.correction
-    corrected = np.array([status == "corrected" for status in made.status])
+    corrected = np.array(made.status) == "corrected"
     if not corrected.any():
         return [f"no pose has a correction: {', '.join(dict.fromkeys(made.status))}"]
     names = result.poses.labels
@@ -101,9 +98,7 @@ def _listed(result: CompensationResult) -> list[int]:
 
 def pose_rows(result: CompensationResult) -> list[list[str]]:
     """Return a header and a row for each pose, mm and mrad: where there are many, those without a correction, then the worst."""
-    header = [
-        "pose", "|d| mm", "first", "after", "|δ| mrad", "after", "95 %", "after", "what remains", "status",
-    ]  # fmt: skip
+    header = ["pose", "|d| mm", "first", "after", "|δ| mrad", "after", "95 %", "after", "what remains", "status"]
     return [header, *(_row(result, pose) for pose in _listed(result))]
 
 
@@ -124,35 +119,24 @@ def joint_rows(result: CompensationResult) -> list[list[str]]:
             ["joint", "", "asked", "corrected", "change"],
             *([name, unit[0], *(written(value, unit) for value in (q, to, to - q))] for name, unit, q, to in columns),
         ]
-    header = ["pose", *(f"{name} {unit}" for name, (unit, _) in zip(names, units, strict=True))]
-    return [
-        header,
-        *(
-            [
-                shortened(visible(result.poses.labels[pose]), _MOST_LETTERS),
-                *(written(value, unit) for value, unit in zip(result.corrected[:, pose].tolist(), units, strict=True)),
-            ]
-            for pose in _listed(result)
-        ),
-    ]
+    rows = [["pose", *(f"{name} {unit}" for name, (unit, _) in zip(names, units, strict=True))]]
+    for pose in _listed(result):
+        cells = map(written, result.corrected[:, pose].tolist(), units)
+        rows.append([shortened(visible(result.poses.labels[pose]), _MOST_LETTERS), *cells])
+    return rows
 
 
 def _row(result: CompensationResult, pose: int) -> list[str]:
     made = result.correction
-
-    def norm(error: Array, part: slice) -> str:
-        return _text(float(np.linalg.norm(error[part, pose])))
-
     position, attitude = slice(0, 3), slice(3, 6)
+    parts = (
+        *((error, position) for error in (made.before, made.first_order, made.after)),
+        *((error, attitude) for error in (made.before, made.after)),
+    )
     return [
         shortened(visible(result.poses.labels[pose]), _MOST_LETTERS),
-        norm(made.before, position),
-        norm(made.first_order, position),
-        norm(made.after, position),
-        norm(made.before, attitude),
-        norm(made.after, attitude),
-        _text(float(result.within_before[0, pose])),
-        _text(float(result.within_after[0, pose])),
+        *(_text(float(np.linalg.norm(error[part, pose]))) for error, part in parts),
+        *(_text(float(within[0, pose])) for within in (result.within_before, result.within_after)),
         shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-",
         made.status[pose],
     ]

@@ -5,7 +5,7 @@ from precision_pin.analyses.declaration import AT_POSES, INPUTS, SAMPLING, Decla
 DECLARATION = Declaration(
     name="moments",
     function=f"{__name__}.moments:moments",
-    result=f"{__name__}.moments_result:MomentsResult",
+    result=f"{__name__}.moments:MomentsResult",
     title="Moments",
     heading="Moments, exact model against first order",
     summary="Mean and covariance of the exact error, and its bias against the first order, from few samples.",

@@ -6,18 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.analyses.moments.moments_result import MomentsResult, PoseMoments
+from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments
+from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    caption,
-    labelled,
-    legend_below,
-    new_figure,
-    set_height,
-    style,
-)
 from precision_pin.render.tables import symbol
 from precision_pin.statistics import COMPONENTS, QUANTITIES
 
@@ -25,22 +16,22 @@ from precision_pin.statistics import COMPONENTS, QUANTITIES
 def figure(result: MomentsResult, which: int = 0) -> Figure:
     """Return mean and standard deviation of the components, exact beside first order, 174 mm wide."""
     pose = result.poses[which]
-    lines = [*caption("moments of the error", result.provenance, pose.pose), _computed(result)]
-    with style():
-        drawn = new_figure(DOUBLE_COLUMN)
+    lines = [*figure_style.caption("moments of the error", result.provenance, pose.pose), _computed(result)]
+    with figure_style.style():
+        drawn = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         panels = drawn.subplots(2, 2)
         for column, (rows, unit) in enumerate(((range(3), "mm"), (range(3, 6), "mrad"))):
             _draw(panels[0, column], pose, rows, "mean", f"mean [{unit}]")
             _draw(panels[1, column], pose, rows, "std", f"standard deviation [{unit}]")
-        legend_below(drawn, labelled(panels.flat), 2, lines)
-        set_height(drawn, 92 + LINE_HEIGHT * (len(lines) + 1))
+        figure_style.legend_below(drawn, figure_style.labelled(panels.flat), 2, lines)
+        figure_style.set_height(drawn, 92 + figure_style.LINE_HEIGHT * (len(lines) + 1))
     return drawn
 
 
 def draw(axes: Axes, result: MomentsResult, which: int, quantity: str) -> None:
     """Draw the standard deviations of the components of one vector on given axes."""
     rows, unit = (range(3), "mm") if quantity == "position" else (range(3, 6), "mrad")
-    with style():
+    with figure_style.style():
         _draw(axes, result.poses[which], rows, "std", f"standard deviation [{unit}]")
 
 

@@ -6,7 +6,7 @@ import math
 
 from precision_pin.analyses.collect import Results
 from precision_pin.analyses.moments.figure import figure
-from precision_pin.analyses.moments.moments_result import MomentsResult, PoseMoments
+from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments
 from precision_pin.analyses.moments.table import moment_rows
 from precision_pin.analyses.report_cells import shown
 from precision_pin.render.html import Child, Html, paragraph, table

@@ -4,33 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from precision_pin.analyses.moments.moments_result import MomentsResult, PoseMoments, cell, entries
+from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments, cell, entries
 from precision_pin.analyses.monte_carlo.table import answer_of, subject
 from precision_pin.render.tables import milli, plus_minus, symbol, unit
 from precision_pin.render.text_table import aligned
-from precision_pin.statistics import COMPONENTS, QUANTITIES
+from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES
 
 
 def table(result: MomentsResult) -> str:
     """Return mean, bias and standard deviation of every quantity at every pose, mm and mrad, beside the first order."""
     sizes = [float(np.linalg.norm(pose.first_order_std[:3])) for pose in result.poses]
     blocks = [answer_of([pose.pose for pose in result.poses], sizes, [*map(_answer, result.poses)])]
-    blocks += [
-        "\n".join(
-            [
-                subject(result.provenance, pose.pose),
-                f"{result.how}; statics {result.provenance.statics}; errors in base axes",
-                "",
-                *aligned(
-                    [
-                        ["", "", "mean", "bias", "std", "/ first order"],
-                        *(_without_first(row) for row in moment_rows(pose)),
-                    ]
-                ),
-            ]
-        )
-        for pose in result.poses
-    ]
+    for pose in result.poses:
+        # the ratio says the standard deviation of the first order
+        rows = [[*cells, ratio] for *cells, _, ratio in moment_rows(pose)]
+        how = f"{result.how}; statics {result.provenance.statics}; errors in base axes"
+        table = aligned([["", "", "mean", "bias", "std", "/ first order"], *rows])
+        blocks.append("\n".join([subject(result.provenance, pose.pose), how, "", *table]))
     blocks.append("bias: mean of the exact model less that of the first order; / first order: ratio of the stds")
     return "\n\n".join(blocks)
 
@@ -38,17 +28,10 @@ def table(result: MomentsResult) -> str:
 def _answer(pose: PoseMoments) -> str:
     """Return mean and standard deviation of both norms."""
     parts = []
-    for row, quantity in enumerate(QUANTITIES):
-        if quantity.endswith(".norm"):
-            mean, std = map(cell, entries(pose, row))
-            parts.append(f"{symbol(quantity)} mean {mean} {unit(quantity)}, std {std} {unit(quantity)}")
+    for row in NORMS:
+        quantity, (mean, std) = QUANTITIES[row], map(cell, entries(pose, row))
+        parts.append(f"{symbol(quantity)} mean {mean} {unit(quantity)}, std {std} {unit(quantity)}")
     return "; ".join(parts)
-
-
-def _without_first(row: list[str]) -> list[str]:
-    """Return a row without the standard deviation of the first order, which the ratio says."""
-    *cells, _, ratio = row
-    return [*cells, ratio]
 
 
 def moment_rows(pose: PoseMoments) -> list[list[str]]:
@@ -59,10 +42,8 @@ def moment_rows(pose: PoseMoments) -> list[list[str]]:
         bias, first, ratio = "-", "-", "-"
         if row in COMPONENTS:
             index = COMPONENTS.index(row)
-            half = pose.bias.half_width
-            bias = plus_minus(
-                1e3 * float(pose.bias.value[index]), 0.0 if half is None else 1e3 * float(half[index]), decimals=9
-            )
+            half = 0.0 if pose.bias.half_width is None else float(pose.bias.half_width[index])
+            bias = plus_minus(1e3 * float(pose.bias.value[index]), 1e3 * half, decimals=9)
             spread = float(pose.first_order_std[index])
             first = milli(spread)
             ratio = "-" if std is None or not spread else f"{std[0] / spread:.6g}"

@@ -1,18 +1,115 @@
-"""The sampled distributions: pictures and numbers."""
+"""The sampled distributions and, at the top of the report, specifications and verdicts."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from precision_pin.analyses.collect import Results
-from precision_pin.analyses.monte_carlo.table import tolerance_bounds
+from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES, tolerance_bounds
 from precision_pin.analyses.report_cells import MISSING, bracketed, milli_interval, shown, statistic
 from precision_pin.render.html import Child, Html, element, joined, paragraph, section, table
 from precision_pin.render.svg import figure
-from precision_pin.render.tables import milli, symbol, unit
+from precision_pin.render.tables import absolute, milli, quantity_label, symbol, unit
 from precision_pin.sampling import figures
-from precision_pin.statistics import Distribution, VectorDistribution
+from precision_pin.statistics import Distribution, SpecificationResult, VectorDistribution, Verdict, format_share
 from precision_pin.statistics.distribution import COMPONENT_LEVELS, CONTENTS
+
+_UNASKED = (0.95, 0.9973)
+_WORDS: Final[dict[Verdict, str]] = {
+    "met": "The specification is met",
+    "not met": "The specification is not met",
+    "not judged": "The specification is not judged",
+    "undecided": "Whether the specification is met is undecided: the samples are too few",
+    "nothing to judge": f"There is nothing to judge: {NOTHING_VARIES}",
+}
+
+
+def verdict(results: Results, missed: Sequence[str] = ()) -> Html:
+    """Return the verdict and the size of the errors."""
+    given = results.analysis.summary.specifications
+    parts: list[Child] = []
+    if given:
+        met = sum(result.met for result in given)
+        elsewhere = f", but not {' and not '.join(missed)}" if missed and met == len(given) else ""
+        headline = element("strong", describe_verdict(given), elsewhere)
+        text: list[Child] = [headline, "."]
+        if len(given) == 1 and given[0].verdict not in ("nothing to judge", "not judged"):
+            text.append(f" {_counted(given[0])}")
+        parts.append(paragraph(*text, class_="verdict met" if met == len(given) and not missed else "verdict failed"))
+    else:
+        if not any(results.analysis.summary.varying):
+            parts.append(
+                paragraph(element("strong", "No source makes the error vary: all robots have the same error."))
+            )
+        norms = (results.analysis.position.norm, results.analysis.attitude.norm)
+        parts.append(paragraph(_sentence(norms[0]), " ", _sentence(norms[1]), class_="verdict"))
+    return joined([*parts, _sizes(results)])
+
+
+def describe_verdict(given: Sequence[SpecificationResult]) -> str:
+    """Return in a few words which of the specifications are met."""
+    if len(given) == 1:
+        grounds = given[0].grounds
+        why = f": {grounds.why}" if grounds.not_judged else ""
+        return f"{_WORDS[given[0].verdict]}{grounds.taken if given[0].met else ''}{why}"
+    others = [result.verdict for result in given if result.verdict not in ("met", "not met")]
+    counts = [f"{others.count(verdict)} {verdict}" for verdict in dict.fromkeys(others)]
+    met, grounds = sum(result.met for result in given), given[0].grounds
+    why = f": {grounds.why}" if grounds.not_judged else ""
+    return ", ".join([f"{met} of {len(given)} specifications are met{grounds.taken if met else ''}", *counts]) + why
+
+
+def specifications(results: Results) -> Html:
+    """Return each specification with the share inside and its interval; without one, how to give one."""
+    given = results.analysis.summary.specifications
+    if not given:
+        return paragraph('No limit was given: --spec sets one, such as --spec "0.5 mm @ 99.73 %".', class_="note")
+    rows: list[list[Child]] = []
+    for result in given:
+        share, low, high = format_share(result.probability, result.interval, result.required)
+        verdict = element("strong", result.verdict, class_="good" if result.met else "bad")
+        required = f"{100 * result.required:.10g} %"
+        rows.append([_limit(result), required, f"{share} %", f"[{low}, {high}] %", verdict])
+    confidence = f"{100 * results.analysis.summary.confidence:g} % confidence"
+    header = ["limit", "required inside", "inside", f"interval at {confidence}", "verdict"]
+    return table("Specifications", header, rows, words=(4,))
+
+
+def _counted(result: SpecificationResult) -> str:
+    share, low, high = format_share(result.probability, result.interval, result.required)
+    return (
+        f"{share} % of the robots stay within {_limit(result)} (interval [{low}, {high}] %); "
+        f"{100 * result.required:.10g} % are required."
+    )
+
+
+def _limit(result: SpecificationResult) -> str:
+    return f"{absolute(result.quantity)} ≤ {1e3 * result.limit:.6g} {unit(result.quantity)}"
+
+
+def _sizes(results: Results) -> Html:
+    analysis = results.analysis
+    rows = [
+        [quantity_label(norm.quantity), *(_quantile(norm, level) for level in _UNASKED)]
+        for norm in (analysis.position.norm, analysis.attitude.norm)
+    ]
+    header = ["error", *(f"{100 * level:g} % within" for level in _UNASKED)]
+    return table(
+        f"Errors that few robots exceed, {100 * results.analysis.summary.confidence:g} % intervals", header, rows
+    )
+
+
+def _sentence(distribution: Distribution) -> Html:
+    name = symbol(distribution.quantity)
+    what = "a position" if distribution.quantity.startswith("position") else "an attitude"
+    level = next((level for level in reversed(_UNASKED) if distribution.quantile(level) is not None), None)
+    if level is None:
+        return joined([f"The samples are too few for the far quantiles of the error {name}."])
+    size = element("strong", f"{statistic(distribution, level)} {unit(distribution.quantity)}")
+    of = element("span", name, class_="symbol")
+    return joined([f"{100 * level:g} % of the robots have {what} error ", of, " of at most ", size, "."])
+
 
 _EXTREMES: Final = (("min", "smallest seen"), ("max", "largest seen"))
 
@@ -74,12 +171,10 @@ def _table(results: Results, vector: VectorDistribution) -> Html:
             *(_with_interval(statistic(part, "std"), _moment(part.std_interval())) for part in parts),
         ],
     ]
-    for level in COMPONENT_LEVELS:
-        cells = [
-            _with_interval(statistic(part, level), milli_interval(part, level)) if level in part.levels else ""
-            for part in parts
-        ]
-        rows.append([f"{100 * level:.4g} %", *cells])
+    rows += [
+        [f"{100 * level:.4g} %", *(_quantile(part, level) if level in part.levels else "" for part in parts)]
+        for level in COMPONENT_LEVELS
+    ]
     rows += [
         [f"bounds of {100 * content:.4g} % of robots", *(shown(tolerance_bounds(part, content)) for part in parts)]
         for content in CONTENTS
@@ -88,6 +183,10 @@ def _table(results: Results, vector: VectorDistribution) -> Html:
     header = [f"[{unit(what)}]", *(symbol(part.quantity) for part in parts)]
     confidence = f"{100 * results.analysis.summary.confidence:g} %"
     return table(f"Numbers of the {what} error, with intervals at {confidence} confidence", header, rows)
+
+
+def _quantile(part: Distribution, level: float) -> Child:
+    return _with_interval(statistic(part, level), milli_interval(part, level))
 
 
 def _moment(interval: tuple[float, float] | None) -> str:

@@ -1,23 +1,29 @@
-"""Results as text for a terminal."""
+"""The sampled pose error at one pose or several as text for a terminal."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from precision_pin.base.text_escape import shown, visible
-from precision_pin.render.tables import ROUNDING, absolute, joint_text, plain, resting_on, symbol, unit
+from precision_pin.model.pose_model import origin_shares
+from precision_pin.render.tables import ROUNDING, absolute, joint_text, plain, pose_labels, resting_on, symbol, unit
 from precision_pin.render.text_table import aligned
 from precision_pin.robot.mcpc import Mcpc
+from precision_pin.sampling.poses_result import LEVELS, PosesResult, PosesSpecification
 from precision_pin.sampling.result import Correlated, MonteCarloResult
 from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside, format_share
+from precision_pin.statistics.digits import format_interval
 from precision_pin.statistics.distribution import CONTENTS
 
 if TYPE_CHECKING:
     from precision_pin.analyses.provenance import PoseLabel, Provenance
+
 
 NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
 """Why there is nothing to judge."""
@@ -37,7 +43,7 @@ def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str
 
 
 def _brief(analysis: MonteCarloResult) -> list[str]:
-    cells = [_header(_BRIEF), *_rows(analysis, _BRIEF)]
+    cells = _statistics(analysis, _BRIEF)
     others = "--all: extremes, mode, tolerance bounds, error at the means" + ", correlations" * bool(
         analysis.correlations
     )
@@ -48,7 +54,7 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
         *_relative(analysis, is_named=False),
         f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}, "
         f"base axes, {analysis.summary.confidence:.0%} confidence",
-        f"{_share(0.95)} of robots within {_within(analysis, 0.95)}; {_share(0.9973)} within {_within(analysis, 0.9973)}",
+        f"95 % of robots within {_within(analysis, 0.95)}; 99.73 % within {_within(analysis, 0.9973)}",
         *map(_verdict, analysis.summary.specifications),
         "",
         *aligned(cells),
@@ -62,7 +68,7 @@ def _answer(analysis: MonteCarloResult) -> list[str]:
     """Return the lines that end the table: each verdict, or the sizes that most robots keep."""
     given = analysis.summary.specifications
     if not given:
-        return [f"{_share(0.95)} of robots within {_within(analysis, 0.95)}"]
+        return [f"95 % of robots within {_within(analysis, 0.95)}"]
     return [verdict_line(demanded(one), one, "{share} % inside") for one in given]
 
 
@@ -75,14 +81,14 @@ def _whole(analysis: MonteCarloResult) -> list[str]:
         "errors in base axes, intervals and digits at "
         f"{analysis.summary.confidence:.0%} confidence",
         "",
-        f"{_share(0.95)} of robots within {_within(analysis, 0.95)}; {_share(0.9973)} within {_within(analysis, 0.9973)}",
+        f"95 % of robots within {_within(analysis, 0.95)}; 99.73 % within {_within(analysis, 0.9973)}",
         *map(_verdict, analysis.summary.specifications),
         "",
-        *aligned([_header(_COLUMNS), *_rows(analysis, _COLUMNS)]),
+        *aligned(_statistics(analysis, _COLUMNS)),
         "",
         "tolerance bounds: so many of all robots lie between them, of |d| and |δ| below, "
         f"{analysis.summary.confidence:.0%} sure",
-        *aligned([_bounds_header(), *_bounds(analysis)]),
+        *aligned(_rows(analysis, [f"{100 * content:.4g} % of robots" for content in CONTENTS], _bounds)),
         "",
         "min and max are the smallest and largest seen, not bounds; - is not resolved by this many samples",
         f"mode: peak of the histogram smoothed by {_bandwidths(analysis)}",
@@ -106,12 +112,7 @@ def _relative(analysis: MonteCarloResult, *, is_named: bool = True) -> list[str]
 def _within(analysis: MonteCarloResult, level: float) -> str:
     """Return |d| and |δ| within which a share of the robots stays, with units."""
     norms = (analysis.position.norm, analysis.attitude.norm)
-    found = [f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms]
-    return ", ".join(found)
-
-
-def _share(level: float) -> str:
-    return f"{100 * level:.4g} %"
+    return ", ".join(f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms)
 
 
 def pose_text(
@@ -150,28 +151,20 @@ def answer_of(labels: Sequence[PoseLabel], sizes: Sequence[float], sentences: Se
     return f"worst pose, {name}: {sentences[worst]}"
 
 
-def _header(columns: Sequence[str | float]) -> list[str]:
-    return ["", "", *(column if isinstance(column, str) else f"{100 * column:.4g} %" for column in columns)]
+def _statistics(analysis: MonteCarloResult, columns: Sequence[str | float]) -> list[list[str]]:
+    head = [column if isinstance(column, str) else f"{100 * column:.4g} %" for column in columns]
+    return _rows(analysis, head, lambda part: [statistic(part, column) for column in columns])
 
 
-def _rows(analysis: MonteCarloResult, columns: Sequence[str | float]) -> list[list[str]]:
-    rows = []
-    for vector in (analysis.position, analysis.attitude):
-        for part in (vector.norm, vector.x, vector.y, vector.z):
-            rows.append([symbol(part.quantity), unit(part.quantity), *(statistic(part, column) for column in columns)])
-    return rows
+def _rows(analysis: MonteCarloResult, head: list[str], cells: Callable[[Distribution], list[str]]) -> list[list[str]]:
+    """Return a heading and a row for each norm and component."""
+    vectors = (analysis.position, analysis.attitude)
+    parts = [part for vector in vectors for part in (vector.norm, vector.x, vector.y, vector.z)]
+    return [["", "", *head], *([symbol(part.quantity), unit(part.quantity), *cells(part)] for part in parts)]
 
 
-def _bounds_header() -> list[str]:
-    return ["", "", *(f"{100 * content:.4g} % of robots" for content in CONTENTS)]
-
-
-def _bounds(analysis: MonteCarloResult) -> list[list[str]]:
-    return [
-        [symbol(part.quantity), unit(part.quantity), *(tolerance_bounds(part, content) for content in CONTENTS)]
-        for vector in (analysis.position, analysis.attitude)
-        for part in (vector.norm, vector.x, vector.y, vector.z)
-    ]
+def _bounds(part: Distribution) -> list[str]:
+    return [tolerance_bounds(part, content) for content in CONTENTS]
 
 
 def statistic(distribution: Distribution, which: str | float) -> str:
@@ -260,3 +253,101 @@ def mcpc_table(mcpc: Mcpc) -> str:
 
 def _thousandfold(value: float) -> str:
     return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"
+
+
+_MOST_ROWS: Final = 8
+"""Poses of which all are listed."""
+_WORST_ROWS: Final = 6
+"""Poses listed of more than that, the worst first."""
+
+
+def poses_table(result: PosesResult, *, is_whole: bool = False) -> str:
+    """Return what a designer wants to read of several poses: the worst pose and the verdicts, then a row for each pose."""
+    listed = list(range(result.poses))
+    if result.poses > _MOST_ROWS and not is_whole:
+        listed = result.worst_first[:_WORST_ROWS]
+    left_out = result.poses - len(listed)
+    specifications = result.specification_results
+    model = result.error_model
+    shares = origin_shares(model.origins, next(model.at_columns(result.q[:, [0]])))
+    lines = [
+        f"{visible(result.robot)}: {visible(result.base)} to {visible(result.tip)}, {result.poses:,} poses with the same robots",
+        f"{result.samples:,} samples at each, seed {result.seed}, {result.model} model, statics {result.statics}, "
+        f"{result.confidence:.0%} confidence",
+        _worst(result),
+        *(_poses_verdict(result, specification) for specification in specifications),
+        "",
+        *aligned(_pose_rows(result, listed, is_whole)),
+        *([f"and {left_out:,} more poses: --all"] if left_out else []),
+        "",
+        "quantiles of |d| in mm, shares inside each spec; - is not resolved",
+        *resting_on(model.assumed, len(model.sources), shares, pose_labels(result.names)[0], is_brief=not is_whole),
+        *([_poses_verdict(result, one, is_brief=True) for one in specifications] or [_worst(result)]),
+    ]
+    return "\n".join(lines)
+
+
+def _worst(result: PosesResult) -> str:
+    within = ", ".join(f"{100 * level:.4g} % of robots within |d| {_pose_quantile(result, rank, result.worst_pose)[0]} mm"
+                       for rank, level in enumerate(LEVELS[1:], start=1))  # fmt: skip
+    return f"worst {_pose_name(result, result.worst_pose)}: {within}"
+
+
+def _pose_name(result: PosesResult, pose: int) -> str:
+    name = result.names[pose]
+    return f"pose {shown(name)}" if name else pose_labels(result.names)[pose]
+
+
+def _poses_verdict(result: PosesResult, specification: PosesSpecification, *, is_brief: bool = False) -> str:
+    worst = specification.results[specification.worst]
+    pose = _pose_name(result, specification.worst)
+    demand = f"{'' if is_brief else 'spec '}{demanded(worst)} at every pose: {specification.said}"
+    if specification.verdict == "not judged":
+        return demand
+    if specification.verdict == "nothing to judge" and worst.verdict == specification.verdict:
+        return f"{demand} - {pose}: {NOTHING_VARIES}"
+    share, low, high = format_share(worst.probability, worst.interval, worst.required)
+    if is_brief:
+        return f"{demand} - worst {pose}, {share} % inside"
+    kept = sum(of.met for of in specification.results)
+    together = ""
+    if specification.everywhere is not None:
+        of_all = specification.everywhere
+        kept_share, *ends = format_share(of_all.probability, of_all.interval, of_all.required)
+        together = f"; {kept_share} % of robots keep it at all poses, interval {ends[0]} to {ends[1]} %"
+    more = ": more samples decide it" if specification.verdict == "undecided" else ""
+    return (
+        f"{demand} - worst {pose}, {share} % inside, interval {low} to {high} %; "
+        f"met at {kept:,} of {len(specification.results):,} poses{together}{more}"
+    )
+
+
+def _pose_rows(result: PosesResult, listed: Sequence[int], has_intervals: bool) -> list[list[str]]:
+    """Return the heading and a row for each pose; the median's interval is left out, so that the row fits a terminal."""
+    levels = range(len(LEVELS))
+    rows, labels = [["pose", "median"]], pose_labels(result.names)
+    for level in LEVELS[1:]:
+        rows[0] += [f"{100 * level:.4g} %", *["interval"] * has_intervals]
+    rows[0] += [f"spec {rank}" for rank in range(1, len(result.specifications) + 1)]
+    for pose in listed:
+        (median, _), *others = (_pose_quantile(result, rank, pose) for rank in levels)
+        judged = [specification.results[pose] for specification in result.specification_results]
+        shares = [
+            f"{format_share(of.probability, of.interval, of.required)[0]} %{'' if of.met else f' {of.verdict}'}"
+            for of in judged
+        ]
+        worst = " (worst)" if pose == result.worst_pose else ""
+        quantiles = [cell for pair in others for cell in pair[: 1 + has_intervals]]
+        rows.append([labels[pose] + worst, median, *quantiles, *shares])
+    return rows
+
+
+def _pose_quantile(result: PosesResult, rank: int, pose: int) -> tuple[str, str]:
+    """Return a quantile of |d| in mm and its interval."""
+    value, (low, high) = float(result.quantile[rank, 0, pose]), result.quantile_interval[rank, 0, :, pose].tolist()
+    if np.isnan(value):
+        return "-", "-"
+    if high < ROUNDING:
+        return "0", "[0, 0]"
+    below, above = format_interval(low, high, 1e3)
+    return format_inside(1e3 * value, (1e3 * low, 1e3 * high), most=5), f"[{below}, {above}]"

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from precision_pin.analyses.collect import Missing, Results
-from precision_pin.analyses.monte_carlo.section import distributions
-from precision_pin.analyses.monte_carlo.verdict import describe_verdict, specifications
+from precision_pin.analyses.monte_carlo.section import describe_verdict, distributions, specifications
 from precision_pin.analyses.registry import declarations
 from precision_pin.pages.report.assumptions import assumptions
 from precision_pin.pages.report.mcpc import geometry

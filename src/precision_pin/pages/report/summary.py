@@ -11,7 +11,7 @@ import numpy as np
 from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
 from precision_pin.analyses.causes import rank_causes
 from precision_pin.analyses.collect import Results
-from precision_pin.analyses.monte_carlo.verdict import describe_verdict, specifications, verdict
+from precision_pin.analyses.monte_carlo.section import describe_verdict, specifications, verdict
 from precision_pin.analyses.report_cells import MISSING, milli_interval, statistic
 from precision_pin.pages.report.changes import changes, constant_part
 from precision_pin.pages.view.drawing import Cloud, Picture, draw_picture
