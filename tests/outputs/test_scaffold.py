@@ -38,7 +38,7 @@ ARMS = {
     "tiago": "arm_tool_link",
     "pr2": "r_gripper_tool_frame",
 }
-FAST_ARMS = ("panda", "so101")
+FAST_ARMS = ("panda",)
 PAPER_ARM = PAPER_SHEET.with_name("4dof.urdf")
 
 

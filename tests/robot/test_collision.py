@@ -135,6 +135,7 @@ def ur5() -> pp.ErrorModel:
     return pp.ErrorModel.load(Path(pp.__file__).parent / "robots" / "ur5.errors.yaml")
 
 
+@pytest.mark.slow
 def test_a_ur5_hits_what_pinocchio_says_and_the_plate_under_it(ur5):
     file = Path(example_urdfs()["ur5"])
     model = pinocchio.buildModelFromUrdf(str(file))
@@ -222,6 +223,7 @@ def sheet(folder: Path, keys: str = "") -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_named_poses_are_judged_with_a_warning_and_candidates_left_out(tmp_path):
     model = pp.ErrorModel.load(sheet(tmp_path))
     with pytest.warns(PrecisionPinWarning, match=r"W_COLLISION: here \w+_link is \d+ mm beyond the base plate"):
