@@ -101,6 +101,7 @@ def test_r1_length_errors(paper_arm):
     assert np.linalg.norm(at.exact(corners * MM)[:3], axis=0).max() / MM == pytest.approx(0.463111, abs=5e-7)
 
 
+@pytest.mark.slow
 def test_r1_z4_alone(paper_arm):
     """Three uniform lengths of ±0.05 mm (Irwin-Hall): tails counted in 400,000 samples, 99.9 % Clopper-Pearson."""
     parameters = tuple(Uniform(0.05 * MM) for _ in range(3))

@@ -109,6 +109,7 @@ def test_view_poses(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out.count("half of the units miss by more than") == 2
 
 
+@pytest.mark.slow
 def test_ur_sheets_finds_the_spread_that_was_planted():
     """Three robots each of six types, with known means, spreads and sizes, three times over; then robots yet to come."""
     laws = runpy.run_path(str(SCRIPTS / "ur_sheets.py"))["laws"]

@@ -170,6 +170,7 @@ def test_mean_is_not_taken_for_a_tolerance(tmp_path: Path) -> None:
         pp.allocate(slide_model(tmp_path, mean="0.05 mm"), problem)
 
 
+@pytest.mark.slow
 def test_a_calibrated_sheet_leaves_what_differs_from_visit_to_visit_to_be_chosen(tmp_path: Path) -> None:
     """By hand: σ² = limit² - Σ s², s what the readings left of the others, which are refused but without the calibration."""
     left = np.array([0.01e-3, 0.02e-3, 0.02e-3])

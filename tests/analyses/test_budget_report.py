@@ -46,6 +46,7 @@ def correlated():
     return pp.budget(ErrorModel(chain, space, sources), [0.1, 0.2], samples=FEW)
 
 
+@pytest.mark.slow
 def test_table_shows_shares_indices_widths_and_sums(paper):
     lines = table(paper).splitlines()
     assert re.fullmatch(
@@ -75,6 +76,7 @@ def test_components_show_the_worst_case_and_norms_no_closed_form(paper):
         table(paper, ["position.w"])
 
 
+@pytest.mark.slow
 def test_many_draws_are_cut_and_correlated_ones_have_a_line(correlated):
     text = table(correlated)
     assert "and 21 more: --all" in text

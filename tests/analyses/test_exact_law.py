@@ -84,6 +84,7 @@ def irwin_hall(n: int, t: float) -> float:
     return sum((-1) ** k * math.comb(n, k) * (t - k) ** n for k in range(int(t) + 1)) / math.factorial(n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2, 9, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4, 6))])
 def test_sums_of_equal_uniforms(n):
     found = law_of_x(*[laws.Uniform(0.5)] * n)
@@ -490,6 +491,7 @@ def test_a_spread_that_is_lost_in_rounding_is_refused():
         NormalNorm(np.array([0.0, 0.0, 2e13]), np.diag([1e-8, 1e-8, 0.0])).quantile(0.5)
 
 
+@pytest.mark.slow
 def test_density_of_a_small_norm_is_that_of_the_closed_form_in_little_memory() -> None:
     """|v|²/σ² has the noncentral chi-square law; the spread of a robot in m is far below 1."""
     std, centre = 1e-5, 1e-5 * np.array([3.0, -8.0, 5.0])

@@ -60,6 +60,7 @@ def test_every_json_has_the_same_surroundings(results: dict[str, Any]) -> None:
         assert data["warnings"][0] == str(KNOWN[0])
 
 
+@pytest.mark.slow
 def test_warnings_of_a_pose_stand_at_the_top_too() -> None:
     for name in ("budget", "moments", "worst-case", "exact-law"):
         result = CALLS[name](pose=OUTSIDE, findings=KNOWN)

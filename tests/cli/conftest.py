@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from precision_pin.analyses.declaration import Declaration
 from precision_pin.cli import main
 from precision_pin.robot.examples import PAPER_SHEET
 
@@ -144,8 +145,25 @@ def executable() -> str:
     return str(path)
 
 
+FEWER = {"budget": 1024, "exact-law": 2000, "moments": 4096}
+"""Samples in the sections of a page, whose commands ask for more."""
+
+
 @pytest.fixture(autouse=True)
 def undrawn_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the figures of pages blank: they take most of the time, and tests/outputs looks at them."""
+    """Leave the figures of pages blank, their arm coarse and their sections of few samples: tests/outputs looks at them."""
     blank = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
     monkeypatch.setattr("precision_pin.render.svg._svg", lambda _: blank)
+    monkeypatch.setattr("precision_pin.pages.view.raster._OVERSAMPLING", 1)
+    take_few_samples(monkeypatch)
+
+
+def take_few_samples(patch: pytest.MonkeyPatch) -> None:
+    """Have the sections of a page take few samples."""
+    run = Declaration.run
+
+    def run_on_few(self: Declaration, model: Any, pose: Any, **arguments: Any) -> Any:
+        few = {"samples": FEWER[self.name]} if self.name in FEWER else {}
+        return run(self, model, pose, **{**few, **arguments})
+
+    patch.setattr(Declaration, "run", run_on_few)

@@ -212,6 +212,7 @@ def test_a_report_has_a_section_about_the_fit(run, folder, quick) -> None:
     assert f"Residuals: {1e3 * found['rms_residual']['before']:.3g} mm rms before" in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["view", "report"])
 def test_a_page_refuses_readings_before_anything_long_begins(
     run, folder, quick, contents, monkeypatch, command

@@ -26,7 +26,7 @@ MACRO = """<robot xmlns:xacro="http://wiki.ros.org/xacro">
 </robot>"""
 
 
-@pytest.mark.parametrize("robot", ["example:so101", "forked.urdf"])
+@pytest.mark.parametrize("robot", [pytest.param("example:so101", marks=pytest.mark.slow), "forked.urdf"])
 def test_the_proposed_command_works(run, robot):
     """`init` asks, `analyze` and `check` propose the same command, which then writes a sheet."""
     asked = run("init", robot)
@@ -39,6 +39,7 @@ def test_the_proposed_command_works(run, robot):
     assert run(*shlex.split(command)).code == 0
 
 
+@pytest.mark.slow
 def test_the_joint_of_a_gripper_is_named_and_left_out_by_the_proposed_command(run, folder):
     warned = run("init", "example:so100")
     assert warned.code == 0

@@ -11,6 +11,9 @@ from html.parser import HTMLParser
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+import pytest
+
+from cli.conftest import take_few_samples
 from precision_pin.analyses.collect import Results, collect
 from precision_pin.pages.report.page import page
 from precision_pin.robot.examples import PAPER_SHEET
@@ -30,20 +33,24 @@ VOID = ("meta", "br", "input", "link", "img", "path", "use")
 
 
 def results_of(sheet: Path, specs: Sequence[str] = (), **settings: object) -> Results:
-    return collect(
-        read(sheet),
-        settings.pop("pose", None),  # type: ignore[arg-type]
-        **{
-            "samples": SAMPLES,
-            "seed": 4,
-            "model": "exact",
-            "specifications": [specification(text) for text in specs],
-            "command": ["precision-pin", "report"],
-            "package_dirs": (),
-            "step": silent,
-        }
-        | settings,  # type: ignore[arg-type]
-    )
+    """Return the results of a sheet; where a number of samples is given, the page's sections take few as well."""
+    with pytest.MonkeyPatch.context() as patch:
+        if "samples" in settings:
+            take_few_samples(patch)
+        return collect(
+            read(sheet),
+            settings.pop("pose", None),  # type: ignore[arg-type]
+            **{
+                "samples": SAMPLES,
+                "seed": 4,
+                "model": "exact",
+                "specifications": [specification(text) for text in specs],
+                "command": ["precision-pin", "report"],
+                "package_dirs": (),
+                "step": silent,
+            }
+            | settings,  # type: ignore[arg-type]
+        )
 
 
 @contextmanager

@@ -110,6 +110,21 @@ def drawn_texts(figure: Figure) -> list[Text]:
 
 
 @pytest.mark.slow
+def test_a_figure_is_drawn_once_and_laid_out_as_if_drawn_before(tmp_path, monkeypatch) -> None:
+    """Matplotlib draws all of it with drawing switched off, only to lay it out; the files are the same to the byte."""
+    drawn: list[int] = []
+    files = []
+    for _ in range(2):
+        figure = figures_of(summary_of(errors_of("offset")))["position"]
+        draw = figure.patch.draw
+        figure.patch.draw = lambda renderer, draw=draw: (drawn.append(len(files)), draw(renderer))
+        files.append([path.read_bytes() for path in plots.save(figure, tmp_path / "figure")])
+        monkeypatch.setattr(type(figure), "draw", Figure.draw)
+    assert files[0] == files[1]
+    assert (drawn.count(0), drawn.count(1)) == (2, 4)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=[pytest.mark.slow] * (case not in FAST_CASES)) for case in CASES]
 )
@@ -323,6 +338,7 @@ def filled(axes, colour: str) -> list:
     return [one for one in axes.patches if mpl.colors.to_hex(one.get_facecolor()) == colour]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "colour"), [(39e-3, "#009e73"), (37.5e-3, "#d55e00")])
 def test_a_missed_limit_is_red_and_the_tail_beyond_it_coloured(limit: float, colour: str) -> None:
     errors = errors_of("offset")

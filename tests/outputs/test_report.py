@@ -12,6 +12,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
+from cli.conftest import take_few_samples
 from outputs.report_cases import (
     BRACE,
     HAN,
@@ -575,7 +576,9 @@ def three_poses(tmp_path_factory):
         "step": silent,
     }
     limit = [specification("1 mm @ 90 %")]
-    return sheet, collect_poses(read(sheet), ["near", "far", SCRIPT], specifications=limit, **settings)
+    with pytest.MonkeyPatch.context() as patch:
+        take_few_samples(patch)
+        return sheet, collect_poses(read(sheet), ["near", "far", SCRIPT], specifications=limit, **settings)
 
 
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")

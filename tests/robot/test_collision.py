@@ -103,6 +103,7 @@ def corners(plain: PlainRobot, chain: Chain, q: np.ndarray) -> np.ndarray:
     return np.array([poses[one.child][:3, 3] for one in chain.joints] + [poses[chain.tip][:3, 3]])
 
 
+@pytest.mark.slow
 def test_lines_keep_out_of_planes_and_boxes(lines):
     plain, chain = lines
     assert chain.collision_check.free(np.zeros((4, 1))).all()  # nothing under it is known
@@ -135,6 +136,7 @@ def ur5() -> pp.ErrorModel:
     return pp.ErrorModel.load(Path(pp.__file__).parent / "robots" / "ur5.errors.yaml")
 
 
+@pytest.mark.slow
 def test_a_ur5_hits_what_pinocchio_says_and_the_plate_under_it(ur5):
     file = Path(example_urdfs()["ur5"])
     model = pinocchio.buildModelFromUrdf(str(file))
@@ -222,6 +224,7 @@ def sheet(folder: Path, keys: str = "") -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_named_poses_are_judged_with_a_warning_and_candidates_left_out(tmp_path):
     model = pp.ErrorModel.load(sheet(tmp_path))
     with pytest.warns(PrecisionPinWarning, match=r"W_COLLISION: here \w+_link is \d+ mm beyond the base plate"):
@@ -239,6 +242,7 @@ def test_named_poses_are_judged_with_a_warning_and_candidates_left_out(tmp_path)
         assert not pp.ErrorModel.load(sheet(tmp_path, keys)).at("below").posture.findings
 
 
+@pytest.mark.slow
 def test_a_sheet_narrows_limits_and_says_what_is_wrong(tmp_path):
     chain = pp.ErrorModel.load(sheet(tmp_path, "limits: {elbow_joint: -1 2 rad}")).chain
     low, high = chain.configurations.limits

@@ -27,6 +27,7 @@ def circular_distance(one, other) -> float:
     return float(np.abs(gaps - 2 * np.pi * np.rint(gaps / (2 * np.pi))).max())
 
 
+@pytest.mark.slow
 def test_a_ur5_has_the_branches_of_its_closed_form(ur5):
     given = np.random.default_rng(3).uniform(-3, 3, (6, 30))
     wanted = np.moveaxis([ur5_pose(q) for q in given.T], 0, -1)

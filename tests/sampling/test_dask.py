@@ -59,7 +59,7 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 @pytest.mark.slow
 def test_a_cluster_gives_the_same_bits_and_a_killed_worker_costs_no_result(scheduler: Cluster, tmp_path: Path) -> None:
     workers = [scheduler.worker() for _ in range(2)]
-    settings = {"samples": 300 * BLOCK + 5, "seed": 6, "specifications": [pp.specification("45 mm @ 90 %")]}
+    settings = {"samples": 120 * BLOCK + 5, "seed": 6, "specifications": [pp.specification("45 mm @ 90 %")]}
     expected = pp.monte_carlo(MODEL, "paper", **settings).to_json()
     calls = []
 

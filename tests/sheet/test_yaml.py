@@ -103,6 +103,7 @@ def test_yaml_that_is_no_sheet(refuse: Refuse, text: str, line: int | None) -> N
         assert found[0].line == line
 
 
+@pytest.mark.slow
 def test_aliases_of_aliases_are_stopped(refuse: Refuse) -> None:
     text = "x0: &x0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n"
     for k in range(1, 9):

@@ -22,8 +22,8 @@ from precision_pin.sources.levelling import Levelling
 from precision_pin.sources.payload import Payload
 from precision_pin.terms.sides import bounds_of
 from precision_pin.terms.term import JointValue
-from support.checks.common import Q7, one_link
-from support.plain_robot import chain_of, joint, link, random_arm, robot
+from support.checks.common import Q7, leaning_hand, one_link
+from support.plain_robot import chain_of, random_arm
 
 G = 9.81
 
@@ -183,16 +183,7 @@ def test_the_side_of_axial_play_follows_the_load_of_each_robot() -> None:
 
 def test_equilibrium_takes_the_load_on_the_deflected_arm() -> None:
     """A hand that leans back by 10 mrad falls forwards on an arm that droops by 50 mrad, if friction lets it."""
-    chain = chain_of(
-        robot(
-            link("base"),
-            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
-            link("upper", 5.0, (0.5, 0, 0)),
-            joint("wrist", "revolute", "upper", "hand", (0.6, 0, 0), axis=(0, 1, 0)),
-            link("hand", 2.0, (0.0, 0, 0.3)),
-        )
-    )
-    load = G * (5.0 * 0.5 + 2.0 * 0.6)
+    chain, load = leaning_hand()
     # 2 kg at 0.3 m: -0.0589 N·m undeflected, +0.235 N·m deflected, of a robot of mean load
     sources = [
         Payload(at="hand", mass=Uniform(0.05, mean=0.1), com=(0.0, 0.0, 0.3)),
@@ -214,16 +205,7 @@ def test_equilibrium_takes_the_load_on_the_deflected_arm() -> None:
 @pytest.mark.slow
 def test_equilibrium_says_where_single_robots_lie_otherwise() -> None:
     """The lever of the hand about the wrist is that of the droop, which differs from robot to robot."""
-    chain = chain_of(
-        robot(
-            link("base"),
-            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
-            link("upper", 5.0, (0.5, 0, 0)),
-            joint("wrist", "revolute", "upper", "hand", (0.6, 0, 0), axis=(0, 1, 0)),
-            link("hand", 2.0, (0.0, 0, 0.3)),
-        )
-    )
-    load = G * (5.0 * 0.5 + 2.0 * 0.6)
+    chain, load = leaning_hand()
 
     def found(mean: float, compliance: float) -> list[str]:
         sources = [

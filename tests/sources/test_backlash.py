@@ -16,8 +16,7 @@ from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
 from precision_pin.terms.term import JointValue
 from support.checks.backlash import check_backlash
-from support.checks.common import evaluated, one_link
-from support.plain_robot import chain_of, joint, link, robot
+from support.checks.common import evaluated, leaning_hand, one_link, turn_and_slide
 from support.sheets import PAPER_Q
 
 ARCMIN = np.pi / 10800
@@ -70,16 +69,7 @@ def test_gravity_off_leaves_the_whole_gap():
 
 def test_equilibrium_decides_on_the_deflected_arm():
     """The hand stands 10 mrad behind the vertical on an arm that droops by 50 mrad: it falls forwards, not back."""
-    chain = chain_of(
-        robot(
-            link("base"),
-            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
-            link("upper", 5.0, (0.5, 0, 0)),
-            joint("wrist", "revolute", "upper", "hand", (0.6, 0, 0), axis=(0, 1, 0)),
-            link("hand", 2.0, (0.0, 0, 0.3)),
-        )
-    )
-    load = 9.81 * (5.0 * 0.5 + 2.0 * 0.6)
+    chain, load = leaning_hand()
     sources = [
         JointCompliance(joint="shoulder", compliance=0.05 / load),
         Backlash(joint="wrist", backlash=1e-3, band=0.01),
@@ -106,19 +96,7 @@ sources:
 
 
 def sheet(tmp_path, gravity="earth", old="", new="") -> ErrorModel:
-    (tmp_path / "arm.urdf").write_text(
-        robot(
-            link("base"),
-            joint("turn", "revolute", "base", "arm", (0, 0, 0.3), axis=(0, -1, 0)),
-            link("arm", 4.0, (0.2, 0, 0)),
-            joint("slide", "prismatic", "arm", "tool", (0.4, 0, 0), axis=(1, 0, 0)),
-            link("tool", 1.5, (0.1, 0, 0)),
-        )
-    )
-    text = SHEET.format(gravity=gravity)
-    assert old in text
-    (tmp_path / "arm.errors.yaml").write_text(text.replace(old, new) if old else text)
-    return ErrorModel.load(tmp_path / "arm.errors.yaml")
+    return turn_and_slide(tmp_path, SHEET.format(gravity=gravity), old, new, tool=(0.1, 0, 0), axis=(0, -1, 0))
 
 
 def test_from_a_sheet_in_every_model(tmp_path):

@@ -17,8 +17,8 @@ from precision_pin.sources import bearing_stiffness
 from precision_pin.sources.bearing_stiffness import BearingStiffness
 from precision_pin.sources.payload import Payload
 from support.checks.bearing_stiffness import check_bearing_stiffness
-from support.checks.common import Q7, evaluated, in_base, one_link
-from support.plain_robot import chain_of, joint, link, random_arm, robot
+from support.checks.common import Q7, evaluated, in_base, one_link, turn_and_slide
+from support.plain_robot import chain_of, random_arm
 from support.sheets import PAPER_Q
 
 NOTHING = np.zeros((0, 1))
@@ -117,19 +117,7 @@ sources:
 
 
 def sheet(tmp_path, gravity="earth", old="", new="") -> ErrorModel:
-    (tmp_path / "arm.urdf").write_text(
-        robot(
-            link("base"),
-            joint("turn", "revolute", "base", "arm", (0, 0, 0.3), axis=(0, 0, 1)),
-            link("arm", 4.0, (0.2, 0, 0)),
-            joint("slide", "prismatic", "arm", "tool", (0.4, 0, 0), axis=(1, 0, 0)),
-            link("tool", 1.5, (0.1, 0.2, 0)),
-        )
-    )
-    text = SHEET.format(gravity=gravity)
-    assert old in text
-    (tmp_path / "arm.errors.yaml").write_text(text.replace(old, new) if old else text)
-    return ErrorModel.load(tmp_path / "arm.errors.yaml")
+    return turn_and_slide(tmp_path, SHEET.format(gravity=gravity), old, new, tool=(0.1, 0.2, 0))
 
 
 def test_from_a_sheet_in_every_model(tmp_path):

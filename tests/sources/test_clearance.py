@@ -16,7 +16,7 @@ from precision_pin.sources.clearance import Clearance
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
 from support.checks.clearance import check_clearance
-from support.checks.common import MM, evaluated, one_link
+from support.checks.common import MM, evaluated, one_link, turn_and_slide
 from support.plain_robot import chain_of, joint, link, robot
 from support.sheets import PAPER_Q
 
@@ -166,19 +166,7 @@ sources:
 
 
 def sheet(tmp_path, gravity="earth", old="", new="") -> ErrorModel:
-    (tmp_path / "arm.urdf").write_text(
-        robot(
-            link("base"),
-            joint("turn", "revolute", "base", "arm", (0, 0, 0.3), (0.2, 0.1, 0.3), (0, 0, 1)),
-            link("arm", 4.0, (0.2, 0, 0)),
-            joint("slide", "prismatic", "arm", "tool", (0.4, 0, 0), axis=(1, 0, 0)),
-            link("tool", 1.5, (0.1, 0, 0.05)),
-        )
-    )
-    text = SHEET.format(gravity=gravity)
-    assert old in text
-    (tmp_path / "arm.errors.yaml").write_text(text.replace(old, new) if old else text)
-    return ErrorModel.load(tmp_path / "arm.errors.yaml")
+    return turn_and_slide(tmp_path, SHEET.format(gravity=gravity), old, new, tool=(0.1, 0, 0.05), rpy=(0.2, 0.1, 0.3))
 
 
 def test_from_a_sheet_in_every_model(tmp_path):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from types import FunctionType
 from typing import Any, Final, Protocol, final
 
 import matplotlib as mpl
@@ -66,6 +67,15 @@ def style() -> Iterator[None]:
 @final
 class _ShownFigure(Figure):
     """A figure that a notebook shows without pyplot."""
+
+    def draw(self, renderer: Any) -> None:
+        """Draw the figure; where Matplotlib makes drawing do nothing, so that it is laid out, only lay it out."""
+        engine = self.get_layout_engine()
+        if engine is None or not self.axes or not isinstance(renderer.draw_path, FunctionType):
+            super().draw(renderer)
+            return
+        with suppress(ValueError):  # as Matplotlib does
+            engine.execute(self)
 
     def _repr_png_(self) -> bytes:
         stream = io.BytesIO()

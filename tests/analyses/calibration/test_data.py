@@ -74,6 +74,7 @@ def of_targets(*numbers: int, **more: object) -> list[pp.Measurement]:
     ]
 
 
+@pytest.mark.slow
 def test_kinds_mixed_are_one_least_squares_problem(tmp_path: Path) -> None:
     """Against Gauss-Newton steps in plain numpy, with the kinematics of the arm and differences for derivatives."""
     anchor, height, stds = np.array([0.4, 0.1, -0.2]), -0.3, (30e-6, 50e-6, 80e-6)
@@ -148,6 +149,7 @@ def test_kinds_mixed_are_one_least_squares_problem(tmp_path: Path) -> None:
     assert [one["kind"] for one in stored["measurements"]] == ["position", "distance", "plane"]
 
 
+@pytest.mark.slow
 def test_targets_of_a_row_add_up_and_share_what_changes_between_visits(tmp_path: Path) -> None:
     spread, read = 1e-6, measured()
     arm = model(spread)
@@ -179,6 +181,7 @@ def test_targets_of_a_row_add_up_and_share_what_changes_between_visits(tmp_path:
     np.testing.assert_allclose(problem.roots[0] @ problem.roots[0].T, noise, rtol=1e-6, atol=1e-16)
 
 
+@pytest.mark.slow
 def test_unknown_targets_are_found(tmp_path: Path) -> None:
     path = write(
         tmp_path / "three.csv",
@@ -194,6 +197,7 @@ def test_unknown_targets_are_found(tmp_path: Path) -> None:
         pp.calibrate(model(), [(Q, np.ones((12, 3)))] * 2, [pp.Measurement(), pp.Measurement(target_known=False)])
 
 
+@pytest.mark.slow
 def test_missing_readings_are_those_of_a_file_without_them(tmp_path: Path) -> None:
     one, two, _ = measured()
     columns = {name: [repr(float(value)) for value in values] for name, values in (xyz(1, one) | xyz(2, two)).items()}
@@ -216,6 +220,7 @@ def test_missing_readings_are_those_of_a_file_without_them(tmp_path: Path) -> No
     assert arrays.data.lines == (1, 2, 3, *range(5, 13))
 
 
+@pytest.mark.slow
 def test_copies_are_not_counted_twice(tmp_path: Path) -> None:
     one, two, _ = measured()
     free = pp.Measurement(std=20e-6, target_known=False)
@@ -242,6 +247,7 @@ def test_copies_are_not_counted_twice(tmp_path: Path) -> None:
     assert len(pp.calibrate(model(), str(tmp_path / "e.csv"), free).data) == 26
 
 
+@pytest.mark.slow
 def test_targets_of_one_computed_pose_are_not_independent(tmp_path: Path) -> None:
     exact = [points(Q + TRUTH[:, None], target) for target in TARGETS]
     shared = np.random.default_rng(0).normal(0, 20e-6, (12, 3))
@@ -254,6 +260,7 @@ def test_targets_of_one_computed_pose_are_not_independent(tmp_path: Path) -> Non
     assert not any(one.code == "W_NOT_INDEPENDENT" for one in apart.findings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joints", [JOINTS, ("joint3",)])
 @pytest.mark.parametrize("unit", ["deg", "rad"])
 def test_a_wrong_unit_of_joint_values_is_named(tmp_path: Path, joints: tuple[str, ...], unit: str) -> None:
@@ -272,6 +279,7 @@ def test_a_wrong_unit_of_joint_values_is_named(tmp_path: Path, joints: tuple[str
             pp.calibrate(model(), str(small), free)
 
 
+@pytest.mark.slow
 def test_bare_headers_need_units_and_take_names(tmp_path: Path) -> None:
     read, part = measured()[0], of_targets(1)[0]
     whole = pp.calibrate(model(), write(tmp_path / "whole.csv", xyz(1, read), "rad m"), part)

@@ -25,6 +25,7 @@ def offsets(law: pp.Law, *more: pp.Source) -> pp.ErrorModel:
     return pp.ErrorModel(paper_model().chain, pp.Space(), [*sources, *more])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [pp.Normal(1e-3), pp.Uniform(0.4e-3)])
 def test_what_is_left_out_is_what_a_fit_without_it_leaves(law: pp.Law) -> None:
     """Poses visited twice, repeatability, numbers at the ends of their laws: residual and deviation by other fits."""
@@ -49,6 +50,7 @@ def test_what_is_left_out_is_what_a_fit_without_it_leaves(law: pp.Law) -> None:
     assert found.improvement.after == pytest.approx(found.rms("left out"), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_calibration_helps_is_useless_or_harms() -> None:
     model, tip = offsets(pp.Normal(1e-3)), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free")
     q = random_poses(4, 15)
@@ -76,6 +78,7 @@ def test_a_calibration_helps_is_useless_or_harms() -> None:
     assert "W_OVER_CONFIDENT" in {finding.code for finding in harmed.findings}
 
 
+@pytest.mark.slow
 def test_poses_that_differ_by_less_than_encoders_tell_are_left_out_together() -> None:
     model, tip = offsets(pp.Normal(1e-3)), pp.Measurement(std=20e-6)
     q = np.repeat(random_poses(4, 5), 2, axis=1) + 1e-4 * np.arange(10)[None] % 2e-4
@@ -112,6 +115,7 @@ def test_how_far_off_left_out_readings_are_decides_whether_deviations_are_honest
     assert unsure.ratio_interval[0] == pytest.approx(1.25 / np.sqrt(x / (1 - x) * 12 / 120), rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twice", [False, True])
 def test_groups_that_share_errors_are_fewer_trials(twice: bool) -> None:
     """Squares of correlations between left-out readings, base and target free, by the map from readings to what is left out."""

@@ -54,6 +54,7 @@ def test_one_way_effects_have_the_likelihood_of_balanced_analysis_of_variance() 
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["position", "pose"])
 def test_the_std_is_that_of_a_dense_likelihood(kind: str) -> None:
     """All readings in one covariance matrix, the set-up projected out by its null space, minimised by Nelder and Mead."""
@@ -93,6 +94,7 @@ def test_the_std_is_that_of_a_dense_likelihood(kind: str) -> None:
     assert found.measurement.std == found.noise["std"].std
 
 
+@pytest.mark.slow
 def test_a_std_that_was_tuned_is_no_agreement() -> None:
     model, q = plain_model(), random_poses(4, 25)
     true = pp.Measurement(std=0.1e-3, target=OFF_AXIS, base="free", target_known=False)
@@ -114,6 +116,7 @@ def test_a_std_that_was_tuned_is_no_agreement() -> None:
         pp.calibrate(model, (q, 1e3 * readings_of(model, q, true)), UNKNOWN)
 
 
+@pytest.mark.slow
 def test_repeated_poses_tell_the_instrument_from_the_model() -> None:
     """A backlash that the sheet lacks: by repeats the std stays that of the instrument, and the model is found wrong."""
     chain = paper_model().chain
@@ -133,6 +136,7 @@ def test_repeated_poses_tell_the_instrument_from_the_model() -> None:
     assert wrong.noise["std"].of_all > 3 * wrong.noise["std"].std
 
 
+@pytest.mark.slow
 def test_stds_of_the_file_are_relative_where_the_std_is_estimated(tmp_path: Path) -> None:
     """An arm that is known: the std at all weights equal is the root mean square of residuals over relative stds."""
     chain, q = paper_model().chain, random_poses(4, 30)

@@ -60,6 +60,7 @@ def test_a_reversed_joint_by_hand():
         refuse_reversed(chain, data, given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("signs", "base"),
     [
@@ -90,6 +91,7 @@ def test_reversed_joints_of_a_printed_arm_are_named(signs, base):
     assert np.abs(found.values - zeros)[known].max() < np.radians(3)
 
 
+@pytest.mark.slow
 def test_only_estimates_one_kind_and_leaves_the_rest_where_it_is():
     """Zeros of the stick's two joints, by the closed form of its points; lengths keep their tolerance."""
     chain = pp.Chain.from_urdf(STICK, "tip")

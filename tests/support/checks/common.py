@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -12,12 +13,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.terms.source import Source
 from support.oracles import displacements
-from support.plain_robot import (
-    chain_of,
-    joint,
-    link,
-    robot,
-)
+from support.plain_robot import chain_of, joint, link, robot
 
 MM = 1e-3
 Q7 = (0.3, -0.7, 1.1, 0.4, -1.3, 0.8, 0.5)
@@ -54,3 +50,33 @@ def one_link(kind="revolute", axis=(0, 0, 1), length=1.0, gravity=(0.0, 0.0, -9.
         ),
         gravity=gravity,
     )
+
+
+def leaning_hand() -> tuple[Chain, float]:
+    """Return a hand on an arm that droops, and the torque of their weight about the shoulder, N·m."""
+    chain = chain_of(
+        robot(
+            link("base"),
+            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
+            link("upper", 5.0, (0.5, 0, 0)),
+            joint("wrist", "revolute", "upper", "hand", (0.6, 0, 0), axis=(0, 1, 0)),
+            link("hand", 2.0, (0.0, 0, 0.3)),
+        )
+    )
+    return chain, 9.81 * (5.0 * 0.5 + 2.0 * 0.6)
+
+
+def turn_and_slide(folder: Path, text: str, old: str, new: str, *, tool, rpy=(0, 0, 0), axis=(0, 0, 1)) -> ErrorModel:
+    """Load a sheet, ``old`` in it replaced, of an arm of a turning and a sliding joint."""
+    (folder / "arm.urdf").write_text(
+        robot(
+            link("base"),
+            joint("turn", "revolute", "base", "arm", (0, 0, 0.3), rpy, axis),
+            link("arm", 4.0, (0.2, 0, 0)),
+            joint("slide", "prismatic", "arm", "tool", (0.4, 0, 0), axis=(1, 0, 0)),
+            link("tool", 1.5, tool),
+        )
+    )
+    assert old in text
+    (folder / "arm.errors.yaml").write_text(text.replace(old, new) if old else text)
+    return ErrorModel.load(folder / "arm.errors.yaml")
