@@ -11,10 +11,9 @@ import click
 
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli import EXIT_INPUT
-from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
-from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.options import Command, Options, chain_options
+from precision_pin.cli.notes import echo_note
+from precision_pin.cli.options import Command, Options, chain_options, inputs_argument, output_option, quiet_option
 from precision_pin.cli.streams import echo_data, wrapped
 from precision_pin.robot.examples import named_briefly
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command("check", cls=Command)
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+@inputs_argument
 @chain_options
 @quiet_option
 @output_option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")

@@ -41,9 +41,6 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
 
     A robot alone goes with the sheet beside it, or the one of its name in the working folder, where ``init`` writes it, or,
     as ``example:NAME``, with the one that comes with this package; stderr says so for all but the first.
-
-    Raises:
-        InputError: More than one of either, one that is not there, or a robot without a sheet where one is needed.
     """
     if not arguments:
         return Inputs(None, PAPER_SHEET)
@@ -109,11 +106,7 @@ def _sheet_of(name: str, robot: Path) -> Path:
 
 
 def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
-    """Read the sheet and robot of a command line and print the warnings.
-
-    Raises:
-        InputError: Anything in them is wrong, or an output would be written over one of the files that were read.
-    """
+    """Read the sheet and robot of a command line and print the warnings."""
     with noted_inputs() as inputs:
         sheet = read_inputs(find_inputs(options["inputs"], sheet_needed=True), options)
     if outputs is not None:
@@ -123,12 +116,7 @@ def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
 
 
 def read_inputs(found: Inputs, options: Options) -> Sheet:
-    """Read the sheet of a command line, with its robot if one is given, and the changes of ``--set``.
-
-    Raises:
-        InputError: Anything in them is wrong; first that the sheet is of another robot, if it names joints or links
-            that this has not.
-    """
+    """Read the sheet of a command line, with its robot if one is given, and the changes of ``--set``."""
     from precision_pin.sheet import Overrides, parse_change, read
     from precision_pin.sheet.chain_entry import parse_target
 
@@ -145,14 +133,8 @@ def read_inputs(found: Inputs, options: Options) -> Sheet:
         raise InputError([Finding("error", "E_FILE", f"the sheet does not exist; {hint}", str(found.sheet))])
     try:
         changes = [parse_change(text) for text in options["changes"]]
-        overrides = Overrides(
-            found.robot,
-            options["tip"],
-            options["base"],
-            options["package_dirs"],
-            target,
-            options.get("ignores_collisions", False),
-        )
+        tip, base, folders = (options[name] for name in ("tip", "base", "package_dirs"))
+        overrides = Overrides(found.robot, tip, base, folders, target, options.get("ignores_collisions", False))
         return read(found.sheet, overrides=overrides, changes=changes)
     except InputError as error:
         own = _other_robot(found) if any(finding.code == "E_NAME" for finding in error.findings) else None
@@ -184,11 +166,7 @@ def echo_findings(findings: Sequence[Finding]) -> None:
 
 
 def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[np.float64] | None:
-    """Return which pose ``--pose`` or ``--q`` asks for: a name, joint values ``(n,)``, or None for the sheet's first.
-
-    Raises:
-        InputError: Wrong joint values, or nothing to choose from.
-    """
+    """Return which pose ``--pose`` or ``--q`` asks for: a name, joint values ``(n,)``, or None for the sheet's first."""
     from precision_pin.sheet import parse_pose, pose_remark
 
     if pose is not None and q is not None:

@@ -9,16 +9,15 @@ from typing import Any
 import click
 
 from precision_pin.base.errors import Finding, InputError
-from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
-from precision_pin.cli.notes import echo_warnings, quiet_option
-from precision_pin.cli.options import Command, chain_options
+from precision_pin.cli.notes import echo_warnings
+from precision_pin.cli.options import Command, chain_options, inputs_argument, output_option, quiet_option
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.terminal import echo_table
 
 
 @click.command("mcpc", cls=Command)
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+@inputs_argument
 @chain_options
 @quiet_option
 @output_option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")

@@ -12,7 +12,7 @@ from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.cli.inputs import chosen_pose
 from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.options import Options
-from precision_pin.cli.progress import progress_bar
+from precision_pin.cli.workers import progress_bar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,19 +61,10 @@ class AskedPoses(list[AskedPose]):
 
 
 def check_poses(options: Options) -> None:
-    """Refuse two ways to name poses at once, and steps without a trajectory.
-
-    Raises:
-        InputError: More than one is given, or steps alone.
-    """
-    chosen = {
-        "--pose": bool(options["pose_names"]),
-        "--all-poses": options["all_poses"],
-        "--q": bool(options["qs"]),
-        "--trajectory": options["trajectory"] is not None,
-        "--grid": options["grid"] is not None,
-    }
-    given = [option for option, is_given in chosen.items() if is_given]
+    """Refuse two ways to name poses at once, and steps without a trajectory."""
+    flags = {"pose_names": "--pose", "all_poses": "--all-poses", "qs": "--q"}
+    flags |= {"trajectory": "--trajectory", "grid": "--grid"}
+    given = [flag for name, flag in flags.items() if options[name] not in (None, False, ())]
     if len(given) > 1:
         raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
     if options["steps"] and options["trajectory"] is None:
@@ -89,21 +80,13 @@ def read_poses(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> AskedPo
     """Return the poses that the options ask for, the sheet's first where they ask for none.
 
     Poses of a grid whose joint values are not known are left out, with a warning.
-
-    Raises:
-        InputError: No such pose, wrong joint values, a wrong trajectory or grid, one of more than ``most`` poses, or a
-            wrong approach.
     """
     poses = _read_poses(sheet, options, most)
     return poses if options["approach"] is None else approach_poses(sheet, poses, options["approach"])
 
 
 def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses:
-    """Return poses with the approach that ``--approach`` asks for.
-
-    Raises:
-        InputError: Wrong directions, or an approach from the previous pose of a single one.
-    """
+    """Return poses with the approach that ``--approach`` asks for."""
     import numpy as np
 
     from precision_pin.robot.approach import ApproachedPose
@@ -140,11 +123,7 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
 
 
 def pose_values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
-    """Return the joint values of a pose without an approach.
-
-    Raises:
-        UnknownNameError: The sheet has no such pose.
-    """
+    """Return the joint values of a pose without an approach."""
     where = next(iter(sheet.poses)) if pose.where is None else pose.where
     if isinstance(where, str):
         if where not in sheet.poses:
@@ -169,11 +148,7 @@ def _read_poses(sheet: Sheet, options: Options, most: int) -> AskedPoses:
 
 
 def read_pose_set(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> PoseSet:
-    """Return the poses that the options ask for with status and approach of each, the sheet's first where they ask for none.
-
-    Raises:
-        InputError: As :func:`read_poses`.
-    """
+    """Return the poses that the options ask for with status and approach of each, the sheet's first if for none."""
     poses = _read_pose_set(sheet, options, most)
     approach = options["approach"]
     return poses if approach is None else replace(poses, approaches=_approaches(sheet, poses.q, approach))
@@ -188,11 +163,12 @@ def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
     if options["grid"] is not None:
         return read_grid(sheet, options["grid"], most)
     if options["trajectory"] is not None:
-        return pose_set_of(read_way(sheet, options["trajectory"], options, most))
+        way = read_way(sheet, options["trajectory"], options, most)
+        with progress_bar(len(way.rows), "poses", "poses") as step:
+            return way.pose_set(step)
     asked = _read_poses(sheet, options, most)
-    poses = PoseSet.at(
-        sheet.chain, np.column_stack([pose_values(sheet, pose) for pose in asked]), tuple(pose.name for pose in asked)
-    )
+    values = np.column_stack([pose_values(sheet, pose) for pose in asked])
+    poses = PoseSet.at(sheet.chain, values, tuple(pose.name for pose in asked))
     own = [sheet.approaches.get(pose.name, ()) for pose in asked]
     if not any(own):
         return poses
@@ -201,11 +177,7 @@ def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
 
 
 def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -> Trajectory:
-    """Return the trajectory of a file, with the poses between its rows that ``--step`` asks for.
-
-    Raises:
-        InputError: A wrong file or step, or more than ``most`` poses.
-    """
+    """Return the trajectory of a file, with the poses between its rows that ``--step`` asks for."""
     from precision_pin.base import units
     from precision_pin.robot.trajectory import read_trajectory
 
@@ -229,18 +201,8 @@ def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -
     return way.refined(**steps, most=most)
 
 
-def pose_set_of(way: Trajectory) -> PoseSet:
-    """Return the poses of a trajectory, and show progress."""
-    with progress_bar(len(way.rows), "poses", "poses") as step:
-        return way.pose_set(step)
-
-
 def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] | None:
-    """Return the pose that ``--relative-to`` names: one of the sheet's, or joint values as for ``--q``.
-
-    Raises:
-        InputError: Neither.
-    """
+    """Return the pose that ``--relative-to`` names: one of the sheet's, or joint values as for ``--q``."""
     if text is None or text in sheet.poses:
         return text
     try:
@@ -252,11 +214,7 @@ def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] 
 
 
 def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
-    """Return the poses of a file for ``--grid``, those without joint values too.
-
-    Raises:
-        InputError: A wrong file, or more than ``most`` poses.
-    """
+    """Return the poses of a file for ``--grid``, those without joint values too."""
     from precision_pin.sheet.pose_grid import read_pose_grid
 
     grid = read_pose_grid(file, sheet.chain, sheet.poses)
@@ -273,20 +231,13 @@ def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
 
 
 def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
-    """Return the poses with joint values, and a warning about the others.
-
-    Raises:
-        InputError: None has.
-    """
+    """Return the poses with joint values, and a warning about the others."""
     known = poses.known
     if not known.any():
         message = f"no joint values lead to any of the {len(poses):,} poses: {_counted(poses.status)}"
         raise InputError([Finding("error", "E_GRID", message, file)])
-    asked = [
-        AskedPose(values, name)
-        for values, name, is_known in zip(poses.q.T, poses.names, known, strict=True)
-        if is_known
-    ]
+    kept = poses.of(known)
+    asked = [AskedPose(values, name) for values, name in zip(kept.q.T, kept.names, strict=True)]
     if known.all():
         return AskedPoses(asked)
     out = poses.of(~known)
@@ -302,11 +253,7 @@ def _counted(statuses: Sequence[str]) -> str:
 
 
 def read_path(sheet: Sheet, file: str) -> PoseSet:
-    """Return the poses of a file as for ``--trajectory`` or ``--grid``.
-
-    Raises:
-        InputError: A wrong file.
-    """
+    """Return the poses of a file as for ``--trajectory`` or ``--grid``."""
     from precision_pin.robot.trajectory import read_trajectory
 
     is_grid = file.endswith((".yaml", ".yml"))

@@ -21,11 +21,7 @@ MOST_TRIED: Final = 128
 
 
 def require_resources() -> None:
-    """Refuse limits with which the libraries cannot be loaded: of address space, and of threads.
-
-    Raises:
-        InputError: There is such a limit.
-    """
+    """Refuse limits with which the libraries cannot be loaded: of address space, and of threads."""
     limit = _address_space()
     if limit is not None and limit < NEEDED:
         raise _lack(

@@ -10,17 +10,10 @@ import click
 
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.files import write_text
-from precision_pin.cli.headings import output_option
+from precision_pin.cli import options as shared
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import measurement_of, measurement_options
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
-from precision_pin.cli.options import (
-    Command,
-    chain_options,
-    inputs_argument,
-    pose_options,
-    seed_option,
-)
+from precision_pin.cli.notes import echo_note
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.targets import Outputs
 
@@ -30,21 +23,21 @@ _LONGEST: Final = 1000
 """Characters of the comment that says what was simulated."""
 
 
-@click.command("simulate", cls=Command)
-@inputs_argument
+@click.command("simulate", cls=shared.Command)
+@shared.inputs_argument
 @measurement_options
-@pose_options
-@chain_options
+@shared.pose_options
+@shared.chain_options
 @click.option(
     "--unit", type=int, default=0, show_default=True, metavar="K", help="Number of the robot that is measured."
 )
 @click.option(
     "--cycles", type=int, metavar="N", help="Visit each pose N times, and write a file for iso9283 --measured."
 )
-@seed_option
-@output_option("--out", required=True, metavar="FILE.csv", help="The file to write.")
-@all_warnings_option
-@quiet_option
+@shared.seed_option
+@shared.output_option("--out", required=True, metavar="FILE.csv", help="The file to write.")
+@shared.all_warnings_option
+@shared.quiet_option
 def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) -> None:
     """Write readings of one sampled robot, with the noise of the instrument: a rehearsal without a robot.
 

@@ -135,21 +135,13 @@ def wrapped(line: str, stream: TextIO, most: int | None = None) -> str:
 
 
 def echo_data(text: str) -> None:
-    """Print data on stdout; a reader that closes early, as ``head`` does, is no error.
-
-    Raises:
-        OutputError: It cannot be written.
-    """
+    """Print data on stdout; a reader that closes early, as ``head`` does, is no error."""
     click.echo(text)
     raise_if_output_lost()
 
 
 def raise_if_output_lost() -> None:
-    """Raise the first error of the standard output, once, unless its reader has closed it.
-
-    Raises:
-        OutputError: It could not be written.
-    """
+    """Raise the first error of the standard output, once, unless its reader has closed it."""
     with suppress(OSError, ValueError):
         sys.stdout.flush()
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
