@@ -249,9 +249,7 @@ def check_path(what: str, value: object) -> str:
     Raises:
         InputError: The value is no path.
     """
-    if not isinstance(value, str | os.PathLike):
-        raise InputError(f"{what} must be the path of a file, got {shown(value)}")
-    path = os.fspath(value)
+    path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(path, str):
         raise InputError(f"{what} must be the path of a file, got {shown(value)}")
     return path

@@ -82,10 +82,8 @@ class ColumnNames:
         for column in self.names:
             if column not in header:
                 raise InputError(f"{where}: there is no column {column!r}; {nearest(column, header)}")
-        found = []
-        for column, own in header.items():
-            name, unit = self.names.get(column, (column, ""))
-            found.append((name, unit or own))
+        named = [(*self.names.get(column, (column, "")), own) for column, own in header.items()]
+        found = [(name, unit or own) for name, unit, own in named]
         names = [name for name, _ in found if name != IGNORE]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
@@ -128,9 +126,8 @@ class Measured:
 
     def unit_of(self, name: str, *quantities: Quantity) -> str:
         """Return a column's unit, the usual one of these quantities where it has none; empty where there is none either."""
-        return self.unit(name) or next(
-            (one for one in self.usual if any(one in quantity.units for quantity in quantities)), ""
-        )
+        allowed = {unit for quantity in quantities for unit in quantity.units}
+        return self.unit(name) or next(filter(allowed.__contains__, self.usual), "")
 
     def column(self, name: str, *quantities: Quantity) -> tuple[float, ...]:
         """Return a column's numbers in SI; NaN where the file has none.
@@ -152,9 +149,8 @@ class Measured:
             raise UnitError(
                 f"{self.file}: {unit!r} of the column {name!r} is not a unit of {wanted}; allowed: {allowed}"
             ) from None
-        position = self.names.index(name)
         with np.errstate(over="ignore"):
-            values = self.rows[:, position] * factor
+            values = self.rows[:, self.names.index(name)] * factor
         if (np.abs(values) > units.LARGEST).any():
             raise InputError(f"{self.file}: the column {name!r} contains a number that is too large")
         return tuple(values.tolist())
@@ -182,7 +178,8 @@ def read(
             header, a column has no name, two have one name, a row has another length, or a cell is no number.
     """
     file = os.fspath(path)
-    lines = [(number, line) for number, line in enumerate(_text(file).splitlines(), start=1) if not _is_comment(line)]
+    numbered = enumerate(_text(file).splitlines(), start=1)
+    lines = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 2:
         raise InputError(
             f"{file} contains no rows of numbers; it needs a header such as 'x [mm], y [mm]' and rows of numbers"
@@ -202,7 +199,7 @@ def read(
     if rows is None:
         found = [_row(line, len(header), wordy, f"{file}, line {number}", may_miss) for number, line in lines[1:]]
         rows, words = np.array([row for row, _ in found]), [cells for _, cells in found]
-    plain = [entry for column, entry in enumerate(header) if column not in wordy]
+    plain = [entry for entry in header if not entry[2]]
     return Measured(
         file,
         tuple(name for name, _, _ in plain),
@@ -257,10 +254,6 @@ def _text(file: str) -> str:
         return read_text_file(file, LARGEST_FILE)
     except UnreadableFileError as error:
         raise InputError(f"{file} {error.reason}") from None
-
-
-def _is_comment(line: str) -> bool:
-    return not line.strip() or line.lstrip().startswith("#")
 
 
 def _header(cells: list[str], where: str) -> dict[str, str]:

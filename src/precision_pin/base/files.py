@@ -36,10 +36,8 @@ def resolve(path: str | os.PathLike[str]) -> str:
     Raises:
         OutputError: It cannot be resolved.
     """
-    try:
+    with _refused(os.fspath(path)):  # the working folder may be gone
         return os.path.realpath(path)
-    except (OSError, ValueError) as error:  # the working folder is gone
-        raise _unwritable(f"cannot write {os.fspath(path)}", error) from None
 
 
 def require_writable(path: str | os.PathLike[str], *, folder: bool = False) -> None:
@@ -53,12 +51,8 @@ def require_writable(path: str | os.PathLike[str], *, folder: bool = False) -> N
         raise OutputError(f"cannot write {path}: it is a folder")
     if folder and os.path.lexists(target) and not os.path.isdir(target):
         raise OutputError(f"cannot write to the folder {path}: it is a file")
-    try:
-        os.lstat(target)
-    except (FileNotFoundError, NotADirectoryError):
-        pass
-    except (OSError, ValueError) as error:  # a name that is too long
-        raise _unwritable(f"cannot write {path}", error) from None
+    with _refused(os.fspath(path)), suppress(FileNotFoundError, NotADirectoryError):
+        os.lstat(target)  # the name may be too long
     if not folder and os.path.exists(target) and not os.path.isfile(target):
         return  # a device or a pipe
     if not folder and os.path.isfile(target) and not os.access(target, os.W_OK):

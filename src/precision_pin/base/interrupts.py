@@ -207,13 +207,9 @@ def _leave() -> None:
 def _end_processes() -> None:
     """Kill the processes that compute for this one; they would end by themselves, but later."""
     with suppress(Exception):  # it may have been interrupted anywhere, in what is called here too
-        _kill_children()
+        if "multiprocessing.process" in sys.modules:
+            import multiprocessing
 
-
-def _kill_children() -> None:
-    if "multiprocessing.process" in sys.modules:
-        import multiprocessing
-
-        for process in multiprocessing.active_children():
-            process.kill()
-            process.join(1)
+            for process in multiprocessing.active_children():
+                process.kill()
+                process.join(1)

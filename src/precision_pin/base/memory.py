@@ -73,9 +73,5 @@ def check_kept(samples: int) -> None:
     Raises:
         InputError: There is not enough memory.
     """
-    most = (available_memory() or 0) // 48
-    check_memory(
-        48.0 * samples,
-        f"keeping {samples:,} samples",
-        f"at most {most:,} can be kept (the statistics do not need them)",
-    )
+    instead = f"at most {(available_memory() or 0) // 48:,} can be kept (the statistics do not need them)"
+    check_memory(48.0 * samples, f"keeping {samples:,} samples", instead)

@@ -70,7 +70,6 @@ def _in_si(what: str, value: object, quantity: Quantity) -> object:
     try:
         numbers = parse_vector(value, quantity)
     except UnitError as error:
-        raise UnitError(
-            f"{what.rstrip(',')}: {error.findings[0].message}; a plain number is in {quantity.si}"
-        ) from None
+        message = error.findings[0].message
+        raise UnitError(f"{what.rstrip(',')}: {message}; a plain number is in {quantity.si}") from None
     return numbers if len(numbers) > 1 else numbers[0]

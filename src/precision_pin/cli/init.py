@@ -94,8 +94,7 @@ def command(
 
 def _expanded(robot: str, arguments: tuple[str, ...], *, force: bool) -> str:
     """Return the robot; of one written in xacro the URDF, which is written into this folder."""
-    from precision_pin.robot.examples import DESCRIPTIONS
-    from precision_pin.robot.xacro import expand, read_arguments, xacro_source
+    from precision_pin.robot.examples import DESCRIPTIONS, expand, read_arguments, xacro_source
 
     given, source = read_arguments(arguments), xacro_source(robot)
     if source is None:

@@ -18,8 +18,7 @@ from precision_pin.base.text_escape import shown
 from precision_pin.render.scene import Colour
 from precision_pin.robot.urdf import Mesh, locate_mesh
 from precision_pin.robot.urdf.findings import Findings
-from precision_pin.robot.urdf.meshes import MeshFile, MeshFiles, read_mesh
-from precision_pin.robot.urdf.meshscenes import BrokenMeshError, check_numbers
+from precision_pin.robot.urdf.meshes import BrokenMeshError, MeshFile, MeshFiles, check_numbers, read_mesh
 
 MOST_FACES: Final = 120_000
 """The most triangles a page holds, about 2.5 MB."""

@@ -99,11 +99,14 @@ class PoseSet:
             position[:, part] = chain.at_columns(together).pose[:3, 3]
             singular[part] = smallest_singular_values(chain, together) < SINGULAR_BELOW
             step(together.shape[1])
-        status = tuple(_status(bool(outside[k]), bool(singular[k])) for k in range(q.shape[1]))
+        status: list[PoseStatus] = [
+            "limit" if is_outside else "singular" if is_singular else "reached"
+            for is_outside, is_singular in zip(outside.tolist(), singular.tolist(), strict=True)
+        ]
         return cls(
             q=q,
             names=("",) * q.shape[1] if names is None else names,
-            status=status,
+            status=tuple(status),
             branch=np.full(q.shape[1], NO_BRANCH, dtype=np.int64),
             position=position,
             times=times,
@@ -128,8 +131,7 @@ class PoseSet:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Mask ``(P,)`` of the poses whose joint values are known."""
-        mask: NDArray[np.bool_] = np.isfinite(self.q[0])
-        return mask
+        return np.asarray(np.isfinite(self.q[0]))
 
     @classmethod
     def joined(cls, sets: Sequence[PoseSet]) -> PoseSet:
@@ -252,7 +254,3 @@ def smallest_singular_values(chain: Chain, q: Array) -> Array:
     scaled[:, :, chain.prismatic] *= length
     singular_values: Array = np.asarray(np.linalg.svd(scaled, compute_uv=False), dtype=np.float64)
     return singular_values[:, -1].copy()
-
-
-def _status(outside: bool, singular: bool) -> PoseStatus:
-    return "limit" if outside else "singular" if singular else "reached"

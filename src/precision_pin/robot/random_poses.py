@@ -144,9 +144,7 @@ class _PlaceDraws:
     def draw(self, units: Units) -> PoseSet:
         place = units.uniforms([stream_of(name) for name in _PLACE_STREAMS], 0)
         points = self.box[:, :1] + (self.box[:, 1:] - self.box[:, :1]) * place
-        variants = [
-            (kind, angle) for kind in range(len(self.kinds)) for angle in range(len(self.kinds[kind].rotations))
-        ]
+        variants = [(rank, angle) for rank, kind in enumerate(self.kinds) for angle in range(len(kind.rotations))]
         chosen = (units.uniforms([stream_of(_CHOICE)], 0)[0] * len(variants)).astype(np.intp)
         branch = units.uniforms([stream_of(_BRANCH)], 0)[0]
         sets, ranks = [], []
@@ -173,9 +171,8 @@ class _PlaceDraws:
 
 
 def _check_box(box: ArrayLike) -> Array:
-    limits = check_quantities(
-        "the box", box, LENGTH, (3, 2), "lowest and highest x, y and z, in m or with a unit, (3, 2)"
-    )
+    needs = "lowest and highest x, y and z, in m or with a unit, (3, 2)"
+    limits = check_quantities("the box", box, LENGTH, (3, 2), needs)
     if (limits[:, 0] > limits[:, 1]).any():
         axis = "xyz"[int(np.argmax(limits[:, 0] > limits[:, 1]))]
         raise InputError(f"the box: its lowest {axis} is above its highest")

@@ -144,9 +144,8 @@ def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
         data = None
     kinematics = data.get("kinematics") if isinstance(data, dict) else None
     if not isinstance(kinematics, dict):
-        raise _wrong(
-            file, "this is no factory calibration: neither delta_theta = [...] as in calibration.conf nor kinematics:"
-        )
+        lacks = "neither delta_theta = [...] as in calibration.conf nor kinematics:"
+        raise _wrong(file, f"this is no factory calibration: {lacks}")
     steps = []
     for link in _LINKS:
         entry = kinematics.get(link)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import typing
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final, final
 
@@ -63,6 +64,14 @@ class Findings:
                 itertools.chain(named, (where for where, _ in below if where and where[-1] == error.name)), path
             )
         self._add([finding.at(*self._where(path)) for finding in error.findings])
+
+    @contextmanager
+    def taking(self, *path: str | int) -> Iterator[None]:
+        """Take an input error of the body, which ends there."""
+        try:
+            yield
+        except InputError as error:
+            self.take(path, error)
 
     def take_validation(self, error: ValidationError, path: Path, model: type[BaseModel]) -> None:
         """Add pydantic's errors about the value at a path."""

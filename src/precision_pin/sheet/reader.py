@@ -31,7 +31,7 @@ from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
 from precision_pin.sheet.provenance import Origin, origins_by_path, source_origins
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, source_model, used_quantities
-from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
+from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter, placed
 from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
 from precision_pin.sheet.text import Path, Text, read_text, written_yaml
 from precision_pin.sources import catalogue
@@ -220,37 +220,20 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     remark_on_poses(document, chain, findings)
     found = (*chain_findings(chain), *findings.found)
     warnings = tuple(finding.accepted(document.accept) for finding in found if finding.severity != "error")
-    marked = tuple(rank for rank, k in enumerate(sources) if k in stated and ASSUMED in map(_kind, stated[k].values()))
+    marked = [k for k, origins_of in stated.items() if ASSUMED in {origin.kind for origin in origins_of.values()}]
     return Sheet(
-        file,
-        chain,
-        space,
-        listed,
-        poses,
-        document.statics,
-        warnings,
-        marked,
-        approaches=approaches,
-        contents=contents,
-        estimates=estimates,
-        measurements=measurements,
-        origins=origins,
-        accepted=document.accept,
-    )
-
-
-def _kind(origin: Origin) -> str:
-    return origin.kind
+        file, chain, space, listed, poses, document.statics, warnings,
+        tuple(rank for rank, k in enumerate(sources) if k in marked), approaches=approaches, contents=contents,
+        estimates=estimates, measurements=measurements, origins=origins, accepted=document.accept,
+    )  # fmt: skip
 
 
 def _measurements(document: Document, chain: Chain, findings: Findings) -> tuple[Measurement, ...]:
     given, found = document.measurement, []
     entries = given if isinstance(given, list) else [] if given is None else [given]
     for k, entry in enumerate(entries):
-        try:
+        with findings.taking("measurement", *([k] if isinstance(given, list) else [])):
             found.append(read_measurement(entry, chain))
-        except InputError as error:
-            findings.take(("measurement", k) if isinstance(given, list) else ("measurement",), error)
     return tuple(found)
 
 
@@ -265,7 +248,7 @@ def _estimates(
     """Return the estimates of a calibration that the sheet names; a number that was set is what it was set to."""
     if document.calibrated in (None, "none") or findings.found:
         return None
-    try:
+    with findings.taking("calibrated"):
         estimates = read_estimates(document.calibrated, folder)
         if unchanged is not None and unchanged.estimates is not None and ("calibrated",) not in findings.text.changes:
             before = _whole(unchanged.space, unchanged.sources)
@@ -276,10 +259,8 @@ def _estimates(
                 return None
             estimates = kept
         estimates.remaining_space(space)
-    except InputError as error:
-        findings.take(("calibrated",), error)
-        return None
-    return estimates
+        return estimates
+    return None
 
 
 def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
@@ -420,12 +401,10 @@ def _try_terms(
     own: list[tuple[Path, Draw]] = []
     for (k, source), label in zip(sources.items(), names, strict=True):
         path: Path = ("sources", k, source.kind())
-        try:
+        with findings.taking(*path):
             extension.add(draws := source.draws(label))
             usable.append((path, source, label))
             own += [(path, draw) for draw in draws]
-        except InputError as error:
-            findings.take(path, error)
     extended = extension.space()
     bound = {path: BoundSource(source, LabelledSpace(extended, label)) for path, source, label in usable}
     tried = [replace(chain.at(q), approach=approaches.get(name, ())) for name, q in poses.items()]
@@ -447,13 +426,10 @@ def correlated_space(
     """Return the space of the sheet's draws with its correlations; errors in these become findings."""
     space = Space(tuple(draws))
     for k, entry in enumerate(entries):
-        path: Path = ("correlations", k)
-        try:
+        with findings.taking("correlations", k):
             correlation = _correlation(entry)
             if not set(correlation.names) & set(unread):
                 space = Space(space.draws, (*space.correlations, correlation))
-        except InputError as error:
-            findings.take(path, error)
     return space
 
 
@@ -478,19 +454,15 @@ def _correlation(entry: object) -> Correlation:
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise SettingError(("matrix",), "expected rows of plain numbers: [[1, 0.5], [0.5, 1]]")
     numbers = [[_ratio(cell, ("matrix", i, j)) for j, cell in enumerate(row)] for i, row in enumerate(rows)]
-    try:
+    with placed("matrix"):
         return Correlation(tuple(names), tuple(map(tuple, numbers)))
-    except InputError as error:
-        raise SettingError(("matrix",), error) from None
 
 
 def _ratio(value: Any, where: Path) -> float:
     if isinstance(value, Mapping | list):
         raise SettingError(where, "expected a plain number")
-    try:
+    with placed(*where):
         return units.parse(value, units.RATIO)
-    except InputError as error:
-        raise SettingError(where, error) from None
 
 
 _RESULT_SCHEMA: Final = "precision-pin/calibration/1"

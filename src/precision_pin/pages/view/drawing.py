@@ -16,9 +16,8 @@ from matplotlib.patheffects import withStroke
 
 from precision_pin.base.arrays import Array
 from precision_pin.pages.view.arm import draw_arm
-from precision_pin.pages.view.raster import Camera, draw_triangles
+from precision_pin.pages.view.raster import Camera, Triangles, draw_triangles
 from precision_pin.pages.view.scales import arm_length
-from precision_pin.pages.view.triangles import Triangles
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, VERMILION
 from precision_pin.render.figure_style import new_figure, set_height, style
 from precision_pin.robot.chain import Posture

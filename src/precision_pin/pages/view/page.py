@@ -19,7 +19,6 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError
 from precision_pin.pages.view.arm import draw_arm
 from precision_pin.pages.view.headline import CONFIDENCE, LEVELS, as_html, limit_text, mean_size
-from precision_pin.pages.view.picture import picture
 from precision_pin.pages.view.poses import (
     MOST_FRAMES,
     PageData,
@@ -38,6 +37,7 @@ from precision_pin.pages.view.scales import (
     check_factor,
     default_factor,
     middle_of,
+    picture_axes,
     view_direction,
 )
 from precision_pin.pages.view.tolerances import choose_groups, share_rows, shown_names
@@ -68,6 +68,10 @@ _SCRIPTS: Final = (
 _FRAME_LENGTH: Final = 0.06
 _GRID_SPACING: Final = 0.125
 _GRID_HALF: Final = 8
+# the still picture: width and height, margin, most dots
+_PICTURE: Final = (600, 500)
+_PICTURE_MARGIN: Final = 30
+_DOTS: Final = 400
 
 
 def page(
@@ -191,7 +195,7 @@ def page(
         headline=as_html(data[0].answers),
         remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
         label=label,
-        picture=picture(
+        picture=_picture(
             posture, poses[0].errors[:3] - about_mean * first_mean[:, None], first_factor, direction, label
         ),
         still_about=" about their mean" if about_mean else "",
@@ -215,6 +219,38 @@ def page(
         layers="\n".join(layer.legend() for layer in layers),
         **_legend_of_arms(data),
         **_legend_of_limits(specifications, data),
+    )
+
+
+def _picture(posture: Posture, positions: Array, factor: float, direction: Array, label: str) -> str:
+    """Return the arm as lines between its joints, and sampled positions about its tip, as an SVG element.
+
+    Args:
+        posture: The arm.
+        positions: Position errors ``(3, N)``, m, from what is drawn at the tip.
+        factor: By how much they are drawn too large.
+        direction: From where it is seen.
+        label: What the picture shows, escaped.
+    """
+    axes = picture_axes(direction)
+    arm = axes @ np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]]).T
+    cloud = arm[:, -1:] + factor * (axes @ positions[:, :_DOTS])
+    low, high = (end(np.hstack([arm, cloud]), axis=1) for end in (np.min, np.max))
+    room = np.array([_PICTURE[0] - 2 * _PICTURE_MARGIN, _PICTURE[1] - 2 * _PICTURE_MARGIN])
+    per_metre = float((room / np.maximum(high - low, 1e-9)).min())
+    middle = np.array([_PICTURE[0] / 2, _PICTURE[1] / 2])
+
+    def drawn(points: Array) -> list[str]:
+        pixels = middle[:, None] + per_metre * np.array([[1], [-1]]) * (points - (low + high)[:, None] / 2)
+        return [f"{x:.1f} {y:.1f}" for x, y in pixels.T]
+
+    joints = drawn(arm)
+    dots = "".join(f"M{place}h0" for place in drawn(cloud))
+    return (
+        f"<svg viewBox='0 0 {_PICTURE[0]} {_PICTURE[1]}' role='img' aria-label='{label}'>"
+        f"<path d='M{'L'.join(joints)}' fill='none' stroke='#5b7a99' stroke-width='7' stroke-linejoin='round'/>"
+        f"<path d='{''.join(f'M{place}h0' for place in joints)}' stroke='#de8c33' stroke-width='13' stroke-linecap='round'/>"
+        f"<path d='{dots}' stroke='#21918c' stroke-width='3' stroke-linecap='round'/></svg>"
     )
 
 

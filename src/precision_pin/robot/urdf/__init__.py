@@ -19,8 +19,11 @@ from precision_pin.robot.urdf.robot import (
     Shape,
     Sphere,
     Vector,
+    ask_for_tip,
+    draft_command,
+    gripper_joint,
+    likeliest_tip,
 )
-from precision_pin.robot.urdf.tips import ask_for_tip, draft_command, gripper_joint, likeliest_tip
 from precision_pin.robot.urdf.transforms import canonical, rerooted, rpy_of, snapped
 
 __all__ = [
