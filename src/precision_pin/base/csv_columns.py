@@ -115,11 +115,7 @@ class Measured:
     lines: tuple[int, ...] = ()
 
     def unit(self, name: str) -> str:
-        """Return a column's unit as written.
-
-        Raises:
-            UnknownNameError: There is no such column.
-        """
+        """Return a column's unit as written."""
         if name not in self.names:
             raise UnknownNameError(f"column in {self.file}", name, self.names)
         return self.units[self.names.index(name)]
@@ -130,11 +126,7 @@ class Measured:
         return self.unit(name) or next(filter(allowed.__contains__, self.usual), "")
 
     def column(self, name: str, *quantities: Quantity) -> tuple[float, ...]:
-        """Return a column's numbers in SI; NaN where the file has none.
-
-        Raises:
-            InputError: There is no such column, it has no unit or one of another quantity, or a number is too large.
-        """
+        """Return a column's numbers in SI; NaN where the file has none."""
         unit = self.unit_of(name, *quantities)
         wanted = " or ".join(quantity.name for quantity in quantities)
         if not unit and not any("" in quantity.units for quantity in quantities):
@@ -172,10 +164,6 @@ def read(
         columns: What the columns are, where the header does not say so.
         ignored: Names, in small letters, of columns that are ignored.
         may_miss: Whether a cell may be empty, nan or NA: NaN.
-
-    Raises:
-        InputError: The file does not exist, cannot be read or is larger than 16 MiB. Or, with the line: there is no
-            header, a column has no name, two have one name, a row has another length, or a cell is no number.
     """
     file = os.fspath(path)
     numbered = enumerate(_text(file).splitlines(), start=1)

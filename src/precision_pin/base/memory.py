@@ -56,9 +56,6 @@ def check_memory(needed: float, what: str, instead: str) -> None:
         needed: Bytes that the request needs.
         what: Text for the request, such as "keeping 1,000 samples".
         instead: Text for the alternative.
-
-    Raises:
-        InputError: There is not enough memory.
     """
     available = available_memory() if needed > _UNCHECKED else None
     if available is not None and needed > available:
@@ -68,10 +65,6 @@ def check_memory(needed: float, what: str, instead: str) -> None:
 
 
 def check_kept(samples: int) -> None:
-    """Refuse to keep more pose errors, 48 bytes each, than fit into memory.
-
-    Raises:
-        InputError: There is not enough memory.
-    """
+    """Refuse to keep more pose errors, 48 bytes each, than fit into memory."""
     instead = f"at most {(available_memory() or 0) // 48:,} can be kept (the statistics do not need them)"
     check_memory(48.0 * samples, f"keeping {samples:,} samples", instead)

@@ -122,11 +122,7 @@ _SPELLINGS: Final = {"·": "*", "⋅": "*", "**": "^", "²": "^2", "³": "^3", "
 
 
 def split(text: object) -> tuple[list[float], str]:
-    """Return the numbers and the unit (spelled as in the tables) of a text.
-
-    Raises:
-        UnitError: Not numbers followed by at most one unit, or a number that is not finite.
-    """
+    """Return the numbers and the unit (spelled as in the tables) of a text."""
     if isinstance(text, bool) or not isinstance(text, str | int | float):
         raise UnitError(f"expected a number with a unit, got {text!r}")
     # blanks are joined first: what follows would go through many of them again and again
@@ -156,19 +152,12 @@ def parse(text: object, *quantities: Quantity) -> float:
     Args:
         text: Such as ``"0.05 mm"``; a plain number only where a quantity accepts no unit.
         quantities: Quantities accepted here; the unit decides which is meant.
-
-    Raises:
-        UnitError: Malformed number, a missing unit, or one that belongs to none of the quantities.
     """
     return parse_vector(text, *quantities, count=1)[0]
 
 
 def parse_probability(text: str) -> float:
-    """Return a probability, ``95 %`` or ``0.95``.
-
-    Raises:
-        UnitError: No such number, or one that is not above 0 and below 1.
-    """
+    """Return a probability, ``95 %`` or ``0.95``."""
     value = parse(text, RATIO)
     if 0 < value < 1:
         return value
@@ -189,9 +178,6 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
         text: Numbers separated by blanks, then the unit.
         quantities: Quantities accepted here.
         count: How many numbers there must be; any number of them if ``None``.
-
-    Raises:
-        UnitError: As :func:`parse`, or a wrong count.
     """
     numbers, unit = split(text)
     if count is not None and len(numbers) != count:

@@ -99,7 +99,7 @@ def _expanded(robot: str, arguments: tuple[str, ...], *, force: bool) -> str:
     given, source = read_arguments(arguments), xacro_source(robot)
     if source is None:
         if given:
-            raise InputError([Finding("error", "E_USAGE", f"{robot} is not written in xacro and takes no arguments")])
+            raise InputError.of("E_USAGE", f"{robot} is not written in xacro and takes no arguments")
         return robot
     file, own, packages = source
     named = robot.rpartition(":")[2] if robot.startswith(DESCRIPTIONS) else file.name

@@ -60,10 +60,10 @@ def _refuse_misnamed(robot: Path | None, sheet: Path | None) -> None:
     """Refuse a sheet that would be read as a robot for its name, or a robot that would be read as a sheet."""
     if robot is not None and re.search(rb"^precision-pin:", _beginning(robot), re.MULTILINE):
         message = "this is a sheet; name it .yaml or .yml, so that it is taken for one"
-        raise InputError([Finding("error", "E_FILE_KIND", message, str(robot))])
+        raise InputError.of("E_FILE_KIND", message, str(robot))
     if sheet is not None and _beginning(sheet).lstrip().startswith(b"<"):
         message = "this is XML, not a sheet; name a robot .urdf, so that it is taken for one"
-        raise InputError([Finding("error", "E_FILE_KIND", message, str(sheet))])
+        raise InputError.of("E_FILE_KIND", message, str(sheet))
 
 
 def _beginning(path: Path) -> bytes:
@@ -126,11 +126,11 @@ def read_inputs(found: Inputs, options: Options) -> Sheet:
         try:
             parse_target(target)
         except InputError as error:
-            raise InputError([Finding("error", "E_USAGE", f"--{error.findings[0].message}")]) from None
+            raise InputError.of("E_USAGE", f"--{error.findings[0].message}") from None
     if not os.path.lexists(found.sheet):
         similar = similar_file(found.sheet, SHEET_SUFFIXES)
         hint = f"did you mean {similar}?" if similar else "precision-pin init ROBOT.urdf writes one"
-        raise InputError([Finding("error", "E_FILE", f"the sheet does not exist; {hint}", str(found.sheet))])
+        raise InputError.of("E_FILE", f"the sheet does not exist; {hint}", str(found.sheet))
     try:
         changes = [parse_change(text) for text in options["changes"]]
         tip, base, folders = (options[name] for name in ("tip", "base", "package_dirs"))
@@ -170,11 +170,11 @@ def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[
     from precision_pin.sheet import parse_pose, pose_remark
 
     if pose is not None and q is not None:
-        raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
+        raise InputError.of("E_USAGE", "--pose and --q exclude each other")
     if q is None:
         if pose is None and not sheet.poses:
             message = "the sheet has no poses; give joint values with --q, or name some under poses:"
-            raise InputError([Finding("error", "E_POSE", message, sheet.file)])
+            raise InputError.of("E_POSE", message, sheet.file)
         return pose
     try:
         values = _joint_values(q)

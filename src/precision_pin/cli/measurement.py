@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from precision_pin.base import units
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import InputError
 from precision_pin.cli.notes import echo_warnings
 from precision_pin.cli.options import Options, headed_option, together
 
@@ -113,11 +113,11 @@ def calibration_of(sheet: Sheet, data: str) -> CalibrationResult:
 
     if not sheet.measurements:
         message = "the sheet has no measurement:, which says how the readings of --calibrate were measured"
-        raise InputError([Finding("error", "E_MISSING_KEY", message, sheet.file)])
+        raise InputError.of("E_MISSING_KEY", message, sheet.file)
     result = calibrate(ErrorModel.from_sheet(sheet), data, sheet.measurements, findings=sheet.findings)
     echo_warnings(result.findings[len(sheet.findings) :])
     return result
 
 
 def _usage(message: str) -> InputError:
-    return InputError([Finding("error", "E_USAGE", message)])
+    return InputError.of("E_USAGE", message)

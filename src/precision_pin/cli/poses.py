@@ -66,9 +66,9 @@ def check_poses(options: Options) -> None:
     flags |= {"trajectory": "--trajectory", "grid": "--grid"}
     given = [flag for name, flag in flags.items() if options[name] not in (None, False, ())]
     if len(given) > 1:
-        raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
+        raise InputError.of("E_USAGE", f"{given[0]} and {given[1]} exclude each other")
     if options["steps"] and options["trajectory"] is None:
-        raise InputError([Finding("error", "E_USAGE", "--step needs a --trajectory, between whose rows it puts poses")])
+        raise InputError.of("E_USAGE", "--step needs a --trajectory, between whose rows it puts poses")
 
 
 def pose_files(options: Options) -> list[str]:
@@ -108,7 +108,7 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
     if approach == PREVIOUS:
         if values.shape[1] < 2:
             message = "--approach previous is the way from the pose before, and there is one pose; give + or - by joint"
-            raise InputError([Finding("error", "E_POSE", message)])
+            raise InputError.of("E_POSE", message)
         # a pose of a grid that is not reached is not passed on the way
         known = np.isfinite(values[0])
         found = np.zeros(values.shape, dtype=np.int8)
@@ -117,8 +117,7 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
     try:
         directions = read_approach(sheet.chain.joint_names, approach)
     except InputError as error:
-        message = f"--approach: {error.findings[0].message}"
-        raise InputError([Finding("error", "E_POSE", message)]) from None
+        raise InputError.of("E_POSE", f"--approach: {error.findings[0].message}") from None
     return np.repeat(np.array(directions, dtype=np.int8)[:, None], values.shape[1], axis=1)
 
 
@@ -140,7 +139,7 @@ def _read_poses(sheet: Sheet, options: Options, most: int) -> AskedPoses:
         way = read_way(sheet, options["trajectory"], options, most)
         return AskedPoses(AskedPose(values, name) for values, name in zip(way.values, way.names, strict=True))
     if options["all_poses"] and not sheet.poses:
-        raise InputError([Finding("error", "E_POSE", "the sheet has no poses", sheet.file)])
+        raise InputError.of("E_POSE", "the sheet has no poses", sheet.file)
     if options["qs"]:
         return AskedPoses(AskedPose(chosen_pose(sheet, None, q), "") for q in options["qs"])
     wanted = list(sheet.poses) if options["all_poses"] else options["pose_names"] or (None,)
@@ -197,7 +196,7 @@ def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -
             way.refined(**steps, most=most)
         except InputError as error:
             message = error.findings[0].message.removeprefix(f"{kind}: ")
-            raise InputError([Finding("error", "E_TRAJECTORY", f"--step {text!r}: {message}", file)]) from None
+            raise InputError.of("E_TRAJECTORY", f"--step {text!r}: {message}", file) from None
     return way.refined(**steps, most=most)
 
 
@@ -210,7 +209,7 @@ def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] 
     except InputError as error:
         unknown = UnknownNameError("pose", text, sheet.poses).findings[0].message
         message = f"--relative-to: {unknown}; as joint values: {error.findings[0].message.removeprefix('--q: ')}"
-        raise InputError([Finding("error", "E_POSE", message)]) from None
+        raise InputError.of("E_POSE", message) from None
 
 
 def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
@@ -221,7 +220,7 @@ def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
     with progress_bar(grid.count, "inverse kinematics", "poses") as step:
         poses = grid.solve(step)
     if len(poses) > most:
-        raise InputError([Finding("error", "E_GRID", f"{len(poses):,} poses; at most {most:,} are allowed here", file)])
+        raise InputError.of("E_GRID", f"{len(poses):,} poses; at most {most:,} are allowed here", file)
     below = grid.singular_below
     stated = f" (singular: smallest singular value below {below:g})" if "singular" in poses.status else ""
     echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}{stated}")
@@ -235,7 +234,7 @@ def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
     known = poses.known
     if not known.any():
         message = f"no joint values lead to any of the {len(poses):,} poses: {_counted(poses.status)}"
-        raise InputError([Finding("error", "E_GRID", message, file)])
+        raise InputError.of("E_GRID", message, file)
     kept = poses.of(known)
     asked = [AskedPose(values, name) for values, name in zip(kept.q.T, kept.names, strict=True)]
     if known.all():

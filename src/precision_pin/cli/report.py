@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final, final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -186,7 +186,6 @@ def _choose_poses(sheet: Sheet, arm: shared.Options) -> AskedPoses:
     return poses
 
 
-@final
 class _Steps:
     """Says on stderr which step begins, and shows the progress of those that count samples."""
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import click
 
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import InputError
 from precision_pin.base.files import write_text
 from precision_pin.cli import options as shared
 from precision_pin.cli.inputs import read_sheet
@@ -70,11 +70,11 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     measurement = measurement_of(sheet, options)
     if cycles is not None and measurement.kind not in ("position", "pose"):
         message = f"--cycles are positions or poses, not of the kind {measurement.kind!r}: --kind position"
-        raise InputError([Finding("error", "E_USAGE", message)])
+        raise InputError.of("E_USAGE", message)
     asked = read_poses(sheet, options, _MOST)
     count = len(asked) * (cycles or 1)
     if count > _MOST:
-        raise InputError([Finding("error", "E_USAGE", f"{count:,} readings; at most {_MOST:,} are allowed")])
+        raise InputError.of("E_USAGE", f"{count:,} readings; at most {_MOST:,} are allowed")
     model = ErrorModel.from_sheet(sheet)
     measurement = known_measurement(model, measurement)
     poses = [pose.name if pose.where is None else pose.where for pose in asked]

@@ -14,7 +14,7 @@ import select
 import sys
 import textwrap
 from contextlib import suppress
-from typing import Any, Final, TextIO, final
+from typing import Any, Final, TextIO
 
 import click
 
@@ -33,7 +33,6 @@ _VALUE: Final = re.compile(
 """The blank between a joint or symbol and its value, and between a number and its unit."""
 
 
-@final
 class _Tolerant(io.RawIOBase):
     """A descriptor that discards everything after the first failed write."""
 

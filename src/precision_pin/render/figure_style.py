@@ -6,7 +6,7 @@ import io
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, Protocol, final
+from typing import Any, Final, Protocol
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -63,7 +63,6 @@ def style() -> Iterator[None]:
         yield
 
 
-@final
 class _ShownFigure(Figure):
     """A figure that a notebook shows without pyplot."""
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.text_escape import one_line
 
 PREFIX: Final = "example:"
@@ -64,20 +64,20 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     `InputError` for a robot that is not there; the message suggests another one.
     """
     if not text.strip():
-        raise InputError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
+        raise InputError.of("E_FILE_MISSING", "the path of the robot is empty")
     if text.startswith(PREFIX):
         return _example(text.removeprefix(PREFIX))
     if text.startswith(DESCRIPTIONS):
         found = description(text.removeprefix(DESCRIPTIONS))
         if not hasattr(found, "URDF_PATH"):
             message = f"{text} is written in xacro; precision-pin init {text} [NAME:=VALUE]... writes it as a URDF"
-            raise InputError([Finding("error", "E_XACRO", message)])
+            raise InputError.of("E_XACRO", message)
         return Path(found.URDF_PATH)
     path = Path(folder) / text
     suggestion = None if os.path.lexists(path) or text.endswith(os.sep) else _suggest_robot(path)
     if suggestion is not None:
         # the finding has no file of its own, so that a sheet can add its file and line
-        raise InputError([Finding("error", "E_FILE_MISSING", f"there is no file {text!r}; did you mean {suggestion}?")])
+        raise InputError.of("E_FILE_MISSING", f"there is no file {text!r}; did you mean {suggestion}?")
     return path
 
 
@@ -87,20 +87,19 @@ def _example(name: str) -> Path:
         return own[name]
     known = example_urdfs()
     if not known:
-        raise InputError(
-            f"{PREFIX}{name}: the package example-robot-data is not installed (pip install example-robot-data)"
-        )
+        package = "example-robot-data"
+        raise InputError(f"{PREFIX}{name}: the package {package} is not installed (pip install {package})")
     if name in known:
         return known[name]
     known = own | known
     if not name:
-        raise InputError([Finding("error", "E_NAME", f"no example robot named ''; valid: {', '.join(known)}")])
+        raise InputError.of("E_NAME", f"no example robot named ''; valid: {', '.join(known)}")
     folded = name.casefold()
     longer = [other for other in known if folded in other.casefold()]
     if not longer or folded in map(str.casefold, known):
         raise UnknownNameError("example robot", name, known)
     message = f"no example robot named {name!r}; did you mean one of {', '.join(PREFIX + other for other in longer)}?"
-    raise InputError([Finding("error", "E_NAME", message)])
+    raise InputError.of("E_NAME", message)
 
 
 def description(name: str) -> ModuleType:
@@ -121,10 +120,8 @@ def description(name: str) -> ModuleType:
     try:
         return importlib.import_module(f"robot_descriptions.{short}{_ENDING}")
     except Exception as error:  # noqa: BLE001 - the package downloads with git, which can fail in many ways
-        reason = one_line(str(error))
-        raise InputError(
-            f"{DESCRIPTIONS}{short} cannot be downloaded by the package robot_descriptions: {reason}"
-        ) from None
+        what = f"{DESCRIPTIONS}{short} cannot be downloaded by the package robot_descriptions"
+        raise InputError(f"{what}: {one_line(str(error))}") from None
 
 
 def _suggest_robot(path: Path) -> str | None:
@@ -191,25 +188,21 @@ def read_arguments(texts: Sequence[str]) -> dict[str, str]:
     for text in texts:
         match = _ARGUMENT.fullmatch(text)
         if match is None:
-            raise InputError([Finding("error", "E_USAGE", f"{text!r} is no xacro argument; write NAME:=VALUE")])
+            raise InputError.of("E_USAGE", f"{text!r} is no xacro argument; write NAME:=VALUE")
         found[match[1]] = match[2]
     return found
 
 
 def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]) -> str:
-    """Return the text of the URDF that a xacro file makes, mesh names with the xacro's folder.
-
-    Raises:
-        InputError: The package xacrodoc is not installed, or the file cannot be expanded.
-    """
+    """Return the text of the URDF that a xacro file makes, mesh names with the xacro's folder."""
     try:
         import xacrodoc
     except ImportError:
         message = "xacro needs the package xacrodoc, which is not installed (pip install 'precision-pin[robots]')"
-        raise InputError([Finding("error", "E_XACRO", message, os.fspath(file))]) from None
+        raise InputError.of("E_XACRO", message, os.fspath(file)) from None
     path = file.resolve()
     if not path.is_file():
-        raise InputError([Finding("error", "E_FILE_MISSING", "there is no such file", os.fspath(file))])
+        raise InputError.of("E_FILE_MISSING", "there is no such file", os.fspath(file))
     try:
         xacrodoc.packages.update_package_cache(dict(packages))
         with chdir(path.parent):  # files that it includes are named from its folder
@@ -218,5 +211,5 @@ def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]
             ).to_urdf_string()
     except Exception as error:  # noqa: BLE001 - a xacro file can raise anything
         message = one_line(f"xacro cannot be expanded: {type(error).__name__}: {error}")
-        raise InputError([Finding("error", "E_XACRO", message, os.fspath(file))]) from None
+        raise InputError.of("E_XACRO", message, os.fspath(file)) from None
     return text

@@ -66,11 +66,7 @@ class MeshReader:
         self._known: dict[str, tuple[Surface, ...] | str] = {}
 
     def surfaces(self, mesh: Mesh, owner: str) -> tuple[Surface, ...]:
-        """Return a mesh's triangles, scaled as the URDF says, one surface for each colour.
-
-        Raises:
-            UnreadableMeshError: Missing, outside the robot's folders, broken or of an unknown kind; says which.
-        """
+        """Return a mesh's triangles, scaled as the URDF says, one surface for each colour."""
         if mesh.filename not in self._known:
             try:
                 self._known[mesh.filename] = self._read(mesh.filename, owner)
@@ -162,7 +158,6 @@ def _joined(surface: Surface, cell: float) -> Surface:
     return _with_faces(replace(surface, vertices=np.stack(means, axis=1)), kept)
 
 
-@final
 class _Companions:
     """Hands trimesh the files that were read beside a mesh, and no others: images are not looked at."""
 

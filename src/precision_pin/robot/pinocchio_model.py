@@ -91,10 +91,6 @@ def model_poses(
     """Return the gravity (3,) of a user's Pinocchio model in the base's axes, and the tip in the base at two configurations.
 
     These are the neutral one and one near it, each as the values of the joints by name, rad or m, and a pose ``(4, 4)``.
-
-    Raises:
-        InputError: No Pinocchio model, or one without these frames or with joints of more than one degree of freedom
-            among these.
     """
     if not isinstance(model, pinocchio.Model):
         raise InputError("the model must be a pinocchio.Model")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,7 +99,6 @@ def random_poses(
     return replace(poses, names=tuple(f"random {number}" for number in range(1, count + 1)), left_out=dict(left_out))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _JointDraws:
     """Draws of joint values between ``low`` and ``high``, kept where the tip is in the box."""
@@ -132,7 +131,6 @@ class _JointDraws:
         return poses.unobstructed(self.chain)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _PlaceDraws:
     """Draws of places in a box with one of some orientations; without joint values where the arm does not reach them."""

@@ -19,7 +19,7 @@ from precision_pin.base.arguments import check_instance, check_number, check_pat
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.csv_columns import NUMBER, numbers
-from precision_pin.base.errors import Finding, InputError, UnitError, nearest
+from precision_pin.base.errors import InputError, UnitError, nearest
 from precision_pin.base.input_files import UnreadableFileError, decode, read_regular_file
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
@@ -167,7 +167,7 @@ def read_trajectory(
     file = os.fspath(check_path("the path of the trajectory", path))
 
     def wrong(message: str, line: int | None = None) -> InputError:
-        return InputError([Finding("error", "E_TRAJECTORY", message, file, line)])
+        return InputError.of("E_TRAJECTORY", message, file, line)
 
     try:
         data = read_regular_file(file, _LARGEST_FILE)

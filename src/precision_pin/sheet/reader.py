@@ -92,12 +92,7 @@ class Sheet:
         return only_one(self.measurements, self.file) if self.measurements else None
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
-        """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
-
-        Raises:
-            SheetError: Carries every finding.
-            InputError: The sheet was not read from anything.
-        """
+        """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`."""
         if self.contents is None:
             raise InputError("the sheet was not read from a file or a dictionary, so that nothing in it can be changed")
         asked = [Change(path, plain_data(value, path), path) for path, value in changes.items()]
@@ -157,9 +152,6 @@ def read(
         kinds: Source classes beyond those of the package.
         overrides: Robot, tip, base and target in place of the sheet's.
         changes: Values in place of the sheet's, which must be correct without them.
-
-    Raises:
-        SheetError: Carries every finding, those of the URDF included.
     """
     file = os.fspath(path)
     text = read_text(_contents(file), file)
@@ -174,9 +166,6 @@ def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds:
         data: Keys and values.
         folder: Folder that the names of the robot and of tables are relative to.
         kinds: Source classes beyond those of the package.
-
-    Raises:
-        SheetError: Carries every finding, each with the path of its key.
     """
     text = Text(plain_data(data), {}, ())
     return _read(Contents(text, "the sheet", FilePath(folder), tuple(kinds), Overrides()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 
@@ -45,7 +45,6 @@ def draw_arm(
     return _Drawing(scene, posture, package_dirs).draw()
 
 
-@final
 class _Drawing:
     def __init__(self, scene: Scene | Triangles, posture: Posture, package_dirs: Sequence[Path]) -> None:
         self._scene = scene

@@ -84,7 +84,6 @@ class Picture:
     notes: tuple[str, ...]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Frame:
     """The picture's rectangle in the camera's axes, m."""

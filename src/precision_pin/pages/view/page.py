@@ -17,6 +17,7 @@ import numpy as np
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError
+from precision_pin.pages.view import scales
 from precision_pin.pages.view.arm import draw_arm
 from precision_pin.pages.view.headline import CONFIDENCE, LEVELS, as_html, limit_text, mean_size
 from precision_pin.pages.view.poses import (
@@ -27,18 +28,6 @@ from precision_pin.pages.view.poses import (
     columns,
     limits_attitude,
     mcpc_frames,
-)
-from precision_pin.pages.view.scales import (
-    DEFAULT_POINTS,
-    FAR,
-    MOST_POINTS,
-    MOST_POSES,
-    arm_length,
-    check_factor,
-    default_factor,
-    middle_of,
-    picture_axes,
-    view_direction,
 )
 from precision_pin.pages.view.tolerances import choose_groups, share_rows, shown_names
 from precision_pin.render.colour_scale import ColourScale, round_number
@@ -51,19 +40,9 @@ from precision_pin.statistics.quantities import QUANTITIES
 
 _GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
 _SCRIPTS: Final = (
-    "stage",
-    "cloud",
-    "path",
-    "compensation",
-    "calibration",
-    "frames",
-    "arms",
-    "tolerances",
-    "headline",
-    "camera",
-    "pointer",
-    "controls",
-)
+    "stage", "cloud", "path", "compensation", "calibration", "frames", "arms", "tolerances", "headline", "camera",
+    "pointer", "controls",
+)  # fmt: skip
 # shares of the arm's length
 _FRAME_LENGTH: Final = 0.06
 _GRID_SPACING: Final = 0.125
@@ -82,7 +61,7 @@ def page(
     model_name: str,
     factor: float | None = None,
     caption: Iterable[tuple[str, str]] = (),
-    points: int = DEFAULT_POINTS,
+    points: int = scales.DEFAULT_POINTS,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     specifications: Sequence[Specification] = (),
     remarks: Sequence[str] = (),
@@ -114,26 +93,22 @@ def page(
             the nominal tip, times the factor, and robots outside any limit have a colour of their own.
         remarks: What the answer rests on, for a line each below it.
         layers: What is shown beside the arm and its errors, such as a map or a path of the same chain.
-
-    Raises:
-        InputError: No poses or more than 200, or of several chains; errors of another shape, none, or not finite; a
-            factor that is not from 10⁻⁹ to 10¹²; a wrong seed; more than 100,000 points.
     """
     if factor is not None:
-        check_factor(factor)
+        scales.check_factor(factor)
     poses = _checked(shown)
-    if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 1 <= points <= MOST_POINTS:
-        raise InputError(f"the cloud can show 1 to {MOST_POINTS:,} points, got {points!r}")
+    if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 1 <= points <= scales.MOST_POINTS:
+        raise InputError(f"the cloud can show 1 to {scales.MOST_POINTS:,} points, got {points!r}")
     posture = poses[0].pose_model.posture
-    length = arm_length(posture)
+    length = scales.arm_length(posture)
     postures = [one.pose_model.posture for one in poses]
-    direction = view_direction(posture, poses[0].errors[:3])
-    about_mean = any(middle_of(one.errors[:3]).any() for one in poses)
+    direction = scales.view_direction(posture, poses[0].errors[:3])
+    about_mean = any(scales.middle_of(one.errors[:3]).any() for one in poses)
 
     def choose_factor(is_about_mean: bool) -> float:
         means = [one.errors[:3].mean(axis=1, keepdims=True) * is_about_mean for one in poses]
         return min(
-            default_factor(one.errors[:3] - mean, one.pose_model.posture, postures, direction)
+            scales.default_factor(one.errors[:3] - mean, one.pose_model.posture, postures, direction)
             for one, mean in zip(poses, means, strict=True)
         )
 
@@ -150,7 +125,7 @@ def page(
     common = PageData(
         seed=seed,
         parts=parts,
-        points=min(points, MOST_POINTS // len(poses)),
+        points=min(points, scales.MOST_POINTS // len(poses)),
         count=len(poses),
         groups=choose_groups(
             [one.pose_model for one in poses], poses[0].words, attitude=limits_attitude(specifications)
@@ -164,7 +139,7 @@ def page(
         "factor": first_factor,
         "factors": factors,
         "aboutMean": about_mean,
-        "far": FAR,
+        "far": scales.FAR,
         "smallest": min(1.0, *factors),
         "largest": 10 * max(1.0, *factors),
         "length": length,
@@ -218,7 +193,7 @@ def page(
         notes=_list(notes),
         layers="\n".join(layer.legend() for layer in layers),
         **_legend_of_arms(data),
-        **_legend_of_limits(specifications, data),
+        **_legend_of_limits(specifications, data, bool(common.groups.names)),
     )
 
 
@@ -232,13 +207,13 @@ def _picture(posture: Posture, positions: Array, factor: float, direction: Array
         direction: From where it is seen.
         label: What the picture shows, escaped.
     """
-    axes = picture_axes(direction)
+    axes = scales.picture_axes(direction)
     arm = axes @ np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]]).T
     cloud = arm[:, -1:] + factor * (axes @ positions[:, :_DOTS])
     low, high = (end(np.hstack([arm, cloud]), axis=1) for end in (np.min, np.max))
-    room = np.array([_PICTURE[0] - 2 * _PICTURE_MARGIN, _PICTURE[1] - 2 * _PICTURE_MARGIN])
+    room = np.array(_PICTURE) - 2 * _PICTURE_MARGIN
     per_metre = float((room / np.maximum(high - low, 1e-9)).min())
-    middle = np.array([_PICTURE[0] / 2, _PICTURE[1] / 2])
+    middle = np.array(_PICTURE) / 2
 
     def drawn(points: Array) -> list[str]:
         pixels = middle[:, None] + per_metre * np.array([[1], [-1]]) * (points - (low + high)[:, None] / 2)
@@ -259,13 +234,14 @@ def script_hashes() -> tuple[str, ...]:
 
     A frame with ``srcdoc`` inherits the policy of the page around it, which has to allow them too.
     """
-    return tuple(f"'sha256-{_sha256(code)}'" for code in _scripts())
+    digests = (hashlib.sha256(code.encode("utf-8")).digest() for code in _scripts())
+    return tuple(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
 
 
 def _checked(shown: Sequence[ViewPose]) -> list[ViewPose]:
     """Return the poses with errors that are arrays of numbers, all with equally many sampled frames."""
-    if not 1 <= len(shown) <= MOST_POSES:
-        raise InputError(f"a page shows 1 to {MOST_POSES} poses, got {len(shown)}")
+    if not 1 <= len(shown) <= scales.MOST_POSES:
+        raise InputError(f"a page shows 1 to {scales.MOST_POSES} poses, got {len(shown)}")
     poses = []
     for one in shown:
         if one.pose_model.posture.chain is not shown[0].pose_model.posture.chain:
@@ -293,29 +269,25 @@ def _draw_grid(scene: Scene, spacing: float) -> None:
 def _legend_of_arms(data: Sequence[PoseData]) -> dict[str, str]:
     """Return the legend's words for the arms with errors, and the attribute that disables boxes without content."""
     deflected = any(np.any(one.deflected) for one in data)
-    missing = " disabled"
+    how = "deflected by its mean loads" if deflected else "the same as without error"
     return {
-        "deflected": "arm with every draw at its mean: deflected by its mean loads"
-        if deflected
-        else "arm with every draw at its mean: the same as without error",
-        "no_deflected": "" if deflected else missing,
-        "no_ellipsoids": "" if any(one.ellipsoids for one in data) else missing,
+        "deflected": f"arm with every draw at its mean: {how}",
+        "no_deflected": "" if deflected else " disabled",
+        "no_ellipsoids": "" if any(one.ellipsoids for one in data) else " disabled",
     }
 
 
-def _legend_of_limits(specifications: Sequence[Specification], data: Sequence[PoseData]) -> dict[str, str]:
+def _legend_of_limits(
+    specifications: Sequence[Specification], data: Sequence[PoseData], varies: bool
+) -> dict[str, str]:
     """Return the lines of the limit and of the arms as built; with a limit to draw, it is among the first four."""
     ghosts = all(one.ghosts for one in data)
-    words = (
-        f"arms of {len(data[0].ghosts)} sampled robots, as built"
-        if ghosts
-        else "arms as built: none, the errors are not those of this seed"
-    )
+    none = "arms as built: none, the errors are not those of this seed"
+    words = f"arms of {len(data[0].ghosts)} sampled robots, as built" if ghosts else none
     built = _line("ghosts", "arm ghost", escaped(words), "" if ghosts else " disabled")
     drawn = [one for one in specifications if one.quantity.startswith("position")]
     text = escaped("; ".join(map(limit_text, drawn)) or "none on the position; --spec states one")
     limit = _line("limit", "ball limit", f"limit: {text}", " checked" if drawn else " disabled")
-    varies = any(one.groups_vary for one in data)
     first, second = (limit, built) if drawn else (built, limit)
     return {"fourth": first, "under_more": second, "no_shares": "" if varies else " disabled"}
 
@@ -410,7 +382,3 @@ def _scripts() -> tuple[str, str]:
 def _data(value: object) -> str:
     """Return JSON escaped for a script element."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-
-
-def _sha256(code: str) -> str:
-    return base64.b64encode(hashlib.sha256(code.encode("utf-8")).digest()).decode("ascii")

@@ -105,9 +105,8 @@ class PoseData:
         self._page = page
         self._shown = shown
         self._points = min(page.points, shown.errors.shape[1])
-        self._title = " ".join(
-            [*([shown.name] if shown.name else []), *([f"({number} of {page.count})"] if page.count > 1 else [])]
-        )
+        rank = f"({number} of {page.count})" if page.count > 1 else ""
+        self._title = " ".join(filter(None, (shown.name, rank)))
         self.ellipsoids = ellipsoids(self._errors[:3])
         # of the errors given, where they are those of the seed
         self._model = self._model_of(page.seed)
@@ -118,11 +117,6 @@ class PoseData:
     def answers(self) -> tuple[Answer, ...]:
         """The verdict, and how large the errors are."""
         return answers(self._errors, self._page.specifications, _spread(self._at), self._shown.grounds)
-
-    @property
-    def groups_vary(self) -> bool:
-        """Whether any tolerance moves the tip."""
-        return bool(self._page.groups.names)
 
     @property
     def texts(self) -> dict[str, str]:

@@ -99,11 +99,7 @@ def picture_axes(direction: ArrayLike) -> Array:
 
 
 def check_factor(factor: object) -> None:
-    """Check an exaggeration factor.
-
-    Raises:
-        InputError: It is no number from 10⁻⁹ to 10¹², with which everything drawn still has finite places.
-    """
+    """Check an exaggeration factor."""
     check_number(
         "the exaggeration factor", factor, "a positive number from 1e-9 to 1e12", lambda value: 1e-9 <= value <= 1e12
     )
