@@ -138,9 +138,8 @@ class Measured:
             factor = units.parse(f"1 {unit}", *quantities)
         except UnitError:
             allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units if unit))
-            raise UnitError(
-                f"{self.file}: {unit!r} of the column {name!r} is not a unit of {wanted}; allowed: {allowed}"
-            ) from None
+            message = f"{self.file}: {unit!r} of the column {name!r} is not a unit of {wanted}; allowed: {allowed}"
+            raise UnitError(message) from None
         with np.errstate(over="ignore"):
             values = self.rows[:, self.names.index(name)] * factor
         if (np.abs(values) > units.LARGEST).any():
@@ -169,9 +168,8 @@ def read(
     numbered = enumerate(_text(file).splitlines(), start=1)
     lines = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 2:
-        raise InputError(
-            f"{file} contains no rows of numbers; it needs a header such as 'x [mm], y [mm]' and rows of numbers"
-        )
+        message = f"{file} contains no rows of numbers; it needs a header such as 'x [mm], y [mm]' and rows of numbers"
+        raise InputError(message)
     number, line = lines[0]
     where = f"{file}, line {number}"
     named = columns or ColumnNames()

@@ -59,9 +59,8 @@ def check_memory(needed: float, what: str, instead: str) -> None:
     """
     available = available_memory() if needed > _UNCHECKED else None
     if available is not None and needed > available:
-        raise InputError(
-            f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"
-        )
+        message = f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"
+        raise InputError(message)
 
 
 def check_kept(samples: int) -> None:

@@ -165,9 +165,8 @@ def parse_probability(text: str) -> float:
     if 1 < value < _PER_CENT and not split(text)[1]:
         raise UnitError(f"{allowed}; did you mean '{text.strip()} %'?")
     if value == 1:
-        raise UnitError(
-            f"{allowed}: no number of samples shows that all robots are inside; ask for less, such as 99.9 %"
-        )
+        message = f"{allowed}: no number of samples shows that all robots are inside; ask for less, such as 99.9 %"
+        raise UnitError(message)
     raise UnitError(allowed)
 
 

@@ -106,9 +106,8 @@ def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) 
     what = f"{units:,} robots take {_size(taken)}"
     if taken > free or (disk.f_files > 0 and disk.f_favail <= units):
         room = f"{_size(free)} are free" if taken > free else f"room for {disk.f_favail:,} files is left"
-        raise OutputError(
-            f"cannot write to the folder {folder}: {what}, and {room}; ask for fewer --units or another disk"
-        )
+        message = f"cannot write to the folder {folder}: {what}, and {room}; ask for fewer --units or another disk"
+        raise OutputError(message)
     if taken >= LARGE or seconds * units >= LONG:
         echo_note(f"{what} of {_size(free)} that are free, and some {_duration(seconds * units)}")
 

@@ -128,9 +128,8 @@ def _new_urdf(name: str, *, force: bool) -> Path:
     """Return the path of a URDF to write into this folder, which is not there or may be written over."""
     target = Path(name)
     if target.exists() and not force:
-        raise OutputError(
-            f"{target} exists; --force writes it anew, or run precision-pin init {shlex.quote(str(target))}"
-        )
+        message = f"{target} exists; --force writes it anew, or run precision-pin init {shlex.quote(str(target))}"
+        raise OutputError(message)
     Outputs({"--out": str(target)}).check()
     return target
 

@@ -100,9 +100,8 @@ def _sheet_of(name: str, robot: Path) -> Path:
     if len(leaves) > 1:
         command = urdf.draft_command(name, tip := urdf.likeliest_tip(read))
         others = f" (or another tip: {', '.join([leaf for leaf in leaves if leaf != tip][:MOST_LEAVES])})"
-    raise InputError(
-        f"no sheet of error sources for {name}; write one, which is then found by itself: {command}{others}"
-    )
+    message = f"no sheet of error sources for {name}; write one, which is then found by itself: {command}{others}"
+    raise InputError(message)
 
 
 def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:

@@ -79,9 +79,8 @@ def command(samples: int, seed: int, specs: tuple[str, ...], is_allocated: bool,
     asked = _choose_poses(sheet, arm)
     sheet, poses = asked.noted_in(sheet), [pose.where for pose in asked]
     places = None if arm["map_file"] is None else read_grid(sheet, arm["map_file"])
-    way, amended = (
-        None if arm[name] is None else read_path(sheet, arm[name]) for name in ("path_file", "compensate_file")
-    )
+    files = arm["path_file"], arm["compensate_file"]
+    way, amended = (None if file is None else read_path(sheet, file) for file in files)
     if is_allocated:
         _check_allocation(sheet)
     from precision_pin.analyses.allocation.allocate import allocate

@@ -24,9 +24,8 @@ def require_resources() -> None:
     """Refuse limits with which the libraries cannot be loaded: of address space, and of threads."""
     limit = _address_space()
     if limit is not None and limit < NEEDED:
-        raise _lack(
-            f"the address space is limited to {limit / 1e6:.0f} MB (ulimit -v); at least {NEEDED / 1e6:.0f} MB are needed"
-        )
+        message = f"the address space is limited to {limit / 1e6:.0f} MB (ulimit -v); at least {NEEDED / 1e6:.0f} MB are needed"
+        raise _lack(message)
     wanted = min(os.cpu_count() or 1, MOST_TRIED)
     started = _started(wanted)
     if not started:

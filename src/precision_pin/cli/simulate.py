@@ -85,9 +85,8 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     stations = stations_of(model, q, measurement, approaches)
     simulated = simulate_readings(stations, measurement, model, seed=seed, first=unit)[:, :, 0]
     readings = as_measured(simulated, stations, measurement)
-    what = (
-        f"{count:,} reading{'s' if count > 1 else ''}" if cycles is None else f"{cycles} cycles at {len(asked):,} poses"
-    )
+    readings_text = f"{count:,} reading{'s' if count > 1 else ''}"
+    what = readings_text if cycles is None else f"{cycles} cycles at {len(asked):,} poses"
     changed = f" with {', '.join(options['changes'])}" if options["changes"] else ""
     truth = (
         f"{what} of {measurement.kind}, std {milli(measurement.std, 3)} mm, of robot {unit} of seed {seed} of "

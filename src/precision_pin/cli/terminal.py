@@ -165,9 +165,8 @@ def _answer(text: str) -> list[str]:
 
 def _verdict_rows(text: str) -> list[str]:
     """Return the verdicts of a text, those of what is not met first."""
-    given = [
-        line.strip().partition(" - ")[0].removeprefix("spec ") for line in text.split("\n") if _VERDICT.search(line)
-    ]
+    lines = (line.strip().partition(" - ")[0] for line in text.split("\n") if _VERDICT.search(line))
+    given = [line.removeprefix("spec ") for line in lines]
     return _short(sorted(given, key=lambda line: line.endswith(": MET")))
 
 

@@ -577,10 +577,8 @@ class Posture:
         return (*found, *_collision_findings(self.chain, self.q[:, None], ()))
 
     def __repr__(self) -> str:
-        chain, values = self.chain, spaced(self.q)
-        return (
-            f"<Posture of {os.path.basename(chain.robot.file)!r}, {chain.base!r} to {chain.tip_label!r}, at {values}>"
-        )
+        chain, file = self.chain, os.path.basename(self.chain.robot.file)
+        return f"<Posture of {file!r}, {chain.base!r} to {chain.tip_label!r}, at {spaced(self.q)}>"
 
     def direction_of(self, joint: int) -> int:
         """Return the direction in which a joint (0-based) moved last: 1, -1, or 0 where it is not known."""

@@ -47,9 +47,8 @@ class Configurations:
             ]
         values = check_numbers("joint values", q, needs="a number for each joint, rad or m, in chain order or by name")
         if values.shape != (len(self.names),):
-            raise InputError(
-                f"{values.size} joint values for {len(self.names)} joints; expected {', '.join(self.names)}"
-            )
+            message = f"{values.size} joint values for {len(self.names)} joints; expected {', '.join(self.names)}"
+            raise InputError(message)
         self._check_travel(values[:, None])
         return values
 

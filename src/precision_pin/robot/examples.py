@@ -110,9 +110,8 @@ def description(name: str) -> ModuleType:
     try:
         listed = importlib.import_module("robot_descriptions").DESCRIPTIONS
     except ImportError:
-        raise InputError(
-            f"{DESCRIPTIONS}{name}: the package robot_descriptions is not installed (pip install 'precision-pin[robots]')"
-        ) from None
+        message = f"{DESCRIPTIONS}{name}: the package robot_descriptions is not installed (pip install 'precision-pin[robots]')"
+        raise InputError(message) from None
     known = [each.removesuffix(_ENDING) for each, about in listed.items() if about.has_urdf]
     short = name.removesuffix(_ENDING)
     if short not in known:

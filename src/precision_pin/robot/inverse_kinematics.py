@@ -143,9 +143,8 @@ class SolutionSearch:
     ) -> list[Array]:
         """Return the solutions ``(n, S)`` found from ``starts`` ``(N, S)`` in the list, for each of some nodes."""
         each = starts.shape[1]
-        ends, is_solution = self._descend(
-            np.repeat(wanted[:, :, nodes], each, axis=2), self.listed[:, starts[nodes].ravel()], within_limits
-        )
+        targets = np.repeat(wanted[:, :, nodes], each, axis=2)
+        ends, is_solution = self._descend(targets, self.listed[:, starts[nodes].ravel()], within_limits)
         slices = [slice(rank * each, (rank + 1) * each) for rank in range(len(nodes))]
         return [ends[:, own][:, is_solution[own]] for own in slices]
 

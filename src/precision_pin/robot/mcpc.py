@@ -501,9 +501,8 @@ def from_chain(chain: JointChain) -> Mcpc:
     """
     for name in ("joint_names", "placements", "axes", "prismatic"):
         if not hasattr(chain, name):
-            raise InputError(
-                f"chain must have joint_names, placements, axes and prismatic, as a Chain has, got {shown(chain)}"
-            )
+            message = f"chain must have joint_names, placements, axes and prismatic, as a Chain has, got {shown(chain)}"
+            raise InputError(message)
     joints = len(chain.joint_names)
     placements = np.asarray(chain.placements, dtype=float)
     axes = np.vstack([np.asarray(chain.axes, dtype=float).reshape(joints, 3), Z_AXIS])

@@ -182,6 +182,5 @@ def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
     for link_name, number in bodies.items():
         scale = max(1.0, float(moments[number][0])) * reach
         if np.abs(moments[number] - theirs[number]).max() > AGREEMENT * scale:
-            raise InternalError(
-                f"{robot.file}: Pinocchio lost mass of the link {names[link_name]!r} or one fixed to it"
-            )
+            message = f"{robot.file}: Pinocchio lost mass of the link {names[link_name]!r} or one fixed to it"
+            raise InternalError(message)

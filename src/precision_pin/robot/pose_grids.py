@@ -70,9 +70,8 @@ def check_grid_size(counts: list[int]) -> None:
     """Refuse a grid of more than 1,048,575 poses: the product of the counts."""
     total = math.prod(counts)
     if total > MOST_POSES:
-        raise InputError(
-            f"the grid has {' × '.join(map(str, counts))} = {total:,} poses; at most {MOST_POSES:,} are allowed"
-        )
+        message = f"the grid has {' × '.join(map(str, counts))} = {total:,} poses; at most {MOST_POSES:,} are allowed"
+        raise InputError(message)
 
 
 def _row(name: str, given: ArrayLike, quantity: Quantity) -> Array:

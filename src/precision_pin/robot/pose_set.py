@@ -71,9 +71,8 @@ class PoseSet:
         counts |= {len(field) for field in (self.times, self.node) if field is not None}
         counts |= set() if self.approaches is None else {self.approaches.shape[1]}
         if len(counts) > 1:
-            raise InputError(
-                f"the fields of a pose set have {', '.join(map(str, sorted(counts)))} poses, expected one number"
-            )
+            message = f"the fields of a pose set have {', '.join(map(str, sorted(counts)))} poses, expected one number"
+            raise InputError(message)
         if counts == {0}:
             raise InputError("no poses; give at least one")
         fix_fields(self)

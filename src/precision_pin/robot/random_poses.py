@@ -113,9 +113,8 @@ class _JointDraws:
         low, high = (limit.copy() for limit in chain.configurations.limits)
         endless = ~np.isfinite(low) | ~np.isfinite(high)
         for joint in np.flatnonzero(endless & chain.prismatic):
-            raise InputError(
-                f"the joint {chain.joint_names[joint]!r} slides without limits; values of it cannot be drawn"
-            )
+            message = f"the joint {chain.joint_names[joint]!r} slides without limits; values of it cannot be drawn"
+            raise InputError(message)
         low[endless], high[endless] = -np.pi, np.pi
         return cls(chain, low, high, box)
 

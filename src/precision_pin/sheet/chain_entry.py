@@ -93,9 +93,8 @@ def parse_pose(value: PlainPose, chain: Chain) -> Array:
         return chain.configuration(named)
     if isinstance(value, str):
         if len(set(quantities)) > 1:
-            raise InputError(
-                "the chain has revolute and prismatic joints: give each joint value its own unit, by joint name"
-            )
+            message = "the chain has revolute and prismatic joints: give each joint value its own unit, by joint name"
+            raise InputError(message)
         return chain.configuration(units.parse_vector(value, quantities[0]))
     if len(value) != len(quantities):
         raise InputError(f"{len(value)} joint values for {len(quantities)} joints: {', '.join(chain.joint_names)}")
@@ -197,9 +196,8 @@ def _keep_out(document: Document, findings: Findings) -> tuple[KeepOut, ...] | N
     for number, entry in enumerate(() if document.keep_out == "none" else document.keep_out):
         with findings.taking("keep_out", number):
             if (entry.plane is None) == (entry.box is None):
-                raise InputError(
-                    "keep_out: an entry is {plane: 0 0 1, at: 0 0 0 mm} or {box: 800 600 40 mm, at: 0 0 -20 mm}"
-                )
+                message = "keep_out: an entry is {plane: 0 0 1, at: 0 0 0 mm} or {box: 800 600 40 mm, at: 0 0 -20 mm}"
+                raise InputError(message)
             at = tuple(units.parse_vector(entry.at, units.LENGTH, count=3))
             if entry.box is not None:
                 size = tuple(units.parse_vector(entry.box, units.LENGTH, count=3))

@@ -81,9 +81,8 @@ def plain_data(value: object, where: str = "") -> Any:
         return {key: plain_data(entry, f"{where}.{key}".lstrip(".")) for key, entry in value.items()}
     if isinstance(value, Sequence | np.ndarray) and not isinstance(value, bytes | bytearray):
         return [plain_data(entry, f"{where}[{k}]") for k, entry in enumerate(value)]
-    raise InputError(
-        f"{where or 'the data'}: text, a number, a list or a mapping is expected, got {shown(repr(value))}"
-    )
+    message = f"{where or 'the data'}: text, a number, a list or a mapping is expected, got {shown(repr(value))}"
+    raise InputError(message)
 
 
 def change_text(

@@ -233,9 +233,8 @@ def _at_random(keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Arr
     kinds = _orientations(keys, chain, poses) if "orientations" in keys else None
     box = None
     if "box" in own:
-        sides = own["box"].keys(
-            ("x", "y", "z"), "expected x, y and z, each with its lowest and highest", all_needed=True
-        )
+        expected = "expected x, y and z, each with its lowest and highest"
+        sides = own["box"].keys(("x", "y", "z"), expected, all_needed=True)
         box = [sides[name].numbers(units.LENGTH, 2, "-500 500 mm") for name in ("x", "y", "z")]
 
     def solve(progress: Progress) -> PoseSet:

@@ -60,9 +60,8 @@ def source_origins(
     if PROVENANCE in settings and PROVENANCE not in fields:
         value = settings[PROVENANCE]
         if found:
-            findings.error(
-                (*path, PROVENANCE), f"{ASSUMED} and {PROVENANCE} both say where the numbers come from; leave one out"
-            )
+            message = f"{ASSUMED} and {PROVENANCE} both say where the numbers come from; leave one out"
+            findings.error((*path, PROVENANCE), message)
         by_setting = isinstance(value, dict) and not set(value) & set(ORIGINS) and bool(set(value) & set(fields))
         for name, entry in value.items() if by_setting else [("", value)]:
             with findings.taking(*path, PROVENANCE, *([name] if name else [])):

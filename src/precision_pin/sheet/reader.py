@@ -201,9 +201,8 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
     for code, reason in document.accept.items():
         if not _ACCEPTABLE.fullmatch(code) or not reason.strip():
-            findings.error(
-                ("accept", code), f"accept: expected the code of a warning and a reason, got {code!r}: {reason!r}"
-            )
+            message = f"accept: expected the code of a warning and a reason, got {code!r}: {reason!r}"
+            findings.error(("accept", code), message)
     findings.refuse()
     remark_on_sources(document, sources, names, extended, space.draws, own, findings)
     remark_on_poses(document, chain, findings)
@@ -255,9 +254,8 @@ def _estimates(
 def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
     """Return what is said of measured numbers in whose place others were set."""
     std = np.sqrt(np.diag(estimates.covariance))
-    measured = [
-        f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in enumerate(estimates.names) if name in names
-    ]
+    numbered = [(k, name) for k, name in enumerate(estimates.names) if name in names]
+    measured = [f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in numbered]
     return (
         "what was set takes the place of what was measured of this robot (mean ± std, SI): "
         f"{some(measured, _MOST_NAMED, '; ')}; all other "
@@ -306,9 +304,8 @@ def _parameters(
     for name, law in document.parameters.items():
         path: Path = ("parameters", name)
         if not NAME.fullmatch(name):
-            findings.error(
-                path, f"{name!r} cannot name a parameter: a name is a letter followed by letters, digits and _ . -"
-            )
+            what = "a name is a letter followed by letters, digits and _ . -"
+            findings.error(path, f"{name!r} cannot name a parameter: {what}")
             continue
         try:
             parameter = parse_parameter(name, law, quantities, folder)

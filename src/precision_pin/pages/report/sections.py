@@ -36,9 +36,8 @@ def describe_run(poses: Sequence[Results]) -> str:
     analysis = poses[0].analysis
     named = f"pose '{analysis.pose_name}'" if analysis.pose_name else "joint values of the command line"
     where = named if len(poses) == 1 else f"{len(poses)} poses"
-    return (
-        f"{analysis.robot}, {where}, {analysis.samples:,} sampled robots, seed {analysis.seed}, {analysis.model} model"
-    )
+    sampled = f"{analysis.samples:,} sampled robots, seed {analysis.seed}, {analysis.model} model"
+    return f"{analysis.robot}, {where}, {sampled}"
 
 
 def without_folders(text: str, results: Results) -> str:

@@ -178,10 +178,8 @@ def _by_pose(poses: Sequence[Results]) -> Html:
     header += [f"{100 * level:g} % within [{unit('position')}]" for level in _MARKED]
     name = symbol(poses[0].analysis.position.norm.quantity)
     words = (1, 4) if asked else (3,)
-    whole = table(
-        f"{len(poses)} poses, the worst first: position error {name}", [*header, "largest cause"], rows, words=words
-    )
-    return element("div", whole, class_="poses")
+    caption = f"{len(poses)} poses, the worst first: position error {name}"
+    return element("div", table(caption, [*header, "largest cause"], rows, words=words), class_="poses")
 
 
 def _with_interval(norm: Distribution, level: float) -> Child:

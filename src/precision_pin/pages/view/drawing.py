@@ -230,9 +230,8 @@ def _draw_cloud(axes: Axes, cloud: Cloud, drawn: Array, factor: float, shows_lim
 
 
 def _draw_circle(axes: Axes, radius: float, colour: str, dashes: object, label: str, above: float) -> None:
-    axes.add_patch(
-        Circle((0, 0), radius, fill=False, edgecolor=colour, linestyle=dashes, linewidth=1.2, path_effects=_halo())
-    )
+    line = {"edgecolor": colour, "linestyle": dashes, "linewidth": 1.2, "path_effects": _halo()}
+    axes.add_patch(Circle((0, 0), radius, fill=False, **line))
     place = radius + above if above > 0 else -radius + above
     _write(axes, 0, place, label, ha="center", va="bottom" if above > 0 else "top", color=colour)
 

@@ -100,9 +100,8 @@ def picture_axes(direction: ArrayLike) -> Array:
 
 def check_factor(factor: object) -> None:
     """Check an exaggeration factor."""
-    check_number(
-        "the exaggeration factor", factor, "a positive number from 1e-9 to 1e12", lambda value: 1e-9 <= value <= 1e12
-    )
+    allowed = "a positive number from 1e-9 to 1e12"
+    check_number("the exaggeration factor", factor, allowed, lambda value: 1e-9 <= value <= 1e12)
 
 
 def default_factor(

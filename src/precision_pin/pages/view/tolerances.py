@@ -88,10 +88,8 @@ def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *
     ranked = [int(k) for k in np.argsort(-share, kind="stable") if share[k] > _SMALLEST_SHARE]
     alone = ranked if len(ranked) <= MOST_TOLERANCES + 1 else ranked[:MOST_TOLERANCES]
     rest = ranked[len(alone) :]
-    known = [
-        ", ".join(filter(None, pair)) for pair in zip(words, (draw.tolerance for draw in space.draws), strict=False)
-    ]
-    known = known or [draw.name for draw in space.draws]
+    pairs = zip(words, (draw.tolerance for draw in space.draws), strict=False)
+    known = [", ".join(filter(None, pair)) for pair in pairs] or [draw.name for draw in space.draws]
     names = [known[k] for k in alone] + ([f"{len(rest)} smaller ones together"] if rest else [])
     return Groups(tuple(names), (*((k,) for k in alone), *((tuple(rest),) if rest else ())))
 

@@ -375,9 +375,8 @@ def _read(path: Path, what: str) -> bytes:
     data = read_regular_file(path, findings, most_bytes=MOST_BYTES)
     if data is None:
         reason = findings.result()[0]
-        raise BrokenMeshError(
-            f"is over {MOST_BYTES} bytes" if reason.code == "E_TOO_BIG" else f"{what}{reason.message}"
-        )
+        is_large = reason.code == "E_TOO_BIG"
+        raise BrokenMeshError(f"is over {MOST_BYTES} bytes" if is_large else f"{what}{reason.message}")
     return data
 
 
@@ -396,7 +395,10 @@ def _check_stl(data: bytes, companion: Companion) -> None:
     if len(data) >= STL_HEADER:
         count = int.from_bytes(data[80:84], "little")
         if len(data) == STL_HEADER + STL_TRIANGLE * count:
-            _check_binary_stl(data, count)
+            if count == 0:
+                raise BrokenMeshError("holds no triangles")
+            triangles = np.frombuffer(data, np.dtype([("numbers", "<f4", 12), ("spare", "<u2")]), count, STL_HEADER)
+            check_numbers(triangles["numbers"][:, 3:])
             return
     if data.lstrip()[:5].lower() != b"solid" or b"vertex" not in data:
         if len(data) < STL_HEADER:
@@ -407,13 +409,6 @@ def _check_stl(data: bytes, companion: Companion) -> None:
         words = line.split()
         if words and words[0] == "vertex":
             _check_point(words[1:4])
-
-
-def _check_binary_stl(data: bytes, count: int) -> None:
-    if count == 0:
-        raise BrokenMeshError("holds no triangles")
-    triangles = np.frombuffer(data, np.dtype([("numbers", "<f4", 12), ("spare", "<u2")]), count, STL_HEADER)
-    check_numbers(triangles["numbers"][:, 3:])
 
 
 def _lines(data: bytes) -> list[str]:
@@ -446,21 +441,17 @@ def _check_obj(data: bytes, companion: Companion) -> None:
             corners = [corner if corner > 0 else seen["v"] + 1 + corner for corner in corners]
             lowest, highest = min(lowest, *corners), max(highest, *corners)
         elif words[0] == "mtllib":
-            _read_materials(line.split(None, 1)[1].strip(), companion)
+            try:
+                companion(line.split(None, 1)[1].strip())
+            except BrokenMeshError as problem:
+                if "there is no file" not in str(problem):
+                    raise
     if not highest and lowest == 1:
         raise BrokenMeshError("holds no faces")
     if lowest < 1 or highest > seen["v"]:
         raise BrokenMeshError(f"holds face indices outside its {seen['v']} vertices")
     if any(largest > seen[kind] for kind, largest in others.items()):
         raise BrokenMeshError("holds face indices outside its texture points or normals")
-
-
-def _read_materials(name: str, companion: Companion) -> None:
-    try:
-        companion(name)
-    except BrokenMeshError as problem:
-        if "there is no file" not in str(problem):
-            raise
 
 
 def _check_point(words: Sequence[str]) -> None:
