@@ -26,9 +26,7 @@ def is_given(option: str) -> bool:
 def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
     """Print warnings about sheet and robot on stderr: of several with one code the first, and how many more there are.
 
-    Args:
-        findings: Notes among them are left out.
-        urdf: The file of the robot, whose warnings are one line, as ``check`` and ``init`` list them.
+    Those of the robot's file ``urdf`` are one line, as ``check`` and ``init`` list them.
     """
     findings = [finding for finding in findings if finding.severity != "note"]
     if is_given("all_warnings"):

@@ -32,11 +32,9 @@ _LARGE: Final = 2**20
 @final
 @dataclass(frozen=True, eq=False)
 class AskedPose:
-    """A requested pose.
+    """A requested pose, as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it, and its name.
 
-    Attributes:
-        where: As :meth:`precision_pin.model.error_model.ErrorModel.at` takes it.
-        name: Its name, or its time or row in a trajectory; empty where it has none.
+    In a trajectory the name is the time or row; it is empty where there is none.
     """
 
     where: str | NDArray[np.float64] | ApproachedPose | None
@@ -45,11 +43,7 @@ class AskedPose:
 
 @final
 class AskedPoses(list[AskedPose]):
-    """The requested poses in order.
-
-    Attributes:
-        left_out: Warnings about poses of a grid that are not among them, since no joint values lead there.
-    """
+    """The requested poses in order, and warnings about poses of a grid that are left out, since no joint values lead there."""
 
     def __init__(self, poses: Iterable[AskedPose], left_out: tuple[Finding, ...] = ()) -> None:
         super().__init__(poses)

@@ -27,10 +27,8 @@ FILES: Final = (
 class Outputs:
     """The outputs that a command line asks for.
 
-    Attributes:
-        files: A name for each option that names a file; None where it is not given, ``-`` for stdout.
-        folder: What ``--out`` names, where that is a folder.
-        names: Patterns of the names that files in the folder get.
+    ``files``: a name for each option that names a file, None where it is not given, ``-`` for stdout; ``folder``: what ``--out``
+    names, where that is a folder; ``names``: patterns of the names that files in the folder get.
     """
 
     files: Mapping[str, str | None] = field(default_factory=dict)
@@ -83,12 +81,7 @@ class Outputs:
 @final
 @dataclass(frozen=True)
 class PageOutput:
-    """A page to write: a file, or ``NAME.html`` in a folder if the name ends in a slash or names a folder.
-
-    Attributes:
-        given: What ``--out`` names.
-        name: The page's name in a folder.
-    """
+    """A page to write: a file, or ``name`` in a folder, if what ``--out`` gives ends in a slash or names a folder."""
 
     given: str
     name: str
@@ -148,12 +141,7 @@ def check_page_name(out: str) -> None:
 
 
 def check_folder_name(out: str | None, *, json: bool) -> None:
-    """Refuse a name of a folder that is one of a file.
-
-    Args:
-        out: The option's value, None where it is not given.
-        json: Whether the command has ``--json``, which is what a name ending in .json is meant for.
-    """
+    """Refuse a name of a folder that is one of a file; ``json``: whether the command has ``--json``, which may be meant."""
     if not out or out.endswith(os.sep) or os.path.lexists(out):
         return
     suffix = Path(out).suffix.lower()

@@ -69,12 +69,8 @@ class Cloud:
 class Picture:
     """A picture and the facts for its caption.
 
-    Attributes:
-        figure: The picture.
-        factor: By how much errors are drawn too large.
-        points: How many of them are drawn.
-        shows_limit: Whether the limit has its circle; one far larger than the cloud has not.
-        notes: On what of the arm is drawn otherwise.
+    ``factor``: by how much errors are drawn too large; ``points``: how many; ``shows_limit``: whether the limit has its circle
+    (one far larger than the cloud has not); ``notes``: what of the arm is drawn otherwise.
     """
 
     figure: Figure
@@ -97,13 +93,7 @@ class _Frame:
 
 
 def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = ()) -> Picture:
-    """Return the arm at a posture with its cloud of errors about the tip, drawn too large, 100 mm wide.
-
-    Args:
-        posture: The arm, undisplaced.
-        cloud: About the tip.
-        package_dirs: Folders of packages of meshes.
-    """
+    """Return the arm at a posture, undisplaced, with its cloud of errors about the tip, drawn too large, 100 mm wide."""
     triangles = Triangles()
     _, notes = draw_arm(triangles, posture, package_dirs)
     corners, tip = triangles.corners, posture.pose[:3, 3]

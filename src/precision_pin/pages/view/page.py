@@ -67,30 +67,24 @@ def page(
     remarks: Sequence[str] = (),
     layers: Sequence[Layer] = (),
 ) -> str:
-    """Return a self-contained HTML page that shows the arm and its sampled errors.
+    """Return a self-contained HTML page that shows the arm and its sampled errors; the same input gives the same text.
 
     The arm is drawn undisplaced; end-effector positions of the samples are drawn at the nominal tip plus a factor times
     their error, or times their error less the mean, which the page begins with where at some pose the mean is far larger
-    than the spread (:func:`.scales.middle_of`). They are coloured by the true size of the error, with the ellipsoids of
-    :mod:`.ellipsoids`. A slider in the page changes the factor of everything that shows errors: a few sampled end-effector
-    frames are moved and turned by it, ``Exp(factor·δ)·R``, by 90° at most; arms as built, and the arm with every draw at
-    its mean, are the chain multiplied out with every displacement ``[d; δ]`` times the factor. The arms as built are units
-    0 to 2 of ``seed``. The largest contributors have a slider each, which widens or narrows a tolerance; the samples, their
-    ellipsoids and the verdict follow to first order. Arms as built and these sliders are left out where the errors are not
-    those of that seed.
-    Several poses get a slider of their own. The same input gives the same text.
+    than the spread (:func:`.scales.middle_of`). A slider changes the factor of everything that shows errors: sampled
+    end-effector frames are turned by ``Exp(factor·δ)``, by 90° at most; arms as built (units 0 to 2 of ``seed``) are the chain
+    multiplied out with every displacement ``[d; δ]`` times the factor. The largest contributors have a slider each, which
+    widens or narrows a tolerance, to first order. Both are left out where the errors are not those of that seed.
 
     Args:
-        shown: The poses, all of one chain, and their errors.
+        shown: The poses, all of one chain, and their errors; several get a slider.
         title: Heading.
         seed, model_name: Where the errors come from.
-        factor: Exaggeration at first; chosen so that the cloud spans about a quarter of the picture's width if left
-            out.
+        factor: Exaggeration at first; chosen so that the cloud spans about a quarter of the picture's width if left out.
         caption: Further rows of the caption, ``(name, text)``.
         points: How many samples to draw at most at each pose: the first ones. All poses together draw 100,000 at most.
-        package_dirs: Folders of packages for ``package://`` mesh names, beside those found around the URDF.
-        specifications: Limits. The page says at its top whether they are kept; those of the position are drawn about
-            the nominal tip, times the factor, and robots outside any limit have a colour of their own.
+        package_dirs: Folders of packages for ``package://`` mesh names, besides those found around the URDF.
+        specifications: Limits; the page says at its top whether they are kept, and draws those of the position.
         remarks: What the answer rests on, for a line each below it.
         layers: What is shown beside the arm and its errors, such as a map or a path of the same chain.
     """

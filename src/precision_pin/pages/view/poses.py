@@ -72,13 +72,8 @@ class ViewPose:
 class PageData:
     """Data that all poses of a page share.
 
-    Attributes:
-        seed: Of the samples.
-        parts: Of the drawn arm.
-        points: How many samples to draw at most at a pose.
-        count: How many poses there are.
-        groups: The tolerances that can be changed.
-        specifications: The limits.
+    ``points`` is how many samples to draw at most at a pose, ``count`` how many poses there are, ``groups`` the tolerances that
+    can be changed.
     """
 
     seed: int
@@ -91,13 +86,7 @@ class PageData:
 
 @final
 class PoseData:
-    """One pose of the page.
-
-    Args:
-        shown: The pose and its errors ``(6, N)``, checked.
-        page: The page that it is part of.
-        number: Which pose this is, from 1.
-    """
+    """Pose ``number`` (from 1) of a page, with its checked errors ``(6, N)``."""
 
     def __init__(self, shown: ViewPose, page: PageData, number: int) -> None:
         self._at = shown.pose_model
