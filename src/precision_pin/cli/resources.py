@@ -24,8 +24,9 @@ def require_resources() -> None:
     """Refuse limits with which the libraries cannot be loaded: of address space, and of threads."""
     limit = _address_space()
     if limit is not None and limit < NEEDED:
-        message = f"the address space is limited to {limit / 1e6:.0f} MB (ulimit -v); at least {NEEDED / 1e6:.0f} MB are needed"
-        raise _lack(message)
+        raise _lack(
+            f"the address space is limited to {limit / 1e6:.0f} MB (ulimit -v); at least {NEEDED / 1e6:.0f} MB are needed"
+        )
     wanted = min(os.cpu_count() or 1, MOST_TRIED)
     started = _started(wanted)
     if not started:
