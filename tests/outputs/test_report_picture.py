@@ -12,8 +12,7 @@ import pytest
 from precision_pin.base import se3
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view.drawing import Cloud, draw_picture
-from precision_pin.pages.view.raster import Camera, draw_triangles
-from precision_pin.pages.view.triangles import Triangles
+from precision_pin.pages.view.raster import Camera, Triangles, draw_triangles
 from precision_pin.robot.examples import PAPER_SHEET
 
 RED, BLUE = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0)

@@ -30,7 +30,7 @@ from precision_pin.draws.laws import (
 )
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.pages.report.wording import without_folders
+from precision_pin.pages.report.sections import without_folders
 from precision_pin.render.html import Html, element, table
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.axis_install import AxisInstall

@@ -32,7 +32,7 @@ from precision_pin.base import se3
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import ViewPose, script_hashes
-from precision_pin.pages.view.ellipsoids import ellipsoids
+from precision_pin.pages.view.poses import ellipsoids
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from support.browser import Visit, chromium, complaints, needs_chromium, outside_requests, visited

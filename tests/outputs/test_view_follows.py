@@ -14,8 +14,8 @@ from outputs.test_view_browser import opened, picture, set_slider, state
 from outputs.view_cases import arm_text, matrix, pages, simple_page
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import ViewPose
-from precision_pin.pages.view.ellipsoids import ellipsoids
 from precision_pin.pages.view.headline import answers
+from precision_pin.pages.view.poses import ellipsoids
 from precision_pin.statistics.plan import specification
 from support.browser import Visit, chromium, complaints, needs_chromium
 

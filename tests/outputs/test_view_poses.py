@@ -23,7 +23,7 @@ from precision_pin.base import se3
 from precision_pin.base.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import ViewPose
-from precision_pin.pages.view.ellipsoids import ellipsoids
+from precision_pin.pages.view.poses import ellipsoids
 from precision_pin.robot import mcpc
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.urdf import read

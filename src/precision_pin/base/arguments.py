@@ -49,9 +49,6 @@ def check_whole(what: str, value: object, least: int, most: int, limits: str = "
         value: The given value.
         least, most: The allowed range.
         limits: Text for the allowed range in the message; "from least to most" if left out.
-
-    Raises:
-        InputError: The value is no whole number, or out of range.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
         allowed = limits or f"from {least} to {most}"
@@ -68,9 +65,6 @@ def check_number(
         what, value: The argument, in words, and the given value.
         allowed: Text for the allowed values, which follows "must be" in the message.
         within: Test of a finite number; all are allowed if left out.
-
-    Raises:
-        InputError: The value is no number, or not allowed.
     """
     number = _number(value)
     if number is None or not math.isfinite(number) or not (within is None or within(number)):
@@ -98,10 +92,6 @@ def check_numbers(what: str, values: object, shape: tuple[int | None, ...] | Non
         what, values: The argument, in words, and the given value: a number, sequences of numbers, or an array.
         shape: The allowed shape, with ``None`` for any length; any shape if left out.
         needs: Text for the allowed values in the message.
-
-    Raises:
-        InputError: Something other than numbers, a number that is not finite, another shape, or more numbers than fit
-            into memory.
     """
     if isinstance(values, np.ndarray) and (shape is None or _fits(values, shape)):
         if values.size > _MANY:
@@ -150,34 +140,21 @@ def _numbers_of(shape: tuple[int | None, ...]) -> str:
 
 
 def check_flag(what: str, value: object) -> bool:
-    """Return true or false.
-
-    Raises:
-        InputError: The value is neither.
-    """
+    """Return true or false."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{what} must be True or False, got {shown(value)}")
     return bool(value)
 
 
 def check_text(what: str, value: object, example: str = "") -> str:
-    """Return text.
-
-    Raises:
-        InputError: The value is no text.
-    """
+    """Return text."""
     if not isinstance(value, str):
         raise InputError(f"{what} must be text{f', such as {example!r}' if example else ''}, got {shown(value)}")
     return str(value)
 
 
 def check_name(kind: str, value: object, known: Collection[str]) -> str:
-    """Return the name of something that exists.
-
-    Raises:
-        UnknownNameError: Nothing has the name.
-        InputError: The value is no text.
-    """
+    """Return the name of something that exists."""
     name = check_text(f"the name of a {kind}", value)
     if name not in known:
         raise UnknownNameError(kind, name, tuple(known))
@@ -185,11 +162,7 @@ def check_name(kind: str, value: object, known: Collection[str]) -> str:
 
 
 def check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
-    """Check that a value is one of several words.
-
-    Raises:
-        InputError: The value is none of them.
-    """
+    """Check that a value is one of several words."""
     if not isinstance(value, str) or value not in choices:
         raise InputError(f"{what} must be {' or '.join(choices)}, got {shown(value)}")
 
@@ -201,9 +174,6 @@ def check_instance(what: str, value: object, kind: type[Kind], made: str = "") -
         what, value: The argument, in words, and the given value.
         kind: The type.
         made: Text for the message: how to make one.
-
-    Raises:
-        InputError: The value has another type.
     """
     if not isinstance(value, kind):
         hint = f" ({made})" if made else ""
@@ -212,46 +182,28 @@ def check_instance(what: str, value: object, kind: type[Kind], made: str = "") -
 
 
 def check_items(what: str, values: object, kind: type[Kind], made: str = "") -> tuple[Kind, ...]:
-    """Return the items of a list or another collection, all of one type.
-
-    Raises:
-        InputError: The value is no collection, or an item has another type.
-    """
+    """Return the items of a list or another collection, all of one type."""
     if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
         raise InputError(f"{what} must be a list of {kind.__name__}, got {shown(values)}")
     return tuple([check_instance(f"each of {what}", value, kind, made) for value in values])
 
 
 def check_mapping(what: str, value: object) -> Mapping[str, Any]:
-    """Return a mapping whose keys are text.
-
-    Raises:
-        InputError: The value is no mapping, or a key is no text.
-    """
+    """Return a mapping whose keys are text."""
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise InputError(f"{what} must be a dictionary with names as keys, got {shown(value)}")
     return value
 
 
 def check_callable(what: str, value: object) -> None:
-    """Check that a value can be called.
-
-    Raises:
-        InputError: The value cannot be called.
-    """
+    """Check that a value can be called."""
     if not callable(value):
         raise InputError(f"{what} must be a function, got {shown(value)}")
 
 
 def check_path(what: str, value: object) -> str:
-    """Return the name of a file.
-
-    Raises:
-        InputError: The value is no path.
-    """
-    if not isinstance(value, str | os.PathLike):
-        raise InputError(f"{what} must be the path of a file, got {shown(value)}")
-    path = os.fspath(value)
+    """Return the name of a file."""
+    path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(path, str):
         raise InputError(f"{what} must be the path of a file, got {shown(value)}")
     return path

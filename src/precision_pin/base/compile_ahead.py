@@ -134,7 +134,6 @@ def _compile(jobs: Sequence[Job], report: Report) -> None:
         crew.end()
 
 
-@final
 class _Begun:
     """Jobs that were begun before anybody waits for them, and the processes that do them."""
 
@@ -148,11 +147,7 @@ class _Begun:
             self._thread.start()
 
     def wait(self) -> None:
-        """Wait until the jobs are done; an interrupt is heeded meanwhile.
-
-        Raises:
-            OSError: No process can be started, or none answers.
-        """
+        """Wait until the jobs are done; an interrupt is heeded meanwhile."""
         while self.jobs and self._thread.is_alive():
             self._thread.join(_TICK)
         if self._error is not None:
@@ -171,7 +166,6 @@ def _cores() -> int:
     return os.cpu_count() or 1
 
 
-@final
 class _Crew:
     """The processes, started as work arrives; a thread waits for each.
 
@@ -196,12 +190,7 @@ class _Crew:
         self._weight, self._report = weight, report
 
     def work(self) -> None:
-        """Do the waiting jobs, the longest first; those that fail are left undone.
-
-        Raises:
-            OSError: No process can be started.
-            TimeoutError: None has answered for `PATIENCE`.
-        """
+        """Do the waiting jobs, the longest first; those that fail are left undone."""
         self._heard = time.monotonic()
         running = dict[subprocess.Popen[str], tuple[Job, float]]()
         while (self.waiting or running) and not self._ended:

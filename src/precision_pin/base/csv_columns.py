@@ -82,10 +82,8 @@ class ColumnNames:
         for column in self.names:
             if column not in header:
                 raise InputError(f"{where}: there is no column {column!r}; {nearest(column, header)}")
-        found = []
-        for column, own in header.items():
-            name, unit = self.names.get(column, (column, ""))
-            found.append((name, unit or own))
+        named = [(*self.names.get(column, (column, "")), own) for column, own in header.items()]
+        found = [(name, unit or own) for name, unit, own in named]
         names = [name for name, _ in found if name != IGNORE]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
@@ -117,27 +115,18 @@ class Measured:
     lines: tuple[int, ...] = ()
 
     def unit(self, name: str) -> str:
-        """Return a column's unit as written.
-
-        Raises:
-            UnknownNameError: There is no such column.
-        """
+        """Return a column's unit as written."""
         if name not in self.names:
             raise UnknownNameError(f"column in {self.file}", name, self.names)
         return self.units[self.names.index(name)]
 
     def unit_of(self, name: str, *quantities: Quantity) -> str:
         """Return a column's unit, the usual one of these quantities where it has none; empty where there is none either."""
-        return self.unit(name) or next(
-            (one for one in self.usual if any(one in quantity.units for quantity in quantities)), ""
-        )
+        allowed = {unit for quantity in quantities for unit in quantity.units}
+        return self.unit(name) or next(filter(allowed.__contains__, self.usual), "")
 
     def column(self, name: str, *quantities: Quantity) -> tuple[float, ...]:
-        """Return a column's numbers in SI; NaN where the file has none.
-
-        Raises:
-            InputError: There is no such column, it has no unit or one of another quantity, or a number is too large.
-        """
+        """Return a column's numbers in SI; NaN where the file has none."""
         unit = self.unit_of(name, *quantities)
         wanted = " or ".join(quantity.name for quantity in quantities)
         if not unit and not any("" in quantity.units for quantity in quantities):
@@ -149,12 +138,10 @@ class Measured:
             factor = units.parse(f"1 {unit}", *quantities)
         except UnitError:
             allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units if unit))
-            raise UnitError(
-                f"{self.file}: {unit!r} of the column {name!r} is not a unit of {wanted}; allowed: {allowed}"
-            ) from None
-        position = self.names.index(name)
+            message = f"{self.file}: {unit!r} of the column {name!r} is not a unit of {wanted}; allowed: {allowed}"
+            raise UnitError(message) from None
         with np.errstate(over="ignore"):
-            values = self.rows[:, position] * factor
+            values = self.rows[:, self.names.index(name)] * factor
         if (np.abs(values) > units.LARGEST).any():
             raise InputError(f"{self.file}: the column {name!r} contains a number that is too large")
         return tuple(values.tolist())
@@ -176,17 +163,13 @@ def read(
         columns: What the columns are, where the header does not say so.
         ignored: Names, in small letters, of columns that are ignored.
         may_miss: Whether a cell may be empty, nan or NA: NaN.
-
-    Raises:
-        InputError: The file does not exist, cannot be read or is larger than 16 MiB. Or, with the line: there is no
-            header, a column has no name, two have one name, a row has another length, or a cell is no number.
     """
     file = os.fspath(path)
-    lines = [(number, line) for number, line in enumerate(_text(file).splitlines(), start=1) if not _is_comment(line)]
+    numbered = enumerate(_text(file).splitlines(), start=1)
+    lines = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 2:
-        raise InputError(
-            f"{file} contains no rows of numbers; it needs a header such as 'x [mm], y [mm]' and rows of numbers"
-        )
+        message = f"{file} contains no rows of numbers; it needs a header such as 'x [mm], y [mm]' and rows of numbers"
+        raise InputError(message)
     number, line = lines[0]
     where = f"{file}, line {number}"
     named = columns or ColumnNames()
@@ -202,7 +185,7 @@ def read(
     if rows is None:
         found = [_row(line, len(header), wordy, f"{file}, line {number}", may_miss) for number, line in lines[1:]]
         rows, words = np.array([row for row, _ in found]), [cells for _, cells in found]
-    plain = [entry for column, entry in enumerate(header) if column not in wordy]
+    plain = [entry for entry in header if not entry[2]]
     return Measured(
         file,
         tuple(name for name, _, _ in plain),
@@ -257,10 +240,6 @@ def _text(file: str) -> str:
         return read_text_file(file, LARGEST_FILE)
     except UnreadableFileError as error:
         raise InputError(f"{file} {error.reason}") from None
-
-
-def _is_comment(line: str) -> bool:
-    return not line.strip() or line.lstrip().startswith("#")
 
 
 def _header(cells: list[str], where: str) -> dict[str, str]:

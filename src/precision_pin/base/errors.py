@@ -102,6 +102,11 @@ class InputError(PrecisionPinError):
         self.findings: tuple[Finding, ...] = tuple(findings)
         super().__init__("\n".join(str(finding) for finding in self.findings))
 
+    @classmethod
+    def of(cls, code: str, message: str, file: str | None = None, line: int | None = None) -> InputError:
+        """Return the error of one finding."""
+        return cls([Finding("error", code, message, file, line)])
+
     def __reduce__(self) -> tuple[Callable[..., InputError], tuple[type[InputError], dict[str, object]]]:
         # exceptions are rebuilt from their text by default, which loses the findings on the way to another process
         return _restored, (type(self), vars(self))

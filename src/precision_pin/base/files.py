@@ -31,34 +31,20 @@ def csv_text(headings: Sequence[str], rows: Iterable[Sequence[object]], comments
 
 
 def resolve(path: str | os.PathLike[str]) -> str:
-    """Return the path that a name leads to, links resolved.
-
-    Raises:
-        OutputError: It cannot be resolved.
-    """
-    try:
+    """Return the path that a name leads to, links resolved."""
+    with _refused(os.fspath(path)):  # the working folder may be gone
         return os.path.realpath(path)
-    except (OSError, ValueError) as error:  # the working folder is gone
-        raise _unwritable(f"cannot write {os.fspath(path)}", error) from None
 
 
 def require_writable(path: str | os.PathLike[str], *, folder: bool = False) -> None:
-    """Refuse a place to write to before any work is done; makes nothing.
-
-    Raises:
-        OutputError: It is a directory where a file is meant (or the reverse), or cannot be written to.
-    """
+    """Refuse a place to write to before any work is done; makes nothing."""
     target = Path(resolve(path))
     if not folder and (os.path.isdir(target) or os.fspath(path).endswith(os.sep)):
         raise OutputError(f"cannot write {path}: it is a folder")
     if folder and os.path.lexists(target) and not os.path.isdir(target):
         raise OutputError(f"cannot write to the folder {path}: it is a file")
-    try:
-        os.lstat(target)
-    except (FileNotFoundError, NotADirectoryError):
-        pass
-    except (OSError, ValueError) as error:  # a name that is too long
-        raise _unwritable(f"cannot write {path}", error) from None
+    with _refused(os.fspath(path)), suppress(FileNotFoundError, NotADirectoryError):
+        os.lstat(target)  # the name may be too long
     if not folder and os.path.exists(target) and not os.path.isfile(target):
         return  # a device or a pipe
     if not folder and os.path.isfile(target) and not os.access(target, os.W_OK):
@@ -74,21 +60,13 @@ def require_writable(path: str | os.PathLike[str], *, folder: bool = False) -> N
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a file as UTF-8, whole or not at all; through a link, and straight into a device or a pipe.
-
-    Raises:
-        OutputError: It cannot be written.
-    """
+    """Write a file as UTF-8, whole or not at all; through a link, and straight into a device or a pipe."""
     # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
     write_files({path: text.encode("utf-8", errors="backslashreplace")})
 
 
 def write_files(files: Mapping[str | os.PathLike[str], bytes]) -> None:
-    """Write files all together or none of them, each as :func:`write_text` does.
-
-    Raises:
-        OutputError: One of them cannot be written.
-    """
+    """Write files all together or none of them, each as :func:`write_text` does."""
     moves: list[tuple[str, Path, Path]] = []
 
     def undo() -> None:
@@ -121,11 +99,7 @@ def write_files(files: Mapping[str | os.PathLike[str], bytes]) -> None:
 
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """Yield a folder for files that appear in ``path`` together once all of them are written, or not at all.
-
-    Raises:
-        OutputError: They cannot be written.
-    """
+    """Yield a folder for files that appear in ``path`` together once all of them are written, or not at all."""
     target = Path(resolve(path))
     try:
         missing = [folder for folder in (target, *target.parents) if not os.path.lexists(folder)]

@@ -64,9 +64,6 @@ def read_regular_file(path: str | os.PathLike[str], most_bytes: int) -> bytes:
     Args:
         path: The file; ``~`` is not expanded.
         most_bytes: The largest size that is read.
-
-    Raises:
-        UnreadableFileError: The file is missing, no regular file, larger than ``most_bytes``, or cannot be read.
     """
     note_input(path)
     try:
@@ -89,20 +86,12 @@ def read_regular_file(path: str | os.PathLike[str], most_bytes: int) -> bytes:
 
 
 def read_text_file(path: str | os.PathLike[str], most_bytes: int) -> str:
-    """Return the text of a regular file, UTF-8 with or without a byte order mark, line ends as line feeds.
-
-    Raises:
-        UnreadableFileError: As in :func:`read_regular_file`, or the file is not UTF-8.
-    """
+    """Return the text of a regular file, UTF-8 with or without a byte order mark, line ends as line feeds."""
     return decode(read_regular_file(path, most_bytes)).replace("\r\n", "\n").replace("\r", "\n")
 
 
 def decode(data: bytes) -> str:
-    """Return the text of a file's bytes, UTF-8 with or without a byte order mark.
-
-    Raises:
-        UnreadableFileError: They are not UTF-8.
-    """
+    """Return the text of a file's bytes, UTF-8 with or without a byte order mark."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -18,7 +18,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Final, final
+from typing import Final
 
 NAMES: Final[dict[int, str]] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 """The message of each signal that is handled."""
@@ -31,7 +31,6 @@ _LOSING: Final = (f"{os.sep}llvmlite{os.sep}", f"{os.sep}numba{os.sep}", "weakre
 """Parts of the names of files whose functions C calls back: an exception is printed there, and lost."""
 
 
-@final
 class _State:
     """State of signal handling; signals come to a process, not to an object of it."""
 
@@ -207,13 +206,9 @@ def _leave() -> None:
 def _end_processes() -> None:
     """Kill the processes that compute for this one; they would end by themselves, but later."""
     with suppress(Exception):  # it may have been interrupted anywhere, in what is called here too
-        _kill_children()
+        if "multiprocessing.process" in sys.modules:
+            import multiprocessing
 
-
-def _kill_children() -> None:
-    if "multiprocessing.process" in sys.modules:
-        import multiprocessing
-
-        for process in multiprocessing.active_children():
-            process.kill()
-            process.join(1)
+            for process in multiprocessing.active_children():
+                process.kill()
+                process.join(1)

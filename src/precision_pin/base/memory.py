@@ -56,26 +56,14 @@ def check_memory(needed: float, what: str, instead: str) -> None:
         needed: Bytes that the request needs.
         what: Text for the request, such as "keeping 1,000 samples".
         instead: Text for the alternative.
-
-    Raises:
-        InputError: There is not enough memory.
     """
     available = available_memory() if needed > _UNCHECKED else None
     if available is not None and needed > available:
-        raise InputError(
-            f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"
-        )
+        message = f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"
+        raise InputError(message)
 
 
 def check_kept(samples: int) -> None:
-    """Refuse to keep more pose errors, 48 bytes each, than fit into memory.
-
-    Raises:
-        InputError: There is not enough memory.
-    """
-    most = (available_memory() or 0) // 48
-    check_memory(
-        48.0 * samples,
-        f"keeping {samples:,} samples",
-        f"at most {most:,} can be kept (the statistics do not need them)",
-    )
+    """Refuse to keep more pose errors, 48 bytes each, than fit into memory."""
+    instead = f"at most {(available_memory() or 0) // 48:,} can be kept (the statistics do not need them)"
+    check_memory(48.0 * samples, f"keeping {samples:,} samples", instead)

@@ -39,15 +39,9 @@ def progress(
     check_text("what, before a progress bar,", what)
     check_number("the delay of a progress bar", delay, "zero or more and finite", lambda seconds: seconds >= 0)
     check_text("the unit of a progress bar", unit)
-    with (
-        shown_by(compilation),
-        _bar(total=total, desc=what, unit=f" {unit}", unit_scale=True, delay=delay) as bar,
-    ):
-
-        def advance(count: int) -> None:
-            bar.update(count)
-
-        yield advance
+    shape = {"total": total, "desc": what, "unit": f" {unit}", "unit_scale": True, "delay": delay}
+    with shown_by(compilation), _bar(**shape) as bar:
+        yield lambda count: bar.update(count)
 
 
 @contextmanager
@@ -103,21 +97,14 @@ def compilation() -> Iterator[Callable[[float], None]]:
 
 def _bar(**shape: Any) -> Any:
     """Return tqdm's bar; it shows nothing where stderr is not a terminal, except in a notebook."""
-    in_kernel = _in_kernel()
-    return _tqdm(in_kernel)(leave=False, disable=False if in_kernel else None, file=sys.stderr, **shape)
+    from tqdm import tqdm
+
+    if _in_kernel():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # ipywidgets is missing
+            from tqdm.auto import tqdm
+    return tqdm(leave=False, disable=False if _in_kernel() else None, file=sys.stderr, **shape)
 
 
 def _in_kernel() -> bool:
     return type(sys.stderr).__module__.startswith("ipykernel")
-
-
-def _tqdm(in_kernel: bool) -> Any:
-    """Return tqdm's class for where this runs; no warning if ipywidgets is missing in a notebook."""
-    if not in_kernel:
-        from tqdm import tqdm as plain
-
-        return plain
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        from tqdm.auto import tqdm
-    return tqdm

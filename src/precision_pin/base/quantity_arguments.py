@@ -27,10 +27,6 @@ def check_quantity(
         what, value: The argument, in words, and the given value: a number in SI, or text with a unit.
         quantity: What it is.
         allowed, within: As for :func:`~precision_pin.base.arguments.check_number`, without the unit.
-
-    Raises:
-        UnitError: Text that is no such quantity.
-        InputError: Neither number nor text, or not allowed.
     """
     number = _in_si(what, value, quantity)
     shown_unit = f"{allowed}, in {quantity.si} or with a unit"
@@ -50,10 +46,6 @@ def check_quantities(
             a row of numbers (``"0 0 100 mm"``).
         quantity: What they are.
         shape, needs: As for :func:`~precision_pin.base.arguments.check_numbers`.
-
-    Raises:
-        UnitError: Text that is no such quantity.
-        InputError: Neither numbers nor text, or another shape.
     """
     return check_numbers(what, _in_si(what, values, quantity), shape, needs)
 
@@ -70,7 +62,6 @@ def _in_si(what: str, value: object, quantity: Quantity) -> object:
     try:
         numbers = parse_vector(value, quantity)
     except UnitError as error:
-        raise UnitError(
-            f"{what.rstrip(',')}: {error.findings[0].message}; a plain number is in {quantity.si}"
-        ) from None
+        message = error.findings[0].message
+        raise UnitError(f"{what.rstrip(',')}: {message}; a plain number is in {quantity.si}") from None
     return numbers if len(numbers) > 1 else numbers[0]

@@ -51,16 +51,9 @@ def _quantity(name: str, si: str, units: dict[str, float], written: str = "") ->
 
 _METRE: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
 _RADIAN: Final = {
-    "rad": 1.0,
-    "mrad": 1e-3,
-    "urad": 1e-6,
-    "µrad": 1e-6,
-    "deg": math.pi / 180,
-    "°": math.pi / 180,
-    "arcmin": math.pi / 10800,
-    "arcsec": math.pi / 648000,
-    "turn": 2 * math.pi,
-}
+    "rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "µrad": 1e-6, "deg": math.pi / 180, "°": math.pi / 180,
+    "arcmin": math.pi / 10800, "arcsec": math.pi / 648000, "turn": 2 * math.pi,
+}  # fmt: skip
 _TORQUE: Final = {"N*m": 1.0, "N*mm": 1e-3, "kN*m": 1e3}
 _FORCE: Final = {"N": 1.0, "kN": 1e3}
 
@@ -68,26 +61,22 @@ LENGTH: Final = _quantity("length", "m", _METRE)
 ANGLE: Final = _quantity("angle", "rad", _RADIAN)
 MASS: Final = _quantity("mass", "kg", {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237})
 ACCELERATION: Final = _quantity("acceleration", "m/s^2", {"m/s^2": 1.0, "mm/s^2": 1e-3})
-BENDING_RIGIDITY: Final = _quantity(
-    "bending or torsional rigidity", "N*m^2", {"N*m^2": 1.0, "kN*m^2": 1e3, "N*mm^2": 1e-6, "kN*mm^2": 1e-3}
-)
 FORCE: Final = _quantity("force or axial rigidity", "N", {**_FORCE, "MN": 1e6})
 AXIAL_RIGIDITY: Final = FORCE
 TORQUE: Final = _quantity("torque", "N*m", _TORQUE)
+BENDING_RIGIDITY: Final = _quantity(
+    "bending or torsional rigidity", "N*m^2", {"N*m^2": 1.0, "kN*m^2": 1e3, "N*mm^2": 1e-6, "kN*mm^2": 1e-3}
+)
 ANGULAR_STIFFNESS: Final = _quantity(
     "angular stiffness",
     "N*m/rad",
     {f"{t}/{a}": f / _RADIAN[a] for t, f in _TORQUE.items() for a in ("rad", "mrad", "deg", "arcmin", "arcsec")},
 )
 ANGULAR_COMPLIANCE: Final = _quantity(
-    "angular compliance",
-    "rad/(N*m)",
-    {f"{a}/({t})": f / g for a, f in _RADIAN.items() for t, g in _TORQUE.items()},
+    "angular compliance", "rad/(N*m)", {f"{a}/({t})": f / g for a, f in _RADIAN.items() for t, g in _TORQUE.items()}
 )
 LINEAR_STIFFNESS: Final = _quantity(
-    "linear stiffness",
-    "N/m",
-    {f"{t}/{a}": f / _METRE[a] for t, f in _FORCE.items() for a in ("m", "mm", "um", "µm")},
+    "linear stiffness", "N/m", {f"{t}/{a}": f / _METRE[a] for t, f in _FORCE.items() for a in ("m", "mm", "um", "µm")}
 )
 LINEAR_COMPLIANCE: Final = _quantity(
     "linear compliance", "m/N", {f"{a}/{t}": f / g for a, f in _METRE.items() for t, g in _FORCE.items()}
@@ -108,6 +97,7 @@ THERMAL_EXPANSION: Final = _quantity(
     },
 )
 RELATIVE_LENGTH: Final = _quantity("relative length", "m/m", {f"{a}/m": _METRE[a] for a in ("m", "mm", "um", "µm")})
+RATIO: Final = _quantity("ratio", "", {"": 1.0, "%": 1e-2, "ppm": 1e-6})
 PRESSURE: Final = _quantity(
     "modulus of elasticity", "Pa", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/m^2": 1.0, "N/mm^2": 1e6}
 )
@@ -115,31 +105,8 @@ AREA: Final = _quantity("area", "m^2", {"m^2": 1.0, "cm^2": 1e-4, "mm^2": 1e-6})
 SECOND_MOMENT: Final = _quantity("second moment of area", "m^4", {"m^4": 1.0, "cm^4": 1e-8, "mm^4": 1e-12})
 DENSITY: Final = _quantity("density", "kg/m^3", {"kg/m^3": 1.0, "g/cm^3": 1e3})
 TIME: Final = _quantity("time", "s", {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0})
-RATIO: Final = _quantity("ratio", "", {"": 1.0, "%": 1e-2, "ppm": 1e-6})
 
-QUANTITIES: Final = (
-    LENGTH,
-    ANGLE,
-    MASS,
-    ACCELERATION,
-    FORCE,
-    TORQUE,
-    BENDING_RIGIDITY,
-    ANGULAR_STIFFNESS,
-    ANGULAR_COMPLIANCE,
-    LINEAR_STIFFNESS,
-    LINEAR_COMPLIANCE,
-    TEMPERATURE_DIFFERENCE,
-    TEMPERATURE_GRADIENT,
-    THERMAL_EXPANSION,
-    RELATIVE_LENGTH,
-    RATIO,
-    PRESSURE,
-    AREA,
-    SECOND_MOMENT,
-    DENSITY,
-    TIME,
-)
+QUANTITIES: Final = tuple(dict.fromkeys(one for one in list(globals().values()) if isinstance(one, Quantity)))
 
 LARGEST: Final = 1e50
 SMALLEST: Final = 1e-50
@@ -152,24 +119,11 @@ _PER_CENT: Final = 100
 _MOST_BITS: Final = 64
 _NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _TEXT: Final = re.compile(rf"\s*({_NUMBER}(?:[\s,]+{_NUMBER})*)\s*(\D.*)?", re.ASCII | re.DOTALL)
-_SPELLINGS: Final = (
-    ("·", "*"),
-    ("⋅", "*"),
-    ("**", "^"),
-    ("²", "^2"),
-    ("³", "^3"),
-    ("⁴", "^4"),
-    ("μ", "µ"),
-    ("Nm", "N*m"),
-)
+_SPELLINGS: Final = {"·": "*", "⋅": "*", "**": "^", "²": "^2", "³": "^3", "⁴": "^4", "μ": "µ", "Nm": "N*m"}
 
 
 def split(text: object) -> tuple[list[float], str]:
-    """Return the numbers and the unit (spelled as in the tables) of a text.
-
-    Raises:
-        UnitError: Not numbers followed by at most one unit, or a number that is not finite.
-    """
+    """Return the numbers and the unit (spelled as in the tables) of a text."""
     if isinstance(text, bool) or not isinstance(text, str | int | float):
         raise UnitError(f"expected a number with a unit, got {text!r}")
     # blanks are joined first: what follows would go through many of them again and again
@@ -187,7 +141,7 @@ def split(text: object) -> tuple[list[float], str]:
 
 @lru_cache(1000)
 def _spelled(unit: str) -> str:
-    for spelling, ours in _SPELLINGS:
+    for spelling, ours in _SPELLINGS.items():
         unit = unit.replace(spelling, ours)
     return re.sub(r" ?([*/^()]) ?", r"\1", unit)
 
@@ -204,19 +158,12 @@ def parse(text: object, *quantities: Quantity) -> float:
     Args:
         text: Such as ``"0.05 mm"``; a plain number only where a quantity accepts no unit.
         quantities: Quantities accepted here; the unit decides which is meant.
-
-    Raises:
-        UnitError: Malformed number, a missing unit, or one that belongs to none of the quantities.
     """
     return parse_vector(text, *quantities, count=1)[0]
 
 
 def parse_probability(text: str) -> float:
-    """Return a probability, ``95 %`` or ``0.95``.
-
-    Raises:
-        UnitError: No such number, or one that is not above 0 and below 1.
-    """
+    """Return a probability, ``95 %`` or ``0.95``."""
     value = parse(text, RATIO)
     if 0 < value < 1:
         return value
@@ -224,9 +171,8 @@ def parse_probability(text: str) -> float:
     if 1 < value < _PER_CENT and not split(text)[1]:
         raise UnitError(f"{allowed}; did you mean '{text.strip()} %'?")
     if value == 1:
-        raise UnitError(
-            f"{allowed}: no number of samples shows that all robots are inside; ask for less, such as 99.9 %"
-        )
+        message = f"{allowed}: no number of samples shows that all robots are inside; ask for less, such as 99.9 %"
+        raise UnitError(message)
     raise UnitError(allowed)
 
 
@@ -237,9 +183,6 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
         text: Numbers separated by blanks, then the unit.
         quantities: Quantities accepted here.
         count: How many numbers there must be; any number of them if ``None``.
-
-    Raises:
-        UnitError: As :func:`parse`, or a wrong count.
     """
     numbers, unit = split(text)
     if count is not None and len(numbers) != count:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -14,51 +13,36 @@ from click.core import ParameterSource
 
 from precision_pin.analyses.declaration import OUTPUT, Asked, Declaration, Files, Job, Option, WrongUsageError, load
 from precision_pin.analyses.registry import declarations
-from precision_pin.base.files import whole_folder, write_text
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.headings import HeadedOption, output_option
+from precision_pin.cli import options as shared
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import measurement_options, measurements_of
-from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, echo_warnings, quiet_option
-from precision_pin.cli.options import (
-    Command,
-    SamplingCommand,
-    beyond_limits_option,
-    chain_options,
-    model_option,
-    pose_options,
-    seed_option,
-    spec_option,
-    target_option,
-)
+from precision_pin.cli.notes import echo_note, echo_warning_lines, echo_warnings
 from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_poses, reference_pose
-from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data
-from precision_pin.cli.targets import Outputs
-from precision_pin.cli.terminal import ALL, echo_table
-from precision_pin.cli.workers import check_workers, worker_options, working
+from precision_pin.cli.targets import Outputs, write_folder
+from precision_pin.cli.terminal import ALL, echo_result
+from precision_pin.cli.workers import check_workers, compile_sampler, progress_bar, worker_options, working
 
 if TYPE_CHECKING:
     from precision_pin.analyses.result import Result
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
 
-_PLOTS: Final = "Write plots (PNG and SVG) and the result there."
-_SHARED: Final[dict[str, Callable[[Any], Any]]] = {
-    "poses": pose_options,
-    "target": target_option,
-    "chain": chain_options,
-    "seed": seed_option,
-    "model": model_option,
-    "spec": spec_option,
-    "beyond": beyond_limits_option,
+_SHARED: Final[dict[str, shared.Decorator]] = {
+    "poses": shared.pose_options,
+    "target": shared.target_option,
+    "chain": shared.chain_options,
+    "seed": shared.seed_option,
+    "model": shared.model_option,
+    "spec": shared.spec_option,
+    "beyond": shared.beyond_limits_option,
     "workers": worker_options,
     "measurement": measurement_options,
-    "json": output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
-    "out": output_option("--out", metavar="DIR", help=_PLOTS),
-    "plot": output_option("--out", metavar="DIR", help=_PLOTS.replace("plots", "a plot")),
-    "messages": lambda command: all_warnings_option(quiet_option(command)),
+    "json": shared.json_option,
+    "out": shared.plots_option,
+    "plot": shared.output_option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there."),
+    "messages": shared.together(shared.all_warnings_option, shared.quiet_option),
 }
 """Options that declarations give by a word."""
 _LISTED: Final = "precision_pin.statistics.plan:listed_specifications"
@@ -73,21 +57,20 @@ def make_command(declaration: Declaration) -> click.Command:
     for option in reversed(declaration.options):
         command = (_SHARED[option] if isinstance(option, str) else _option(option))(command)
     if not any(option.argument == ALL for option in declaration.own_options):
-        command = output_option("--all", ALL, is_flag=True, help="Print all rows, however low the terminal is.")(
-            command
-        )
+        every = shared.output_option("--all", ALL, is_flag=True, help="Print all rows, however low the terminal is.")
+        command = every(command)
     name, metavar = declaration.arguments
     command = click.argument(name, nargs=-1, metavar=metavar)(command)
-    kind = SamplingCommand if declaration.is_sampled else Command
+    kind = shared.SamplingCommand if declaration.is_sampled else shared.Command
     made = click.command(declaration.name, cls=kind, help=declaration.description)(command)
     made.data_suffixes = declaration.data_suffixes
     return made
 
 
-def _option(option: Option) -> Callable[[Callable[..., int]], Callable[..., int]]:
+def _option(option: Option) -> shared.Decorator:
     group = option.group or (OUTPUT if option.is_of_table else "")
-    headed: dict[str, Any] = {"cls": HeadedOption, "heading": group} if group else {}
-    return click.option(
+    make = partial(shared.headed_option, heading=group) if group else click.option
+    return make(
         option.flag,
         option.argument,
         type=click.Choice(option.choices) if option.choices else option.kind,
@@ -98,7 +81,6 @@ def _option(option: Option) -> Callable[[Callable[..., int]], Callable[..., int]
         required=option.is_needed,
         metavar=option.metavar,
         help=option.help,
-        **headed,
     )
 
 
@@ -198,15 +180,9 @@ def _at_poses(declaration: Declaration, asked: Asked) -> Job:
         names = [f"{declaration.name}-{k + 1}" if count > 1 else declaration.name for k in range(count)]
         return Files({name: declaration.figure(result, k) for k, name in enumerate(names)})
 
+    where = [pose.where for pose in poses]
     return Job(
-        partial(
-            declaration.run,
-            model,
-            [pose.where for pose in poses],
-            seed=asked.options["seed"],
-            findings=sheet.findings,
-            **arguments,
-        ),
+        partial(declaration.run, model, where, seed=asked.options["seed"], findings=sheet.findings, **arguments),
         (model,),
         declaration.count_steps(model.space, len(poses), arguments),
         unit=declaration.unit,
@@ -215,36 +191,21 @@ def _at_poses(declaration: Declaration, asked: Asked) -> Job:
 
 
 def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[str, Any]) -> None:
-    """Print a result and write the requested files: ``NAME.json`` and the figures in a folder, and those of other options.
-
-    Raises:
-        OutputError: Something cannot be written.
-    """
+    """Print a result and write the requested files: ``NAME.json`` and the figures in a folder, and those of other options."""
     json_path, out, stem = options["json_path"], options["out"], job.stem or declaration.name
     write = job.write or (lambda _: ())
     if job.is_written_first:
         for note in write(result):
             echo_note(note)
-    if json_path == "-":
-        echo_data(result.to_json())
-    else:
-        of_table = {one.argument: options[one.argument] for one in declaration.own_options if one.is_of_table}
-        text = declaration.table(result, **of_table) if job.table is None else job.table(result)
-        others = () if job.is_written_first else set(declaration.writes) - {"json_path"}
-        echo_table(text, below=sum(options[name] is not None for name in ("out", *others)))
-    if json_path is not None and json_path != "-":
-        write_text(Path(json_path), result.to_json() + "\n")
+    of_table = {one.argument: options[one.argument] for one in declaration.own_options if one.is_of_table}
+    table = job.table or partial(declaration.table, **of_table)
+    others = () if job.is_written_first else set(declaration.writes) - {"json_path"}
+    below = sum(options[name] is not None for name in ("out", *others))
+    echo_result(result, json_path, lambda: table(result), below=below)
     notes = () if job.is_written_first else write(result)
     if out is not None:
-        from precision_pin.sampling import figures
-
         files = Files({stem: declaration.figure(result)}) if job.files is None else job.files(result)
-        with whole_folder(Path(out)) as stage:
-            write_text(stage / f"{stem}.json", result.to_json() + "\n")
-            for name, figure in files.figures.items():
-                figures.save(figure, stage / name)
-            for name, text in files.texts.items():
-                write_text(stage / name, text)
+        write_folder(out, stem, result, files.figures, files.texts)
         drawn = [f"{files.listed or ', '.join(files.figures)} as PNG and SVG"] if files.figures else []
         echo_note(f"wrote {out}: {', '.join([f'{stem}.json', *drawn, *files.texts])}")
     for note in notes:
@@ -254,12 +215,8 @@ def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[st
 def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what: str = "", **options: Any) -> Any:
     """Return the result of an analysis for a page that shows it, at poses as its function takes them; print its warnings.
 
-    Args:
-        name: The command.
-        sheet: As read; its findings stand on the page already.
-        poses: The poses.
-        what: Name of the progress; by default that of the command.
-        options: Values of the command's options that are not their defaults, by argument.
+    ``what`` names the progress, by default as the command does; ``options`` are values that are not the defaults, by argument.
+    The findings of the sheet stand on the page already.
     """
     declaration = declarations()[name]
     assert declaration.prepare is not None

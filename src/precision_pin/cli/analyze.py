@@ -1,63 +1,53 @@
-"""``precision-pin analyze``."""
+"""``precision-pin analyze``, at one pose or at several with the same robots at all of them."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from precision_pin.base.files import whole_folder, write_text
+from precision_pin.base.errors import Finding
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.analyze_poses import FILES as FILES_OF_POSES
-from precision_pin.cli.analyze_poses import PosesJob, analyze_poses, refuse_of_one_pose
-from precision_pin.cli.headings import output_option, sampling_option
+from precision_pin.cli import options as shared
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
-from precision_pin.cli.options import (
-    SamplingCommand,
-    chain_options,
-    inputs_argument,
-    model_option,
-    pose_options,
-    seed_option,
-    spec_option,
-    target_option,
-)
-from precision_pin.cli.poses import check_poses, pose_files, read_poses, reference_pose
-from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data
-from precision_pin.cli.targets import Outputs
-from precision_pin.cli.terminal import echo_table
-from precision_pin.cli.workers import check_workers, worker_options, working
+from precision_pin.cli.notes import echo_note, echo_warning_lines, echo_warnings
+from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses, reference_pose
+from precision_pin.cli.targets import Outputs, write_folder
+from precision_pin.cli.terminal import echo_result
+from precision_pin.cli.workers import check_workers, compile_sampler, progress_bar, worker_options, working
 
 if TYPE_CHECKING:
-    from precision_pin.sampling.result import MonteCarloResult
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.sheet import Sheet
+    from precision_pin.statistics import Specification
 
-FILES = ("analysis.json", "position.*", "attitude.*", "components.*")
+FILES: Final = ("analysis.json", "position.*", "attitude.*", "components.*")
+FILES_OF_POSES: Final = ("poses.json", "position.*", "attitude.*")
 """Files written to a folder."""
 
-MOST_UNTIL = 10**9
+MOST_UNTIL: Final = 10**9
 """The most samples until a result is precise enough, where no number is given."""
 
 
-@click.command("analyze", cls=SamplingCommand)
-@inputs_argument
-@pose_options
-@target_option
-@chain_options
-@all_warnings_option
-@quiet_option
-@sampling_option(
+@click.command("analyze", cls=shared.SamplingCommand)
+@shared.inputs_argument
+@shared.pose_options
+@shared.target_option
+@shared.chain_options
+@shared.all_warnings_option
+@shared.quiet_option
+@shared.sampling_option(
     "--samples",
     type=int,
     metavar="N",
     help="Number of robots, 100,000 if left out; with --until the most, 1e9 if left out.",
 )
-@seed_option
-@model_option
-@spec_option
+@shared.seed_option
+@shared.model_option
+@shared.spec_option
 @click.option(
     "--spec-everywhere", is_flag=True, help="Of several poses: a robot is inside only if it is at all of them."
 )
@@ -70,24 +60,12 @@ MOST_UNTIL = 10**9
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until this precision is reached; repeats."
 )
 @worker_options
-@output_option(
+@shared.output_option(
     "--all", "is_whole", is_flag=True, help="Print min, max, mode, tolerance bounds, and of many poses every one."
 )
-@output_option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
-def command(
-    samples: int | None,
-    seed: int,
-    model: Literal["exact", "linear"],
-    specs: tuple[str, ...],
-    spec_everywhere: bool,
-    relative_to: str | None,
-    until: tuple[str, ...],
-    is_whole: bool,
-    json_path: str | None,
-    out: str | None,
-    **arm: Any,
-) -> int:
+@shared.json_option
+@shared.plots_option
+def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...], **arm: Any) -> int:
     """Sample the pose error of an arm at a pose, or of the same robots at several.
 
     At several poses a specification is met only if it is met at every one. With --relative-to the errors are those relative to
@@ -108,20 +86,23 @@ def command(
     check_samples(samples)
     for text in until:
         target(text)
-    check_seed(seed)
+    check_seed(arm["seed"])
     specifications = [specification(text) for text in specs]
     check_workers(arm)
-    if spec_everywhere and not specs:
+    if arm["spec_everywhere"] and not specs:
         raise click.UsageError("--spec-everywhere needs a --spec")
     check_poses(arm)
+    relative_to, out = arm["relative_to"], arm["out"]
     if relative_to is not None:
         at_one = {"--until": until, **{f"--{name}": arm[name] for name in ("processes", "dask", "journal")}}
-        _refuse_of_relative(
-            [option for option, value in at_one.items() if value] + ["--spec-everywhere"] * spec_everywhere
-        )
+        at_one["--spec-everywhere"] = arm["spec_everywhere"]
+        for option in [option for option, value in at_one.items() if value]:
+            raise click.UsageError(f"{option} and --relative-to exclude each other; leave one of them out")
     may_be_several = arm["all_poses"] or pose_files(arm) or max(len(arm["pose_names"]), len(arm["qs"])) > 1
     outputs = Outputs(
-        {"--journal": arm["journal"], "--json": json_path}, out, (*FILES, *(FILES_OF_POSES if may_be_several else ()))
+        {"--journal": arm["journal"], "--json": arm["json_path"]},
+        out,
+        (*FILES, *(FILES_OF_POSES if may_be_several else ())),
     )
     outputs.check()
     outputs.refuse_inputs(pose_files(arm))
@@ -130,49 +111,85 @@ def command(
     poses = read_poses(sheet, arm)
     sheet = poses.noted_in(sheet)
     if len(poses) > 1:
-        for_one = {"--until": bool(until), "--relative-to": relative_to}
-        refuse_of_one_pose([option for option, value in for_one.items() if value], len(poses))
-        job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, arm, is_whole, json_path, out)
-        return analyze_poses(error_model, sheet, poses, job)
+        for_one = {"--until": until, "--relative-to": relative_to}
+        given = [option for option, value in for_one.items() if value]
+        if given:
+            are = "are" if len(given) > 1 else "is"
+            raise click.UsageError(
+                f"{' and '.join(given)} {are} for one pose, and {len(poses):,} are given; leave one or the other out"
+            )
+        return _analyze_poses(error_model, sheet, poses, samples, specifications, arm)
     where = poses[0].where
     other = reference_pose(sheet, relative_to)
-    compile_sampler(error_model.space, model)
+    compile_sampler(error_model.space, arm["model"])
+    asked = {name: arm[name] for name in ("seed", "model")}
+    asked |= {"samples": samples, "specifications": specifications, "findings": sheet.findings}
     if other is not None:
         with progress_bar(samples, "sampling") as progress, unwinding():
-            analysis = relative(
-                error_model, where, other, samples=samples, seed=seed, model=model, specifications=specifications,
-                findings=sheet.findings, threads=arm["threads"], progress=progress,
-            )  # fmt: skip
+            analysis = relative(error_model, where, other, threads=arm["threads"], progress=progress, **asked)
             raise_if_interrupted()
     else:
         with working(arm) as workers, progress_bar(samples, "sampling") as progress:
-            analysis = monte_carlo(
-                error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
-                until=until, findings=sheet.findings, files={"sheet": sheet.file}, progress=progress, **workers,
-            )  # fmt: skip
+            files = {"sheet": sheet.file}
+            analysis = monte_carlo(error_model, where, until=until, files=files, progress=progress, **asked, **workers)
     echo_warning_lines(analysis.warnings[len(sheet.findings) :])
-    if json_path == "-":
-        echo_data(analysis.to_json())
-    else:
-        echo_table(analysis_table(analysis, is_whole=is_whole), is_answered=True)
-    if json_path is not None and json_path != "-":
-        write_text(Path(json_path), analysis.to_json() + "\n")
+    echo_result(
+        analysis, arm["json_path"], lambda: analysis_table(analysis, is_whole=arm["is_whole"]), is_answered=True
+    )
     if out is not None:
-        _write_folder(analysis, Path(out))
+        from precision_pin.sampling.figures import figures_of
+
+        write_folder(out, "analysis", analysis, figures_of(analysis.summary, analysis.seed, analysis.arm))
         echo_note(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG")
     return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
 
 
-def _refuse_of_relative(options: list[str]) -> None:
-    """Refuse options that the relative error does not take."""
-    if options:
-        raise click.UsageError(f"{options[0]} and --relative-to exclude each other; leave one of them out")
+def _analyze_poses(
+    error_model: ErrorModel,
+    sheet: Sheet,
+    poses: Sequence[AskedPose],
+    samples: int,
+    specifications: Sequence[Specification],
+    arm: shared.Options,
+) -> int:
+    """Sample at several poses, print and write the result; returns the exit code."""
+    from precision_pin.analyses.monte_carlo.table import poses_table
+    from precision_pin.sampling.many_poses import sample_poses
+
+    compile_sampler(error_model.space, arm["model"])
+    found = _find(error_model, poses, arm["model"])
+    echo_warnings(found)
+    steps = (2 if arm["spec_everywhere"] else 1) * samples * len(poses)
+    with working(arm) as workers, progress_bar(steps, "sampling") as progress:
+        result = sample_poses(
+            error_model, [pose.where for pose in poses], samples=samples, seed=arm["seed"], model=arm["model"],
+            specifications=tuple(specifications), everywhere=arm["spec_everywhere"],
+            findings=(*sheet.findings, *found), files={"sheet": sheet.file}, progress=progress, **workers,
+        )  # fmt: skip
+    result = replace(result, names=tuple(pose.name for pose in poses))
+    echo_result(result, arm["json_path"], lambda: poses_table(result, is_whole=arm["is_whole"]), is_answered=True)
+    if arm["out"] is not None:
+        figures = {quantity: result.plot(quantity) for quantity in ("position", "attitude")}
+        write_folder(arm["out"], "poses", result, figures)
+        echo_note(f"wrote {arm['out']}: poses.json, position and attitude over the poses as PNG and SVG")
+    return 0 if result.met else EXIT_SPEC
 
 
-def _write_folder(analysis: MonteCarloResult, folder: Path) -> None:
-    from precision_pin.sampling import figures
+def _find(error_model: ErrorModel, poses: Sequence[AskedPose], model: Any) -> tuple[Finding, ...]:
+    """Return the warnings at each pose, as an analysis of it has them; beyond the first 200, those about joint limits."""
+    from precision_pin.model.verdict_grounds import MOST_POSES, exact_findings
+    from precision_pin.render.tables import pose_labels
 
-    with whole_folder(folder) as stage:
-        write_text(stage / "analysis.json", analysis.to_json() + "\n")
-        for name, figure in figures.figures_of(analysis.summary, analysis.seed, analysis.arm).items():
-            figures.save(figure, stage / name)
+    found = []
+    for rank, (pose, label) in enumerate(zip(poses, pose_labels([pose.name for pose in poses]), strict=True)):
+        if rank < MOST_POSES:
+            at = error_model.at(pose.where)
+            here = (*at.findings(model), *error_model.statics_findings(at))
+        else:
+            here = error_model.chain.at(error_model.configuration(pose.where)).findings
+        where = f"pose {pose.name!r}" if pose.name else label
+        found += [replace(finding, message=f"{where}: {finding.message}") for finding in here]
+        raise_if_interrupted()
+    asked = [pose.where for pose in poses]
+    values, _ = error_model.configurations(asked)
+    return (*found, *exact_findings(error_model, values, error_model.approaches_of(asked, values)))

@@ -1,21 +1,21 @@
-"""``precision-pin check``."""
+"""``precision-pin check`` and ``mcpc``, which take a URDF without a sheet too."""
 
 from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli import EXIT_INPUT
-from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import find_inputs, read_inputs
-from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.options import Command, Options, chain_options
+from precision_pin.cli.notes import echo_note, echo_warnings
+from precision_pin.cli.options import Command, Options, chain_options, inputs_argument, output_option, quiet_option
 from precision_pin.cli.streams import echo_data, wrapped
+from precision_pin.cli.terminal import echo_table
 from precision_pin.robot.examples import named_briefly
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @click.command("check", cls=Command)
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+@inputs_argument
 @chain_options
 @quiet_option
 @output_option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
@@ -39,7 +39,9 @@ def command(as_json: bool, **arm: Any) -> int:
         groups.setdefault(f"{finding.severity}s", []).append(finding)
     errors, warnings, notes = groups["errors"], groups["warnings"], groups.get("notes", ())
     if as_json:
-        echo_data(json.dumps({name: list(map(_entry, group)) for name, group in groups.items()}, ensure_ascii=False))
+        keys = ("code", "message", "file", "line")
+        listed = {name: [{key: getattr(one, key) for key in keys} for one in group] for name, group in groups.items()}
+        echo_data(json.dumps(listed, ensure_ascii=False))
     else:
         if errors or warnings:
             echo_data("\n".join(wrapped(named_briefly(str(finding)), sys.stdout) for finding in (*errors, *warnings)))
@@ -120,5 +122,36 @@ def _chain_findings(robot: object, tip: str | None, base: str | None) -> tuple[F
     return ()
 
 
-def _entry(finding: Finding) -> dict[str, object]:
-    return {"code": finding.code, "message": finding.message, "file": finding.file, "line": finding.line}
+@click.command("mcpc", cls=Command)
+@inputs_argument
+@chain_options
+@quiet_option
+@output_option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")
+def mcpc(as_json: bool, **arm: Any) -> None:
+    """Print the MCPC parameters of a chain, laid out as the paper's Table 1 (degrees and mm).
+
+    Without arguments: the paper's arm.
+    """
+    from precision_pin.analyses.monte_carlo.table import mcpc_table
+    from precision_pin.robot import urdf
+    from precision_pin.robot.chain import Chain, chain_findings
+    from precision_pin.robot.mcpc import from_chain
+
+    found = find_inputs(arm["inputs"], sheet_needed=False)
+    if found.sheet is not None:
+        sheet = read_inputs(found, arm)
+        chain, warnings = sheet.chain, sheet.findings
+    else:
+        assert found.robot is not None
+        if arm["changes"]:
+            raise InputError.of("E_USAGE", "--set changes a sheet, and none is given")
+        robot = urdf.read(found.robot, package_dirs=arm["package_dirs"])
+        chain = Chain.from_robot(robot, arm["tip"], arm["base"])
+        warnings = chain_findings(chain)
+    echo_warnings(warnings, chain.robot.file)
+    table = from_chain(chain)
+    if as_json:
+        rows = [asdict(row) for row in table.table]
+        echo_data(json.dumps({"base": chain.base, "tip": chain.tip, "links": rows}, ensure_ascii=False))
+    else:
+        echo_table(mcpc_table(table), is_answered=True)

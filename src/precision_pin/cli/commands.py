@@ -21,7 +21,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     ),
     "check": ("precision_pin.cli.check", HELP, "Check a URDF, or a sheet and its URDF; list every finding."),
     "init": ("precision_pin.cli.init", HELP, "Write a commented sheet for a URDF, with starting tolerances."),
-    "mcpc": ("precision_pin.cli.mcpc", HELP, "Print the MCPC parameters of a chain."),
+    "mcpc": ("precision_pin.cli.check:mcpc", HELP, "Print the MCPC parameters of a chain."),
     "view": (
         "precision_pin.cli.view",
         SHOW,
@@ -39,10 +39,10 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
         "Write readings of a sampled robot, as calibrate and iso9283 --measured read them.",
     ),
     "explain": ("precision_pin.cli.explain", HELP, "Say what a code of an error or a warning means, and what to do."),
-    "schema": ("precision_pin.cli.schema", HELP, "Print the JSON schema of the sheet."),
-    "doctor": ("precision_pin.cli.doctor", HELP, "Print versions and paths."),
+    "schema": ("precision_pin.cli.explain:schema", HELP, "Print the JSON schema of the sheet."),
+    "doctor": ("precision_pin.cli.explain:doctor", HELP, "Print versions and paths."),
 }
-"""The module whose ``command`` runs, the heading in the list, and the line below it; the registry has those of the analyses."""
+"""The module whose ``command`` runs, or a name in it, the heading in the list, and the line below it; without analyses."""
 
 
 def list_commands() -> dict[str, str]:
@@ -67,5 +67,6 @@ def load_command(name: str) -> click.Command:
         from precision_pin.cli.analyses import make_command
 
         return make_command(declaration)
-    command: click.Command = import_module(COMMANDS[name][0]).command
+    module, _, attribute = COMMANDS[name][0].partition(":")
+    command: click.Command = getattr(import_module(module), attribute or "command")
     return command

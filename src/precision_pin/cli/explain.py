@@ -1,8 +1,11 @@
-"""``precision-pin explain``."""
+"""``precision-pin explain``, ``schema`` and ``doctor``."""
 
 from __future__ import annotations
 
 import importlib.resources
+import json
+import os
+import platform
 import re
 import sys
 import textwrap
@@ -80,3 +83,29 @@ def _wrapped(first: str, others: str, markdown: str) -> list[str]:
     text = re.sub(r"\[([^]]*)\]\((\w[\w-]*)\.md(?:#[\w-]*)?\)", r"\1 (page \2 of the documentation)", markdown)
     columns = min(count_columns(sys.stdout) or WIDTH, WIDTH)
     return textwrap.wrap(text, columns, initial_indent=first, subsequent_indent=others, break_long_words=False)
+
+
+@click.command("schema", cls=Command)
+def schema() -> None:
+    """Print the JSON schema of the sheet, for editors and checkers."""
+    from precision_pin.sheet import json_schema
+
+    echo_data(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+
+
+@click.command("doctor", cls=Command)
+def doctor() -> None:
+    """Print the versions and paths that a result depends on; good to put into a bug report."""
+    import precision_pin
+    from precision_pin.base.versions import versions
+    from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
+
+    lines = {
+        **versions(),
+        "system": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "package": os.path.dirname(os.path.abspath(precision_pin.__file__)),
+        "paper's case": f"{PAPER_SHEET} ({'found' if PAPER_SHEET.is_file() else 'MISSING'})",
+        "example robots": f"{len(example_urdfs())} (example-robot-data)" if example_urdfs() else "not installed",
+    }
+    width = max(map(len, lines))
+    echo_data("\n".join(f"{name:<{width}}  {value}" for name, value in lines.items()))

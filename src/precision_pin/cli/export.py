@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 import time
@@ -13,15 +11,14 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from precision_pin.base.errors import Finding, InputError, OutputError
-from precision_pin.base.files import whole_folder, write_text
+from precision_pin.base.files import csv_text, whole_folder, write_text
 from precision_pin.base.text_escape import visible
-from precision_pin.cli.headings import output_option
 from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
 from precision_pin.cli.notes import echo_note
-from precision_pin.cli.options import Command, one_pose_options, seed_option
+from precision_pin.cli.options import Command, one_pose_options, output_option, seed_option
 from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
-from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.targets import Outputs
+from precision_pin.cli.workers import progress_bar
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -78,17 +75,14 @@ def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
     if units > FEW_UNITS:
         _estimate(writer, seed, first, units, folder)
     digits = max(4, len(str(first + units - 1)))
-    table = io.StringIO()
-    rows = csv.writer(table, lineterminator="\n")
-    rows.writerow(HEAD)
-    names = []
+    names, rows = [], []
     with whole_folder(folder) as stage, progress_bar(units, "writing", "robots") as progress:
         for built in writer.units(seed, first, units):
             names.append(f"{robot.stem}.unit{built.unit:0{digits}d}.urdf")
             (stage / names[-1]).write_bytes(built.text)
-            rows.writerow((built.unit, names[-1], *map(repr, built.error.tolist()), built.digest))
+            rows.append((built.unit, names[-1], *map(repr, built.error.tolist()), built.digest))
             progress(1)
-        write_text(stage / "units.csv", table.getvalue())
+        write_text(stage / "units.csv", csv_text(HEAD, rows))
     more = f" to {names[-1]}" if units > 1 else ""
     echo_note(f"wrote {out}: units.csv, {names[0]}{more}")
     name = model.pose_name(pose.where)
@@ -97,11 +91,7 @@ def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
 
 
 def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) -> None:
-    """Print an estimate of time and size, where they are large.
-
-    Raises:
-        OutputError: The disk has not so much room.
-    """
+    """Print an estimate of time and size, where they are large."""
     seconds, largest = math.inf, 0
     started = time.perf_counter()
     for built in writer.units(seed, first, TRIALS):
@@ -116,9 +106,8 @@ def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) 
     what = f"{units:,} robots take {_size(taken)}"
     if taken > free or (disk.f_files > 0 and disk.f_favail <= units):
         room = f"{_size(free)} are free" if taken > free else f"room for {disk.f_favail:,} files is left"
-        raise OutputError(
-            f"cannot write to the folder {folder}: {what}, and {room}; ask for fewer --units or another disk"
-        )
+        message = f"cannot write to the folder {folder}: {what}, and {room}; ask for fewer --units or another disk"
+        raise OutputError(message)
     if taken >= LARGE or seconds * units >= LONG:
         echo_note(f"{what} of {_size(free)} that are free, and some {_duration(seconds * units)}")
 

@@ -12,9 +12,8 @@ from precision_pin.base.errors import Finding, InputError, OutputError
 from precision_pin.base.files import write_files, write_text
 from precision_pin.base.input_files import noted_inputs
 from precision_pin.base.text_escape import shown, some
-from precision_pin.cli.headings import output_option
-from precision_pin.cli.notes import echo_note, echo_warnings, quiet_option
-from precision_pin.cli.options import Command, robot_options
+from precision_pin.cli.notes import echo_note, echo_warnings
+from precision_pin.cli.options import Command, output_option, quiet_option, robot_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 
@@ -48,22 +47,14 @@ def command(
     sheet runs as it is: precision-pin analyze SHEET.
     """
     from precision_pin.export.scaffold import scaffold
+    from precision_pin.robot import examples, urdf
     from precision_pin.robot.chain import Chain, chain_findings
-    from precision_pin.robot.examples import (
-        ELSEWHERE,
-        PREFIX,
-        example_urdfs,
-        resolve_robot,
-        shipped_sheet,
-        starting_sheet,
-    )
-    from precision_pin.robot.urdf import ask_for_tip, draft_command, gripper_joint, likeliest_tip, read
 
     robot = _expanded(robot, arguments, force=force)
     if mend_inertia:
         robot = _mended(robot, force=force)
-    path = resolve_robot(robot)
-    target = Path(out) if out is not None else Path(starting_sheet(path))
+    path = examples.resolve_robot(robot)
+    target = Path(examples.starting_sheet(path) if out is None else out)
     to_stdout = out == "-"
     if not to_stdout:
         outputs = Outputs({"--out": out or str(target)})
@@ -74,22 +65,23 @@ def command(
     with noted_inputs() as inputs:
         text, what = _shipped(robot, tip, base)
         if text is None:
-            read_robot = read(path, package_dirs=package_dirs)
-            if tip is None and len(read_robot.leaves) > 1:
-                raise InputError(f"{ask_for_tip(read_robot)}: {draft_command(robot, likeliest_tip(read_robot))}")
-            chain = Chain.from_robot(read_robot, tip, base)
-            is_named = robot.startswith(ELSEWHERE)
+            read = urdf.read(path, package_dirs=package_dirs)
+            if tip is None and len(read.leaves) > 1:
+                raise InputError(f"{urdf.ask_for_tip(read)}: {urdf.draft_command(robot, urdf.likeliest_tip(read))}")
+            chain = Chain.from_robot(read, tip, base)
+            is_named = robot.startswith(examples.ELSEWHERE)
             text = scaffold(chain, robot if is_named else os.path.relpath(path, Path() if to_stdout else target.parent))
             echo_warnings(chain_findings(chain))
-            grip = gripper_joint(chain.robot, chain.tip) if tip is None and base is None else None
+            grip = urdf.gripper_joint(chain.robot, chain.tip) if tip is None and base is None else None
             if grip is not None:
                 message = (
                     f"the only leaf, {chain.tip!r}, is a finger: the joint {grip.name!r} opens a gripper, and does not move "
-                    f"the tool; the last link before it is {grip.parent!r}: {draft_command(robot, grip.parent)}"
+                    f"the tool; the last link before it is {grip.parent!r}: {urdf.draft_command(robot, grip.parent)}"
                 )
                 echo_warnings([Finding("warning", "W_GRIPPER", message, str(path), grip.line)])
-            alike = f"{PREFIX}{chain.robot.name}"
-            if shipped_sheet(alike) is not None and robot != alike and chain.robot.name in example_urdfs():
+            name = chain.robot.name
+            alike = f"{examples.PREFIX}{name}"
+            if examples.shipped_sheet(alike) is not None and robot != alike and name in examples.example_urdfs():
                 what += f" (with sources: precision-pin init {alike}, if this is such an arm)"
     if not to_stdout:
         outputs.refuse_inputs(inputs)
@@ -102,13 +94,12 @@ def command(
 
 def _expanded(robot: str, arguments: tuple[str, ...], *, force: bool) -> str:
     """Return the robot; of one written in xacro the URDF, which is written into this folder."""
-    from precision_pin.robot.examples import DESCRIPTIONS
-    from precision_pin.robot.xacro import expand, read_arguments, xacro_source
+    from precision_pin.robot.examples import DESCRIPTIONS, expand, read_arguments, xacro_source
 
     given, source = read_arguments(arguments), xacro_source(robot)
     if source is None:
         if given:
-            raise InputError([Finding("error", "E_USAGE", f"{robot} is not written in xacro and takes no arguments")])
+            raise InputError.of("E_USAGE", f"{robot} is not written in xacro and takes no arguments")
         return robot
     file, own, packages = source
     named = robot.rpartition(":")[2] if robot.startswith(DESCRIPTIONS) else file.name
@@ -137,9 +128,8 @@ def _new_urdf(name: str, *, force: bool) -> Path:
     """Return the path of a URDF to write into this folder, which is not there or may be written over."""
     target = Path(name)
     if target.exists() and not force:
-        raise OutputError(
-            f"{target} exists; --force writes it anew, or run precision-pin init {shlex.quote(str(target))}"
-        )
+        message = f"{target} exists; --force writes it anew, or run precision-pin init {shlex.quote(str(target))}"
+        raise OutputError(message)
     Outputs({"--out": str(target)}).check()
     return target
 

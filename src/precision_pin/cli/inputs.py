@@ -41,9 +41,6 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
 
     A robot alone goes with the sheet beside it, or the one of its name in the working folder, where ``init`` writes it, or,
     as ``example:NAME``, with the one that comes with this package; stderr says so for all but the first.
-
-    Raises:
-        InputError: More than one of either, one that is not there, or a robot without a sheet where one is needed.
     """
     if not arguments:
         return Inputs(None, PAPER_SHEET)
@@ -63,10 +60,10 @@ def _refuse_misnamed(robot: Path | None, sheet: Path | None) -> None:
     """Refuse a sheet that would be read as a robot for its name, or a robot that would be read as a sheet."""
     if robot is not None and re.search(rb"^precision-pin:", _beginning(robot), re.MULTILINE):
         message = "this is a sheet; name it .yaml or .yml, so that it is taken for one"
-        raise InputError([Finding("error", "E_FILE_KIND", message, str(robot))])
+        raise InputError.of("E_FILE_KIND", message, str(robot))
     if sheet is not None and _beginning(sheet).lstrip().startswith(b"<"):
         message = "this is XML, not a sheet; name a robot .urdf, so that it is taken for one"
-        raise InputError([Finding("error", "E_FILE_KIND", message, str(sheet))])
+        raise InputError.of("E_FILE_KIND", message, str(sheet))
 
 
 def _beginning(path: Path) -> bytes:
@@ -103,17 +100,12 @@ def _sheet_of(name: str, robot: Path) -> Path:
     if len(leaves) > 1:
         command = urdf.draft_command(name, tip := urdf.likeliest_tip(read))
         others = f" (or another tip: {', '.join([leaf for leaf in leaves if leaf != tip][:MOST_LEAVES])})"
-    raise InputError(
-        f"no sheet of error sources for {name}; write one, which is then found by itself: {command}{others}"
-    )
+    message = f"no sheet of error sources for {name}; write one, which is then found by itself: {command}{others}"
+    raise InputError(message)
 
 
 def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
-    """Read the sheet and robot of a command line and print the warnings.
-
-    Raises:
-        InputError: Anything in them is wrong, or an output would be written over one of the files that were read.
-    """
+    """Read the sheet and robot of a command line and print the warnings."""
     with noted_inputs() as inputs:
         sheet = read_inputs(find_inputs(options["inputs"], sheet_needed=True), options)
     if outputs is not None:
@@ -123,12 +115,7 @@ def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
 
 
 def read_inputs(found: Inputs, options: Options) -> Sheet:
-    """Read the sheet of a command line, with its robot if one is given, and the changes of ``--set``.
-
-    Raises:
-        InputError: Anything in them is wrong; first that the sheet is of another robot, if it names joints or links
-            that this has not.
-    """
+    """Read the sheet of a command line, with its robot if one is given, and the changes of ``--set``."""
     from precision_pin.sheet import Overrides, parse_change, read
     from precision_pin.sheet.chain_entry import parse_target
 
@@ -138,21 +125,15 @@ def read_inputs(found: Inputs, options: Options) -> Sheet:
         try:
             parse_target(target)
         except InputError as error:
-            raise InputError([Finding("error", "E_USAGE", f"--{error.findings[0].message}")]) from None
+            raise InputError.of("E_USAGE", f"--{error.findings[0].message}") from None
     if not os.path.lexists(found.sheet):
         similar = similar_file(found.sheet, SHEET_SUFFIXES)
         hint = f"did you mean {similar}?" if similar else "precision-pin init ROBOT.urdf writes one"
-        raise InputError([Finding("error", "E_FILE", f"the sheet does not exist; {hint}", str(found.sheet))])
+        raise InputError.of("E_FILE", f"the sheet does not exist; {hint}", str(found.sheet))
     try:
         changes = [parse_change(text) for text in options["changes"]]
-        overrides = Overrides(
-            found.robot,
-            options["tip"],
-            options["base"],
-            options["package_dirs"],
-            target,
-            options.get("ignores_collisions", False),
-        )
+        tip, base, folders = (options[name] for name in ("tip", "base", "package_dirs"))
+        overrides = Overrides(found.robot, tip, base, folders, target, options.get("ignores_collisions", False))
         return read(found.sheet, overrides=overrides, changes=changes)
     except InputError as error:
         own = _other_robot(found) if any(finding.code == "E_NAME" for finding in error.findings) else None
@@ -184,19 +165,15 @@ def echo_findings(findings: Sequence[Finding]) -> None:
 
 
 def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[np.float64] | None:
-    """Return which pose ``--pose`` or ``--q`` asks for: a name, joint values ``(n,)``, or None for the sheet's first.
-
-    Raises:
-        InputError: Wrong joint values, or nothing to choose from.
-    """
+    """Return which pose ``--pose`` or ``--q`` asks for: a name, joint values ``(n,)``, or None for the sheet's first."""
     from precision_pin.sheet import parse_pose, pose_remark
 
     if pose is not None and q is not None:
-        raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
+        raise InputError.of("E_USAGE", "--pose and --q exclude each other")
     if q is None:
         if pose is None and not sheet.poses:
             message = "the sheet has no poses; give joint values with --q, or name some under poses:"
-            raise InputError([Finding("error", "E_POSE", message, sheet.file)])
+            raise InputError.of("E_POSE", message, sheet.file)
         return pose
     try:
         values = _joint_values(q)

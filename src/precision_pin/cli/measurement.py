@@ -3,67 +3,60 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from precision_pin.base.errors import Finding, InputError
-from precision_pin.cli.headings import HeadedOption
+from precision_pin.base import units
+from precision_pin.base.errors import InputError
 from precision_pin.cli.notes import echo_warnings
-from precision_pin.cli.options import Options
+from precision_pin.cli.options import Options, headed_option, together
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from precision_pin.analyses.calibration.calibrate import CalibrationResult
-    from precision_pin.base import units
     from precision_pin.sheet import Sheet
     from precision_pin.sheet.measurement import Measurement
 
-Decorated = TypeVar("Decorated", bound="Callable[..., Any]")
 _OF_KIND: Final = ("attitude_std", "anchor", "plane", "sockets")
 """Settings that belong to one kind of measurement."""
+_NUMBERS: Final = (
+    ("std", units.LENGTH, 1),
+    ("attitude_std", units.ANGLE, 1),
+    *((name, units.LENGTH, 3) for name in ("point", "anchor", "visible_from")),
+)
+"""Options with numbers, and how many."""
+_option: Final = partial(headed_option, heading="Instrument")
 
-
-_option: Final = partial(click.option, cls=HeadedOption, heading="Instrument")
-
-
-def measurement_options(command: Decorated) -> Decorated:
-    """Add the options of the instrument."""
-    options = (
-        _option(
-            "--kind",
-            type=click.Choice(["position", "pose", "distance", "plane", "socket"]),
-            help="What the instrument measures, or which of the sheet's; plane and sockets are given there.  [default: position]",
-        ),
-        _option("--std", help="Standard deviation of a measured length, or: estimate.  [default: 0.02 mm]"),
-        _option(
-            "--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out."
-        ),
-        _option(
-            "--point", metavar='"X Y Z mm"', help="The point that is measured, in the tip's axes; the tip if left out."
-        ),
-        _option("--point-free/--point-known", default=None, help="The place of this point on the tool is estimated."),
-        _option(
-            "--base-free/--base-known",
-            default=None,
-            help="The base (or anchor, plane, sockets) is estimated. These options go before the sheet's measurement:.",
-        ),
-        _option(
-            "--visible-from",
-            metavar='"X Y Z mm"',
-            help="Where the instrument stands, in base axes, if the target must face it: the tip's z, within 60°.",
-        ),
-        _option(
-            "--columns",
-            metavar="TEXT",
-            help="What columns of a data file are: 'q1=joint1 [deg], t=ignore'; '*=[m rad]': units of those that have none.",
-        ),
-        _option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes."),
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
+measurement_options: Final = together(
+    _option(
+        "--kind",
+        type=click.Choice(["position", "pose", "distance", "plane", "socket"]),
+        help="What the instrument measures, or which of the sheet's; plane and sockets are given there.  [default: position]",
+    ),
+    _option("--std", help="Standard deviation of a measured length, or: estimate.  [default: 0.02 mm]"),
+    _option("--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out."),
+    _option(
+        "--point", metavar='"X Y Z mm"', help="The point that is measured, in the tip's axes; the tip if left out."
+    ),
+    _option("--point-free/--point-known", default=None, help="The place of this point on the tool is estimated."),
+    _option(
+        "--base-free/--base-known",
+        default=None,
+        help="The base (or anchor, plane, sockets) is estimated. These options go before the sheet's measurement:.",
+    ),
+    _option(
+        "--visible-from",
+        metavar='"X Y Z mm"',
+        help="Where the instrument stands, in base axes, if the target must face it: the tip's z, within 60°.",
+    ),
+    _option(
+        "--columns",
+        metavar="TEXT",
+        help="What columns of a data file are: 'q1=joint1 [deg], t=ignore'; '*=[m rad]': units of those that have none.",
+    ),
+    _option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes."),
+)
+"""Options of the instrument."""
 
 
 def measurement_of(sheet: Sheet, options: Options) -> Measurement:
@@ -77,9 +70,6 @@ def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
     """Return the measurements that the options and, where they say nothing, the sheet's ``measurement:`` describe.
 
     Of several that the sheet lists ``--kind`` picks.
-
-    Raises:
-        InputError: A number is wrong, or settings do not go together.
     """
     from precision_pin.sheet.measurement import Measurement
 
@@ -92,23 +82,23 @@ def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
 
 
 def _changed(stated: Measurement, options: Options) -> Measurement:
-    from precision_pin.base import units
     from precision_pin.sheet.measurement import ESTIMATE, Measurement
 
     given: dict[str, Any] = {name: getattr(stated, name) for name in Measurement.__match_args__}
     if options["kind"] is not None and options["kind"] != stated.kind:
         given = {name: value for name, value in given.items() if name not in _OF_KIND}
     given |= {name: options[name] for name in ("kind", "columns") if options[name] is not None}
-    for name, quantity in (("std", units.LENGTH), ("attitude_std", units.ANGLE)):
-        text = options[name]
-        if name == "std" and text is not None:
-            given["std_known"] = text.strip() != ESTIMATE
-            if not given["std_known"]:
-                continue
-        given |= {name: _number(name.replace("_", "-"), text, quantity)} if text is not None else {}
-    for option, name in (("point", "target"), ("anchor", "anchor"), ("visible_from", "visible_from")):
+    if options["std"] is not None:
+        given["std_known"] = options["std"].strip() != ESTIMATE
+    for option, quantity, count in _NUMBERS:
         text = options[option]
-        given |= {name: _point(option.replace("_", "-"), text)} if text is not None else {}
+        if text is None or (option == "std" and not given["std_known"]):
+            continue
+        try:
+            numbers = units.parse_vector(text, quantity, count=count)
+        except InputError as error:
+            raise _usage(f"--{option.replace('_', '-')}: {error.findings[0].message}") from None
+        given["target" if option == "point" else option] = numbers[0] if count == 1 else tuple(numbers)
     if options["base_free"] is not None:
         given["base"] = "free" if options["base_free"] else "known"
     if options["point_free"] is not None:
@@ -117,39 +107,17 @@ def _changed(stated: Measurement, options: Options) -> Measurement:
 
 
 def calibration_of(sheet: Sheet, data: str) -> CalibrationResult:
-    """Return the fit of the sheet to readings of its own instrument, for a page that shows it; print its warnings.
-
-    Raises:
-        InputError: The sheet says nothing of an instrument, or the data are wrong.
-    """
+    """Return the fit of the sheet to readings of its own instrument, for a page that shows it; print its warnings."""
     from precision_pin.analyses.calibration.calibrate import calibrate
     from precision_pin.model.error_model import ErrorModel
 
     if not sheet.measurements:
         message = "the sheet has no measurement:, which says how the readings of --calibrate were measured"
-        raise InputError([Finding("error", "E_MISSING_KEY", message, sheet.file)])
+        raise InputError.of("E_MISSING_KEY", message, sheet.file)
     result = calibrate(ErrorModel.from_sheet(sheet), data, sheet.measurements, findings=sheet.findings)
     echo_warnings(result.findings[len(sheet.findings) :])
     return result
 
 
-def _point(name: str, text: str) -> tuple[float, ...]:
-    from precision_pin.base import units
-
-    try:
-        return tuple(units.parse_vector(text, units.LENGTH, count=3))
-    except InputError as error:
-        raise _usage(f"--{name}: {error.findings[0].message}") from None
-
-
-def _number(name: str, text: str, quantity: units.Quantity) -> float:
-    from precision_pin.base import units
-
-    try:
-        return units.parse(text, quantity)
-    except InputError as error:
-        raise _usage(f"--{name}: {error.findings[0].message}") from None
-
-
 def _usage(message: str) -> InputError:
-    return InputError([Finding("error", "E_USAGE", message)])
+    return InputError.of("E_USAGE", message)

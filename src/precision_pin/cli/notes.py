@@ -5,58 +5,31 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Final
 
 import click
 
 from precision_pin.base.errors import Finding, is_note
-from precision_pin.cli.headings import output_option
 from precision_pin.cli.streams import say
 
-_QUIET: Final = f"{__name__}.quiet"
-_ALL_WARNINGS: Final = f"{__name__}.all_warnings"
 
-
-def _remember(context: click.Context, option: click.Parameter, given: bool) -> None:
+def remember(context: click.Context, option: click.Parameter, given: bool) -> None:
+    """Keep a flag of the running command for :func:`is_given`."""
     context.meta[f"{__name__}.{option.name}"] = given
 
 
-all_warnings_option: Final = output_option(
-    "--all-warnings",
-    is_flag=True,
-    expose_value=False,
-    callback=_remember,
-    help="Print every warning about sheet and robot, not one of each code.",
-)
-
-quiet_option: Final = output_option(
-    "--quiet",
-    is_flag=True,
-    expose_value=False,
-    callback=_remember,
-    help="Leave out notes and progress; warnings and errors stay.",
-)
-
-
-def is_quiet() -> bool:
-    """Return whether the running command has ``--quiet``."""
-    return _is_given(_QUIET)
-
-
-def _is_given(option: str) -> bool:
+def is_given(option: str) -> bool:
+    """Return whether the running command has a flag: ``quiet`` or ``all_warnings``."""
     context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(option, False))
+    return context is not None and bool(context.meta.get(f"{__name__}.{option}", False))
 
 
 def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
     """Print warnings about sheet and robot on stderr: of several with one code the first, and how many more there are.
 
-    Args:
-        findings: Notes among them are left out.
-        urdf: The file of the robot, whose warnings are one line, as ``check`` and ``init`` list them.
+    Those of the robot's file ``urdf`` are one line, as ``check`` and ``init`` list them.
     """
     findings = [finding for finding in findings if finding.severity != "note"]
-    if _is_given(_ALL_WARNINGS):
+    if is_given("all_warnings"):
         for finding in findings:
             say(str(finding))
         return
@@ -66,13 +39,9 @@ def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
         codes = ", ".join(dict.fromkeys(of_urdf))
         _say_once(f"{urdf}: {len(of_urdf)} {warnings} ({codes}); precision-pin check {shlex.quote(urdf)} lists {them}")
         findings = [finding for finding in findings if finding.file != urdf]
-    counts = Counter(finding.code for finding in findings)
-    first: dict[str, Finding] = {}
-    for finding in findings:
-        first.setdefault(finding.code, finding)
-    for finding in first.values():
-        more = counts[finding.code] - 1
-        say(f"{finding}; and {more} more {finding.code}: --all-warnings" if more else str(finding))
+    for code, count in Counter(finding.code for finding in findings).items():
+        first = next(finding for finding in findings if finding.code == code)
+        say(f"{first}; and {count - 1} more {code}: --all-warnings" if count > 1 else str(first))
 
 
 def _say_once(line: str) -> None:
@@ -93,5 +62,5 @@ def echo_warning_lines(lines: Iterable[str]) -> None:
 
 def echo_note(line: str) -> None:
     """Print a note on stderr: progress, or a file that is used or was written."""
-    if not is_quiet():
+    if not is_given("quiet"):
         say(line)

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, TypeVar
+from functools import partial
+from typing import Any, Final, final
 
 import click
 
+from precision_pin.analyses.declaration import OUTPUT, POSES, ROBOT, SAMPLING
 from precision_pin.base.errors import PrecisionPinWarning
-from precision_pin.cli.headings import pose_option, robot_option, sampling_option, write_options
-from precision_pin.cli.notes import all_warnings_option, quiet_option
+from precision_pin.cli.notes import remember
 from precision_pin.cli.resources import require_resources
 
 Options = Mapping[str, Any]
 """Values of a command's options by argument."""
-Decorated = TypeVar("Decorated", bound=Callable[..., Any])
+Decorator = Callable[[Any], Any]
+_OWN: Final = "Options"
+_LAST: Final = (POSES, ROBOT, SAMPLING, OUTPUT)
+"""The headings that are alike in all commands, in their order after a command's own."""
 
 
 class Command(click.Command):
@@ -25,11 +29,7 @@ class Command(click.Command):
     """Ends of the names of inputs that are data beside robot and sheet."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read the arguments.
-
-        Raises:
-            UsageError: An option with one value is given more than once, or there are more than two inputs.
-        """
+        """Read the arguments."""
         if not ctx.resilient_parsing:
             try:
                 order = self.make_parser(ctx).parse_args(list(args))[2]
@@ -49,13 +49,22 @@ class Command(click.Command):
         return left
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options under their headings."""
-        write_options(self, ctx, formatter)
+        """Write the options: those without a heading first, then those under the command's own, then those of all commands."""
+        groups: dict[str, list[tuple[str, str]]] = {_OWN: []}
+        help_option = self.get_help_option(ctx)
+        for option in self.get_params(ctx):
+            record = option.get_help_record(ctx) if isinstance(option, click.Option) else None
+            if record is not None:
+                heading = getattr(option, "heading", OUTPUT if option is help_option else _OWN)
+                groups.setdefault(heading, []).append(record)
+        for heading in sorted(filter(groups.get, groups), key=lambda one: _LAST.index(one) if one in _LAST else -1):
+            with formatter.section(heading):
+                formatter.write_dl(groups[heading])
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command if the libraries can be loaded; ``doctor`` runs anyway and reports what is missing.
+        """Run the command if the libraries can be loaded; it prints the package's warnings among its findings.
 
-        The command prints the package's warnings among its findings.
+        ``doctor`` runs anyway and reports what is missing.
         """
         if self.name != "doctor":
             require_resources()
@@ -75,47 +84,31 @@ class SamplingCommand(Command):
         return super().invoke(ctx)
 
 
-def spec_option(command: Decorated) -> Decorated:
-    """Add the limits to judge, and whether they are judged beyond the joints' limits."""
-    return click.option(
-        "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."
-    )(beyond_limits_option(command))
+@final
+class HeadedOption(click.Option):
+    """An option with the heading under which ``--help`` lists it."""
+
+    def __init__(self, *arguments: Any, heading: str, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self.heading = heading
 
 
-def chain_options(command: Decorated) -> Decorated:
-    """Add the options that change a sheet and cut a chain out of its robot."""
-    changes = robot_option(
-        "--set",
-        "changes",
-        multiple=True,
-        metavar="PATH=VALUE",
-        help="Change the sheet: 'parameters.a1=±0.1 mm', 'payload.mass=2 kg', 'KIND[*].KEY=VALUE'; repeats.",
-    )
-    ignored = robot_option(
-        "--ignore-collisions",
-        "ignores_collisions",
-        is_flag=True,
-        help="Do not check poses for collisions and keep_out.",
-    )
-    return robot_options(changes(ignored(command)))
+headed_option: Final = partial(click.option, cls=HeadedOption)
+pose_option: Final = partial(headed_option, heading=POSES)
+robot_option: Final = partial(headed_option, heading=ROBOT)
+sampling_option: Final = partial(headed_option, heading=SAMPLING)
+output_option: Final = partial(headed_option, heading=OUTPUT)
 
 
-def robot_options(command: Decorated) -> Decorated:
-    """Add the options that cut a chain out of a robot."""
-    for option in (
-        robot_option(
-            "--package-dir",
-            "package_dirs",
-            multiple=True,
-            type=click.Path(exists=True, file_okay=False),
-            metavar="DIR",
-            help="Where ROS packages of meshes lie.",
-        ),
-        robot_option("--base", metavar="LINK", help="The fixed link; the sheet's or the root if left out."),
-        robot_option("--tip", metavar="FRAME", help="The end-effector; the sheet's or the only leaf if left out."),
-    ):
-        command = option(command)
-    return command
+def together(*options: Decorator) -> Decorator:
+    """Return what adds several options to a command, in their order."""
+
+    def add(command: Any) -> Any:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
 
 
 _Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
@@ -132,93 +125,126 @@ model_option: Final = sampling_option(
 beyond_limits_option: Final = pose_option(
     "--beyond-limits", is_flag=True, help="Judge also where joints are outside their limits, or faster than these."
 )
+spec_option: Final = together(
+    click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."),
+    beyond_limits_option,
+)
 target_option: Final = robot_option(
     "--target",
     metavar='"X Y Z mm"',
     help="The point that results are about, in the tip's axes; else the sheet's, or the tip.",
 )
+json_option: Final = output_option(
+    "--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."
+)
+plots_option: Final = output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
+_flag: Final = partial(output_option, is_flag=True, expose_value=False, callback=remember)
+all_warnings_option: Final = _flag(
+    "--all-warnings", help="Print every warning about sheet and robot, not one of each code."
+)
+quiet_option: Final = _flag("--quiet", help="Leave out notes and progress; warnings and errors stay.")
+robot_options: Final = together(
+    robot_option("--tip", metavar="FRAME", help="The end-effector; the sheet's or the only leaf if left out."),
+    robot_option("--base", metavar="LINK", help="The fixed link; the sheet's or the root if left out."),
+    robot_option(
+        "--package-dir",
+        "package_dirs",
+        multiple=True,
+        type=click.Path(exists=True, file_okay=False),
+        metavar="DIR",
+        help="Where ROS packages of meshes lie.",
+    ),
+)
+"""Options that cut a chain out of a robot."""
+chain_options: Final = together(
+    robot_options,
+    robot_option(
+        "--set",
+        "changes",
+        multiple=True,
+        metavar="PATH=VALUE",
+        help="Change the sheet: 'parameters.a1=±0.1 mm', 'payload.mass=2 kg', 'KIND[*].KEY=VALUE'; repeats.",
+    ),
+    robot_option(
+        "--ignore-collisions",
+        "ignores_collisions",
+        is_flag=True,
+        help="Do not check poses for collisions and keep_out.",
+    ),
+)
+"""Options that change a sheet and cut a chain out of its robot."""
+layer_options: Final = together(
+    click.option(
+        "--map",
+        "map_file",
+        metavar="FILE.yaml",
+        help="Map a grid, a file as for --grid: within how much 95 % of robots stay at its places.",
+    ),
+    click.option(
+        "--path",
+        "path_file",
+        metavar="FILE",
+        help="Show a path, a file as for --trajectory or --grid: what 95 % of robots keep at its points and all along it.",
+    ),
+    click.option(
+        "--compensate",
+        "compensate_file",
+        metavar="FILE",
+        help="Correct the poses of a file as for --trajectory or --grid in position; show the arm before and after.",
+    ),
+    click.option(
+        "--calibrate",
+        "calibrate_file",
+        metavar="DATA.csv",
+        help="Fit the sheet to readings, a file as for calibrate with the sheet's measurement:; "
+        "show readings against predictions.",
+    ),
+)
+"""Options of what a page shows beside the arm."""
+pose_options: Final = together(
+    pose_option(
+        "--pose",
+        "pose_names",
+        multiple=True,
+        metavar="NAME",
+        help="One of the sheet's poses, the first if left out; repeats.",
+    ),
+    pose_option("--all-poses", is_flag=True, help="All of the sheet's poses."),
+    pose_option("--q", "qs", multiple=True, metavar="VALUES", help=f"{_Q_HELP[:-1]}; repeats."),
+    pose_option(
+        "--step",
+        "steps",
+        multiple=True,
+        metavar='"0.1 s"',
+        help="Poses between the rows of a trajectory: largest step in s, deg or mm; repeats.",
+    ),
+    pose_option(
+        "--trajectory",
+        metavar="FILE.csv",
+        help="Poses: a row of joint names and units, as joint1 [deg], and rows of values; times come first.",
+    ),
+    pose_option(
+        "--grid", metavar="FILE.yaml", help="Poses: a grid over joint values, or over places by inverse kinematics."
+    ),
+    pose_option("--approach", metavar="DIRECTIONS", help=f'{_APPROACH_HELP}, or "previous": from the pose before it.'),
+)
+"""Options that :func:`precision_pin.cli.poses.read_poses` turns into poses."""
+one_pose_options: Final = together(
+    inputs_argument,
+    pose_option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out."),
+    pose_option("--q", metavar="VALUES", help=_Q_HELP),
+    pose_option("--approach", metavar="DIRECTIONS", help=f"{_APPROACH_HELP}."),
+    chain_options,
+    all_warnings_option,
+    quiet_option,
+)
+"""Options of one arm at one pose."""
 
 
-def layer_options(command: Decorated) -> Decorated:
-    """Add the options of what a page shows beside the arm."""
-    for option in (
-        click.option(
-            "--calibrate",
-            "calibrate_file",
-            metavar="DATA.csv",
-            help="Fit the sheet to readings, a file as for calibrate with the sheet's measurement:; "
-            "show readings against predictions.",
-        ),
-        click.option(
-            "--compensate",
-            "compensate_file",
-            metavar="FILE",
-            help="Correct the poses of a file as for --trajectory or --grid in position; show the arm before and after.",
-        ),
-        click.option(
-            "--path",
-            "path_file",
-            metavar="FILE",
-            help="Show a path, a file as for --trajectory or --grid: what 95 % of robots keep at its points and all along it.",
-        ),
-        click.option(
-            "--map",
-            "map_file",
-            metavar="FILE.yaml",
-            help="Map a grid, a file as for --grid: within how much 95 % of robots stay at its places.",
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-def pose_options(command: Decorated) -> Decorated:
-    """Add the options that :func:`precision_pin.cli.poses.read_poses` turns into poses."""
-    for option in (
-        pose_option(
-            "--approach",
-            metavar="DIRECTIONS",
-            help=f'{_APPROACH_HELP}, or "previous": from the pose before it.',
-        ),
-        pose_option(
-            "--grid",
-            metavar="FILE.yaml",
-            help="Poses: a grid over joint values, or over places by inverse kinematics.",
-        ),
-        pose_option(
-            "--trajectory",
-            metavar="FILE.csv",
-            help="Poses: a row of joint names and units, as joint1 [deg], and rows of values; times come first.",
-        ),
-        pose_option(
-            "--step",
-            "steps",
-            multiple=True,
-            metavar='"0.1 s"',
-            help="Poses between the rows of a trajectory: largest step in s, deg or mm; repeats.",
-        ),
-        pose_option("--q", "qs", multiple=True, metavar="VALUES", help=f"{_Q_HELP[:-1]}; repeats."),
-        pose_option("--all-poses", is_flag=True, help="All of the sheet's poses."),
-        pose_option(
-            "--pose",
-            "pose_names",
-            multiple=True,
-            metavar="NAME",
-            help="One of the sheet's poses, the first if left out; repeats.",
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-def one_pose_options(command: Decorated) -> Decorated:
-    """Add the options of one arm at one pose."""
-    pose = pose_option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-    q = pose_option("--q", metavar="VALUES", help=_Q_HELP)
-    approach = pose_option("--approach", metavar="DIRECTIONS", help=f"{_APPROACH_HELP}.")
-    for option in (quiet_option, all_warnings_option, chain_options, approach, q, pose, inputs_argument):
-        command = option(command)
-    return command
+def layer_files(options: Options) -> list[str]:
+    """Return the files of what a page shows beside the arm."""
+    files = (options[f"{name}_file"] for name in ("map", "path", "compensate", "calibrate"))
+    return [file for file in files if file is not None]
 
 
 def describe_excess(arguments: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.cli.inputs import chosen_pose
 from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.options import Options
-from precision_pin.cli.progress import progress_bar
+from precision_pin.cli.workers import progress_bar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,11 +32,9 @@ _LARGE: Final = 2**20
 @final
 @dataclass(frozen=True, eq=False)
 class AskedPose:
-    """A requested pose.
+    """A requested pose, as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it, and its name.
 
-    Attributes:
-        where: As :meth:`precision_pin.model.error_model.ErrorModel.at` takes it.
-        name: Its name, or its time or row in a trajectory; empty where it has none.
+    In a trajectory the name is the time or row; it is empty where there is none.
     """
 
     where: str | NDArray[np.float64] | ApproachedPose | None
@@ -45,11 +43,7 @@ class AskedPose:
 
 @final
 class AskedPoses(list[AskedPose]):
-    """The requested poses in order.
-
-    Attributes:
-        left_out: Warnings about poses of a grid that are not among them, since no joint values lead there.
-    """
+    """The requested poses in order, and warnings about poses of a grid that are left out, since no joint values lead there."""
 
     def __init__(self, poses: Iterable[AskedPose], left_out: tuple[Finding, ...] = ()) -> None:
         super().__init__(poses)
@@ -61,23 +55,14 @@ class AskedPoses(list[AskedPose]):
 
 
 def check_poses(options: Options) -> None:
-    """Refuse two ways to name poses at once, and steps without a trajectory.
-
-    Raises:
-        InputError: More than one is given, or steps alone.
-    """
-    chosen = {
-        "--pose": bool(options["pose_names"]),
-        "--all-poses": options["all_poses"],
-        "--q": bool(options["qs"]),
-        "--trajectory": options["trajectory"] is not None,
-        "--grid": options["grid"] is not None,
-    }
-    given = [option for option, is_given in chosen.items() if is_given]
+    """Refuse two ways to name poses at once, and steps without a trajectory."""
+    flags = {"pose_names": "--pose", "all_poses": "--all-poses", "qs": "--q"}
+    flags |= {"trajectory": "--trajectory", "grid": "--grid"}
+    given = [flag for name, flag in flags.items() if options[name] not in (None, False, ())]
     if len(given) > 1:
-        raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
+        raise InputError.of("E_USAGE", f"{given[0]} and {given[1]} exclude each other")
     if options["steps"] and options["trajectory"] is None:
-        raise InputError([Finding("error", "E_USAGE", "--step needs a --trajectory, between whose rows it puts poses")])
+        raise InputError.of("E_USAGE", "--step needs a --trajectory, between whose rows it puts poses")
 
 
 def pose_files(options: Options) -> list[str]:
@@ -89,21 +74,13 @@ def read_poses(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> AskedPo
     """Return the poses that the options ask for, the sheet's first where they ask for none.
 
     Poses of a grid whose joint values are not known are left out, with a warning.
-
-    Raises:
-        InputError: No such pose, wrong joint values, a wrong trajectory or grid, one of more than ``most`` poses, or a
-            wrong approach.
     """
     poses = _read_poses(sheet, options, most)
     return poses if options["approach"] is None else approach_poses(sheet, poses, options["approach"])
 
 
 def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses:
-    """Return poses with the approach that ``--approach`` asks for.
-
-    Raises:
-        InputError: Wrong directions, or an approach from the previous pose of a single one.
-    """
+    """Return poses with the approach that ``--approach`` asks for."""
     import numpy as np
 
     from precision_pin.robot.approach import ApproachedPose
@@ -125,7 +102,7 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
     if approach == PREVIOUS:
         if values.shape[1] < 2:
             message = "--approach previous is the way from the pose before, and there is one pose; give + or - by joint"
-            raise InputError([Finding("error", "E_POSE", message)])
+            raise InputError.of("E_POSE", message)
         # a pose of a grid that is not reached is not passed on the way
         known = np.isfinite(values[0])
         found = np.zeros(values.shape, dtype=np.int8)
@@ -134,17 +111,12 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
     try:
         directions = read_approach(sheet.chain.joint_names, approach)
     except InputError as error:
-        message = f"--approach: {error.findings[0].message}"
-        raise InputError([Finding("error", "E_POSE", message)]) from None
+        raise InputError.of("E_POSE", f"--approach: {error.findings[0].message}") from None
     return np.repeat(np.array(directions, dtype=np.int8)[:, None], values.shape[1], axis=1)
 
 
 def pose_values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
-    """Return the joint values of a pose without an approach.
-
-    Raises:
-        UnknownNameError: The sheet has no such pose.
-    """
+    """Return the joint values of a pose without an approach."""
     where = next(iter(sheet.poses)) if pose.where is None else pose.where
     if isinstance(where, str):
         if where not in sheet.poses:
@@ -161,7 +133,7 @@ def _read_poses(sheet: Sheet, options: Options, most: int) -> AskedPoses:
         way = read_way(sheet, options["trajectory"], options, most)
         return AskedPoses(AskedPose(values, name) for values, name in zip(way.values, way.names, strict=True))
     if options["all_poses"] and not sheet.poses:
-        raise InputError([Finding("error", "E_POSE", "the sheet has no poses", sheet.file)])
+        raise InputError.of("E_POSE", "the sheet has no poses", sheet.file)
     if options["qs"]:
         return AskedPoses(AskedPose(chosen_pose(sheet, None, q), "") for q in options["qs"])
     wanted = list(sheet.poses) if options["all_poses"] else options["pose_names"] or (None,)
@@ -169,11 +141,7 @@ def _read_poses(sheet: Sheet, options: Options, most: int) -> AskedPoses:
 
 
 def read_pose_set(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> PoseSet:
-    """Return the poses that the options ask for with status and approach of each, the sheet's first where they ask for none.
-
-    Raises:
-        InputError: As :func:`read_poses`.
-    """
+    """Return the poses that the options ask for with status and approach of each, the sheet's first if for none."""
     poses = _read_pose_set(sheet, options, most)
     approach = options["approach"]
     return poses if approach is None else replace(poses, approaches=_approaches(sheet, poses.q, approach))
@@ -188,11 +156,12 @@ def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
     if options["grid"] is not None:
         return read_grid(sheet, options["grid"], most)
     if options["trajectory"] is not None:
-        return pose_set_of(read_way(sheet, options["trajectory"], options, most))
+        way = read_way(sheet, options["trajectory"], options, most)
+        with progress_bar(len(way.rows), "poses", "poses") as step:
+            return way.pose_set(step)
     asked = _read_poses(sheet, options, most)
-    poses = PoseSet.at(
-        sheet.chain, np.column_stack([pose_values(sheet, pose) for pose in asked]), tuple(pose.name for pose in asked)
-    )
+    values = np.column_stack([pose_values(sheet, pose) for pose in asked])
+    poses = PoseSet.at(sheet.chain, values, tuple(pose.name for pose in asked))
     own = [sheet.approaches.get(pose.name, ()) for pose in asked]
     if not any(own):
         return poses
@@ -201,11 +170,7 @@ def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
 
 
 def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -> Trajectory:
-    """Return the trajectory of a file, with the poses between its rows that ``--step`` asks for.
-
-    Raises:
-        InputError: A wrong file or step, or more than ``most`` poses.
-    """
+    """Return the trajectory of a file, with the poses between its rows that ``--step`` asks for."""
     from precision_pin.base import units
     from precision_pin.robot.trajectory import read_trajectory
 
@@ -225,22 +190,12 @@ def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -
             way.refined(**steps, most=most)
         except InputError as error:
             message = error.findings[0].message.removeprefix(f"{kind}: ")
-            raise InputError([Finding("error", "E_TRAJECTORY", f"--step {text!r}: {message}", file)]) from None
+            raise InputError.of("E_TRAJECTORY", f"--step {text!r}: {message}", file) from None
     return way.refined(**steps, most=most)
 
 
-def pose_set_of(way: Trajectory) -> PoseSet:
-    """Return the poses of a trajectory, and show progress."""
-    with progress_bar(len(way.rows), "poses", "poses") as step:
-        return way.pose_set(step)
-
-
 def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] | None:
-    """Return the pose that ``--relative-to`` names: one of the sheet's, or joint values as for ``--q``.
-
-    Raises:
-        InputError: Neither.
-    """
+    """Return the pose that ``--relative-to`` names: one of the sheet's, or joint values as for ``--q``."""
     if text is None or text in sheet.poses:
         return text
     try:
@@ -248,22 +203,18 @@ def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] 
     except InputError as error:
         unknown = UnknownNameError("pose", text, sheet.poses).findings[0].message
         message = f"--relative-to: {unknown}; as joint values: {error.findings[0].message.removeprefix('--q: ')}"
-        raise InputError([Finding("error", "E_POSE", message)]) from None
+        raise InputError.of("E_POSE", message) from None
 
 
 def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
-    """Return the poses of a file for ``--grid``, those without joint values too.
-
-    Raises:
-        InputError: A wrong file, or more than ``most`` poses.
-    """
+    """Return the poses of a file for ``--grid``, those without joint values too."""
     from precision_pin.sheet.pose_grid import read_pose_grid
 
     grid = read_pose_grid(file, sheet.chain, sheet.poses)
     with progress_bar(grid.count, "inverse kinematics", "poses") as step:
         poses = grid.solve(step)
     if len(poses) > most:
-        raise InputError([Finding("error", "E_GRID", f"{len(poses):,} poses; at most {most:,} are allowed here", file)])
+        raise InputError.of("E_GRID", f"{len(poses):,} poses; at most {most:,} are allowed here", file)
     below = grid.singular_below
     stated = f" (singular: smallest singular value below {below:g})" if "singular" in poses.status else ""
     echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}{stated}")
@@ -273,20 +224,13 @@ def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
 
 
 def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
-    """Return the poses with joint values, and a warning about the others.
-
-    Raises:
-        InputError: None has.
-    """
+    """Return the poses with joint values, and a warning about the others."""
     known = poses.known
     if not known.any():
         message = f"no joint values lead to any of the {len(poses):,} poses: {_counted(poses.status)}"
-        raise InputError([Finding("error", "E_GRID", message, file)])
-    asked = [
-        AskedPose(values, name)
-        for values, name, is_known in zip(poses.q.T, poses.names, known, strict=True)
-        if is_known
-    ]
+        raise InputError.of("E_GRID", message, file)
+    kept = poses.of(known)
+    asked = [AskedPose(values, name) for values, name in zip(kept.q.T, kept.names, strict=True)]
     if known.all():
         return AskedPoses(asked)
     out = poses.of(~known)
@@ -302,11 +246,7 @@ def _counted(statuses: Sequence[str]) -> str:
 
 
 def read_path(sheet: Sheet, file: str) -> PoseSet:
-    """Return the poses of a file as for ``--trajectory`` or ``--grid``.
-
-    Raises:
-        InputError: A wrong file.
-    """
+    """Return the poses of a file as for ``--trajectory`` or ``--grid``."""
     from precision_pin.robot.trajectory import read_trajectory
 
     is_grid = file.endswith((".yaml", ".yml"))

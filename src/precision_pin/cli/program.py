@@ -8,7 +8,7 @@ import traceback
 import click
 
 from precision_pin.base import interrupts
-from precision_pin.base.errors import InputError, InternalError
+from precision_pin.base.errors import InputError, InternalError, nearest
 from precision_pin.base.text_escape import one_line, shown
 from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL
 from precision_pin.cli.commands import list_commands, list_groups, load_command
@@ -33,8 +33,6 @@ class LateGroup(click.Group):
         """Suggest the nearest command for an unknown name."""
         name = args[0] if args else ""
         if name not in list_commands() and not name.startswith("-"):
-            from precision_pin.base.errors import nearest
-
             ctx.fail(f"no command named {shown(name)}; {nearest(name, list_commands())}")
         return super().resolve_command(ctx, args)
 
@@ -82,9 +80,9 @@ def _code() -> int:
         code: int = cli.main(prog_name="precision-pin", standalone_mode=False) or 0
         if interrupts.came() in (0, signal.SIGINT):  # Ctrl-C is the usual end of what is served
             return code
-        return _interrupted(interrupts.came())
+        return _interrupted()
     except (_InterruptedError, click.exceptions.Abort, KeyboardInterrupt):
-        return _interrupted(interrupts.came() or signal.SIGINT)
+        return _interrupted()
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return EXIT_INPUT
@@ -94,7 +92,7 @@ def _code() -> int:
         return _say(str(error), EXIT_INPUT)
     except Exception as error:  # noqa: BLE001 - the last resort
         if interrupts.came():  # a library has replaced the exception
-            return _interrupted(interrupts.came())
+            return _interrupted()
         lack = shortage(error)
         if lack is not None:
             return _say(str(lack), EXIT_INPUT)
@@ -103,7 +101,8 @@ def _code() -> int:
         return _say(f"internal error (a bug in precision-pin): {what}".replace(": \n", ":\n"), EXIT_INTERNAL)
 
 
-def _interrupted(number: int) -> int:
+def _interrupted() -> int:
+    number = interrupts.came() or signal.SIGINT
     return _say(interrupts.NAMES[number], 128 + number)
 
 

@@ -5,32 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final, Literal, final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from precision_pin.base.errors import InputError
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli import options as shared
 from precision_pin.cli.analyses import analysis_of
-from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import calibration_of
-from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
-from precision_pin.cli.options import (
-    Options,
-    SamplingCommand,
-    chain_options,
-    inputs_argument,
-    layer_options,
-    model_option,
-    pose_options,
-    seed_option,
-    spec_option,
-    target_option,
-)
+from precision_pin.cli.notes import echo_note, echo_warning_lines
 from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_grid, read_path, read_poses
-from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
+from precision_pin.cli.workers import compile_sampler, progress_bar
 
 if TYPE_CHECKING:
     from precision_pin.sampling import Progress
@@ -42,18 +30,20 @@ MOST_POSES: Final = 12
 """The most poses of one page, each with all its analyses."""
 
 
-@click.command("report", cls=SamplingCommand)
-@inputs_argument
-@pose_options
-@target_option
-@chain_options
-@all_warnings_option
-@quiet_option
-@sampling_option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
-@seed_option
-@model_option
-@spec_option
-@layer_options
+@click.command("report", cls=shared.SamplingCommand)
+@shared.inputs_argument
+@shared.pose_options
+@shared.target_option
+@shared.chain_options
+@shared.all_warnings_option
+@shared.quiet_option
+@shared.sampling_option(
+    "--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots."
+)
+@shared.seed_option
+@shared.model_option
+@shared.spec_option
+@shared.layer_options
 @click.option(
     "--iso9283",
     "test_at",
@@ -63,25 +53,11 @@ MOST_POSES: Final = 12
 @click.option(
     "--allocate", "is_allocated", is_flag=True, help="Choose the tolerances that the sheet's allocate: asks for."
 )
-@output_option(
+@shared.output_option(
     "--full", is_flag=True, help="All sections open, and so on paper too; else the decision only is printed."
 )
-@output_option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
-def command(
-    samples: int,
-    seed: int,
-    model: Literal["exact", "linear"],
-    specs: tuple[str, ...],
-    map_file: str | None,
-    path_file: str | None,
-    compensate_file: str | None,
-    calibrate_file: str | None,
-    test_at: str | None,
-    is_allocated: bool,
-    full: bool,
-    out: str,
-    **arm: Any,
-) -> int:
+@shared.output_option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
+def command(samples: int, seed: int, specs: tuple[str, ...], is_allocated: bool, full: bool, **arm: Any) -> int:
     """Write one self-contained page: verdict, distributions, budget, worst case, exact law, 3-D view.
 
     Several poses are on one page, the worst first; the exit code is 1 if a specification is not met at any of
@@ -96,17 +72,15 @@ def command(
     check_seed(seed)
     specifications = [specification(text) for text in specs]
     check_poses(arm)
-    target = PageOutput(out, "report.html")
+    target = PageOutput(arm["out"], "report.html")
     target.check()
-    beside = (map_file, path_file, compensate_file, calibrate_file)
-    target.outputs.refuse_inputs([*pose_files(arm), *(file for file in beside if file is not None)])
-    package_dirs = arm["package_dirs"]
+    target.outputs.refuse_inputs([*pose_files(arm), *shared.layer_files(arm)])
     sheet = read_sheet(arm, target.outputs)
     asked = _choose_poses(sheet, arm)
     sheet, poses = asked.noted_in(sheet), [pose.where for pose in asked]
-    places = None if map_file is None else read_grid(sheet, map_file)
-    way = None if path_file is None else read_path(sheet, path_file)
-    amended = None if compensate_file is None else read_path(sheet, compensate_file)
+    places = None if arm["map_file"] is None else read_grid(sheet, arm["map_file"])
+    files = arm["path_file"], arm["compensate_file"]
+    way, amended = (None if file is None else read_path(sheet, file) for file in files)
     if is_allocated:
         _check_allocation(sheet)
     from precision_pin.analyses.allocation.allocate import allocate
@@ -120,44 +94,26 @@ def command(
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.pages.report.page import page
 
-    asked_for = sum(one is not None for one in (*beside, test_at)) + is_allocated
+    test_at = arm["test_at"]
+    asked_for = len(shared.layer_files(arm)) + (test_at is not None) + is_allocated
     step = _Steps(count_steps(specifications, len(poses)) + asked_for)
     chapters, missed = [], []
-    if calibrate_file is not None:
+    if arm["calibrate_file"] is not None:
         # first: whether the readings are those of this arm shows in the fit alone
         with step("calibration", 0):
-            fitted = calibration_of(sheet, calibrate_file)
-    space = ErrorModel.from_sheet(sheet).space
-    compile_sampler(space)
-    compile_sampler(space, model)
-    options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
-    files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"], "--map": map_file, "--path": path_file}
-    files |= {"--compensate": compensate_file, "--calibrate": calibrate_file}
-    options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
-    options |= {"--approach": (arm["approach"],)}
-    options |= {"--step": arm["steps"]}
-    options |= {"--target": (arm.get("target"),)}
-    options |= {"--set": arm["changes"]}
-    options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
-    options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
-    options |= {"--iso9283": (test_at,)}
-    options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}
-    given = [
-        word for option, values in options.items() for value in values if value is not None for word in (option, value)
-    ]
-    given += ["--all-poses"] if arm["all_poses"] else []
-    given += ["--beyond-limits"] if arm.get("beyond_limits") else []
-    given += ["--allocate"] if is_allocated else []
-    given += ["--full"] if full else []
+            fitted = calibration_of(sheet, arm["calibrate_file"])
+    model = ErrorModel.from_sheet(sheet)
+    compile_sampler(model.space)
+    compile_sampler(model.space, arm["model"])
     found = collect_poses(
         sheet,
         poses,
         samples=samples,
         seed=seed,
-        model=model,
+        model=arm["model"],
         specifications=specifications,
-        command=["precision-pin", "report", *map(_name, arm["inputs"]), *given],
-        package_dirs=package_dirs,
+        command=["precision-pin", "report", *map(_name, arm["inputs"]), *_given()],
+        package_dirs=arm["package_dirs"],
         step=step,
     )
     if places is not None:
@@ -172,18 +128,16 @@ def command(
             missed += [] if along.met else ["along the path"]
     if amended is not None:
         with step("compensation", 0):
-            corrected = analysis_of("compensate", sheet, amended)
-            chapters.append(compensation_chapter(corrected, ErrorModel.from_sheet(sheet)))
-    if calibrate_file is not None:
+            chapters.append(compensation_chapter(analysis_of("compensate", sheet, amended), model))
+    if arm["calibrate_file"] is not None:
         chapters.append(calibration_chapter(fitted))
     if test_at is not None:
         with step("ISO 9283", 0):
             at = None if test_at == "cube" else [next(iter(sheet.poses)) if pose is None else pose for pose in poses]
-            tested = analysis_of("iso9283", sheet, at, seed=seed, cube=at is None)
-            chapters.append(iso9283_chapter(tested))
+            chapters.append(iso9283_chapter(analysis_of("iso9283", sheet, at, seed=seed, cube=at is None)))
     if is_allocated:
         with step("allocation", 0):
-            allocated = allocate(ErrorModel.from_sheet(sheet), seed=seed, pareto=_FRONT)
+            allocated = allocate(model, seed=seed, pareto=_FRONT)
             chapters.append(allocation_chapter(allocated))
             missed += [] if allocated.met else ["by the allocation"]
     with step("drawing the page", 0):
@@ -195,6 +149,26 @@ def command(
     return 0 if all(met) and not missed else EXIT_SPEC
 
 
+_FILES: Final = ("--trajectory", "--grid", "--map", "--path", "--compensate", "--calibrate")
+_VALUES: Final = (
+    "--pose", "--q", *_FILES, "--approach", "--step", "--target", "--set", "--tip", "--base", "--package-dir",
+    "--samples", "--seed", "--iso9283", "--model", "--spec", "--out",
+)  # fmt: skip
+_FLAGS: Final = ("--all-poses", "--beyond-limits", "--allocate", "--full")
+
+
+def _given() -> list[str]:
+    """Return the options of the running command in an order of their own, files without their folders."""
+    context = click.get_current_context()
+    values = {option.opts[0]: context.params.get(option.name or "") for option in context.command.params}
+    words = []
+    for option in _VALUES:
+        value = "report.html" if option == "--out" else values[option]
+        for one in value if isinstance(value, tuple) else () if value is None else (value,):
+            words += [option, _name(one) if option in (*_FILES, "--package-dir") else str(one)]
+    return [*words, *(option for option in _FLAGS if values[option])]
+
+
 def _check_allocation(sheet: Sheet) -> None:
     """Refuse a sheet that asks for no allocation, before anything long begins."""
     from precision_pin.analyses.allocation.problem import read_problem
@@ -203,15 +177,14 @@ def _check_allocation(sheet: Sheet) -> None:
     read_problem(ErrorModel.from_sheet(sheet), None)
 
 
-def _choose_poses(sheet: Sheet, arm: Options) -> AskedPoses:
-    once: Options = {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}
+def _choose_poses(sheet: Sheet, arm: shared.Options) -> AskedPoses:
+    once: shared.Options = {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}
     poses = read_poses(sheet, once, MOST_POSES)
     if len(poses) > MOST_POSES:
         raise InputError(f"{len(poses)} poses; a report shows at most {MOST_POSES}; analyze takes any number")
     return poses
 
 
-@final
 class _Steps:
     """Says on stderr which step begins, and shows the progress of those that count samples."""
 

@@ -8,7 +8,7 @@ import resource
 import threading
 from typing import Final
 
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import InputError
 
 NEEDED: Final = 10**9
 """Bytes of address space; with less, C++ libraries abort while they are loaded."""
@@ -21,11 +21,7 @@ MOST_TRIED: Final = 128
 
 
 def require_resources() -> None:
-    """Refuse limits with which the libraries cannot be loaded: of address space, and of threads.
-
-    Raises:
-        InputError: There is such a limit.
-    """
+    """Refuse limits with which the libraries cannot be loaded: of address space, and of threads."""
     limit = _address_space()
     if limit is not None and limit < NEEDED:
         raise _lack(
@@ -65,7 +61,7 @@ def shortage(error: Exception) -> InputError | None:
 
 
 def _lack(message: str) -> InputError:
-    return InputError([Finding("error", "E_RESOURCES", message)])
+    return InputError.of("E_RESOURCES", message)
 
 
 def _message(error: Exception) -> str | None:

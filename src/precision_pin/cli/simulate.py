@@ -8,19 +8,12 @@ from typing import Any, Final
 
 import click
 
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import InputError
 from precision_pin.base.files import write_text
-from precision_pin.cli.headings import output_option
+from precision_pin.cli import options as shared
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import measurement_of, measurement_options
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
-from precision_pin.cli.options import (
-    Command,
-    chain_options,
-    inputs_argument,
-    pose_options,
-    seed_option,
-)
+from precision_pin.cli.notes import echo_note
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.targets import Outputs
 
@@ -30,21 +23,21 @@ _LONGEST: Final = 1000
 """Characters of the comment that says what was simulated."""
 
 
-@click.command("simulate", cls=Command)
-@inputs_argument
+@click.command("simulate", cls=shared.Command)
+@shared.inputs_argument
 @measurement_options
-@pose_options
-@chain_options
+@shared.pose_options
+@shared.chain_options
 @click.option(
     "--unit", type=int, default=0, show_default=True, metavar="K", help="Number of the robot that is measured."
 )
 @click.option(
     "--cycles", type=int, metavar="N", help="Visit each pose N times, and write a file for iso9283 --measured."
 )
-@seed_option
-@output_option("--out", required=True, metavar="FILE.csv", help="The file to write.")
-@all_warnings_option
-@quiet_option
+@shared.seed_option
+@shared.output_option("--out", required=True, metavar="FILE.csv", help="The file to write.")
+@shared.all_warnings_option
+@shared.quiet_option
 def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) -> None:
     """Write readings of one sampled robot, with the noise of the instrument: a rehearsal without a robot.
 
@@ -77,11 +70,11 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     measurement = measurement_of(sheet, options)
     if cycles is not None and measurement.kind not in ("position", "pose"):
         message = f"--cycles are positions or poses, not of the kind {measurement.kind!r}: --kind position"
-        raise InputError([Finding("error", "E_USAGE", message)])
+        raise InputError.of("E_USAGE", message)
     asked = read_poses(sheet, options, _MOST)
     count = len(asked) * (cycles or 1)
     if count > _MOST:
-        raise InputError([Finding("error", "E_USAGE", f"{count:,} readings; at most {_MOST:,} are allowed")])
+        raise InputError.of("E_USAGE", f"{count:,} readings; at most {_MOST:,} are allowed")
     model = ErrorModel.from_sheet(sheet)
     measurement = known_measurement(model, measurement)
     poses = [pose.name if pose.where is None else pose.where for pose in asked]
@@ -92,9 +85,8 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     stations = stations_of(model, q, measurement, approaches)
     simulated = simulate_readings(stations, measurement, model, seed=seed, first=unit)[:, :, 0]
     readings = as_measured(simulated, stations, measurement)
-    what = (
-        f"{count:,} reading{'s' if count > 1 else ''}" if cycles is None else f"{cycles} cycles at {len(asked):,} poses"
-    )
+    readings_text = f"{count:,} reading{'s' if count > 1 else ''}"
+    what = readings_text if cycles is None else f"{cycles} cycles at {len(asked):,} poses"
     changed = f" with {', '.join(options['changes'])}" if options["changes"] else ""
     truth = (
         f"{what} of {measurement.kind}, std {milli(measurement.std, 3)} mm, of robot {unit} of seed {seed} of "

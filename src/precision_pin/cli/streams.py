@@ -14,7 +14,7 @@ import select
 import sys
 import textwrap
 from contextlib import suppress
-from typing import Any, Final, TextIO, final
+from typing import Any, Final, TextIO
 
 import click
 
@@ -33,7 +33,6 @@ _VALUE: Final = re.compile(
 """The blank between a joint or symbol and its value, and between a number and its unit."""
 
 
-@final
 class _Tolerant(io.RawIOBase):
     """A descriptor that discards everything after the first failed write."""
 
@@ -135,21 +134,13 @@ def wrapped(line: str, stream: TextIO, most: int | None = None) -> str:
 
 
 def echo_data(text: str) -> None:
-    """Print data on stdout; a reader that closes early, as ``head`` does, is no error.
-
-    Raises:
-        OutputError: It cannot be written.
-    """
+    """Print data on stdout; a reader that closes early, as ``head`` does, is no error."""
     click.echo(text)
     raise_if_output_lost()
 
 
 def raise_if_output_lost() -> None:
-    """Raise the first error of the standard output, once, unless its reader has closed it.
-
-    Raises:
-        OutputError: It could not be written.
-    """
+    """Raise the first error of the standard output, once, unless its reader has closed it."""
     with suppress(OSError, ValueError):
         sys.stdout.flush()
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)

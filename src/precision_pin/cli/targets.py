@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Final, final
+from typing import Any, Final, final
 
 import click
 
@@ -27,10 +27,8 @@ FILES: Final = (
 class Outputs:
     """The outputs that a command line asks for.
 
-    Attributes:
-        files: A name for each option that names a file; None where it is not given, ``-`` for stdout.
-        folder: What ``--out`` names, where that is a folder.
-        names: Patterns of the names that files in the folder get.
+    ``files``: a name for each option that names a file, None where it is not given, ``-`` for stdout; ``folder``: what ``--out``
+    names, where that is a folder; ``names``: patterns of the names that files in the folder get.
     """
 
     files: Mapping[str, str | None] = field(default_factory=dict)
@@ -38,11 +36,7 @@ class Outputs:
     names: Sequence[str] = ()
 
     def check(self) -> None:
-        """Refuse unwritable outputs before any work; create nothing.
-
-        Raises:
-            OutputError: A place cannot be written to, its name promises something else, or two outputs meet.
-        """
+        """Refuse unwritable outputs before any work; create nothing."""
         check_folder_name(self.folder, json="--json" in self.files)
         if self.folder is not None:
             if not self.folder:
@@ -66,11 +60,7 @@ class Outputs:
                 )
 
     def refuse_inputs(self, inputs: Iterable[str]) -> None:
-        """Refuse to write over a file that was read, under any name, links included.
-
-        Raises:
-            OutputError: An output is an input.
-        """
+        """Refuse to write over a file that was read, under any name, links included."""
         outputs = [name for _, name in self._named()]
         if self.folder is not None:
             with suppress(OSError):
@@ -91,12 +81,7 @@ class Outputs:
 @final
 @dataclass(frozen=True)
 class PageOutput:
-    """A page to write: a file, or ``NAME.html`` in a folder if the name ends in a slash or names a folder.
-
-    Attributes:
-        given: What ``--out`` names.
-        name: The page's name in a folder.
-    """
+    """A page to write: a file, or ``name`` in a folder, if what ``--out`` gives ends in a slash or names a folder."""
 
     given: str
     name: str
@@ -114,20 +99,12 @@ class PageOutput:
         return Outputs({"--out": self.given})
 
     def check(self) -> None:
-        """Refuse before any work a page that could not be written at its end; makes nothing.
-
-        Raises:
-            OutputError: The place cannot be written to, or its name promises something else.
-        """
+        """Refuse before any work a page that could not be written at its end; makes nothing."""
         check_page_name(self.given)
         self.outputs.check()
 
     def write(self, text: str) -> None:
-        """Write the page, whole or not at all.
-
-        Raises:
-            OutputError: It cannot be written.
-        """
+        """Write the page, whole or not at all."""
         if not self._in_folder:
             write_text(self.given, text)
             return
@@ -139,12 +116,22 @@ class PageOutput:
         return self.given.endswith(os.sep) or os.path.isdir(self.given)
 
 
-def check_page_name(out: str) -> None:
-    """Refuse a name of a page that promises another format; a folder, a device or a pipe may have any name.
+def write_folder(
+    folder: str, stem: str, result: Any, figures: Mapping[str, Any], texts: Mapping[str, str] | None = None
+) -> None:
+    """Write a result's JSON, its figures and texts into the folder of ``--out``, all of them or none."""
+    from precision_pin.sampling.figures import save
 
-    Raises:
-        OutputError: The name is not one of an HTML file.
-    """
+    with whole_folder(Path(folder)) as stage:
+        write_text(stage / f"{stem}.json", result.to_json() + "\n")
+        for name, figure in figures.items():
+            save(figure, stage / name)
+        for name, text in (texts or {}).items():
+            write_text(stage / name, text)
+
+
+def check_page_name(out: str) -> None:
+    """Refuse a name of a page that promises another format; a folder, a device or a pipe may have any name."""
     if not out:
         raise OutputError("--out names no file; a page is HTML: --out NAME.html")
     is_file = not os.path.lexists(out) or os.path.isfile(out)
@@ -154,15 +141,7 @@ def check_page_name(out: str) -> None:
 
 
 def check_folder_name(out: str | None, *, json: bool) -> None:
-    """Refuse a name of a folder that is one of a file.
-
-    Args:
-        out: The option's value, None where it is not given.
-        json: Whether the command has ``--json``, which is what a name ending in .json is meant for.
-
-    Raises:
-        OutputError: The name ends as that of a file.
-    """
+    """Refuse a name of a folder that is one of a file; ``json``: whether the command has ``--json``, which may be meant."""
     if not out or out.endswith(os.sep) or os.path.lexists(out):
         return
     suffix = Path(out).suffix.lower()

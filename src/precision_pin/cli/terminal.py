@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, groupby
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import click
 
+from precision_pin.base.files import write_text
 from precision_pin.cli.streams import count_columns, count_rows, echo_data, wrapped
 from precision_pin.render.text_table import folded
 
@@ -58,9 +59,6 @@ def echo_table(text: str, *, is_answered: bool = False, below: int = 0) -> None:
         text: The text, in blocks with blank lines between them; the first one answers.
         is_answered: Whether it ends with the answer, or is none.
         below: Rows of notes that will follow.
-
-    Raises:
-        OutputError: It cannot be written.
     """
     columns = count_columns(sys.stdout)
     blocks = [_pieces(block.split("\n"), columns) for block in text.split("\n\n")]
@@ -70,6 +68,16 @@ def echo_table(text: str, *, is_answered: bool = False, below: int = 0) -> None:
     lines = _screen(text, blocks, below, is_answered=is_answered) if cut else _joined(blocks)
     coloured = columns is not None and not os.environ.get("NO_COLOR")
     echo_data("\n".join(map(_paint, lines) if coloured else lines))
+
+
+def echo_result(result: Any, json_path: str | None, table: Callable[[], str], **shown: Any) -> None:
+    """Print a result as its table, or as its JSON for ``--json -``, and write the file of ``--json``."""
+    if json_path == "-":
+        echo_data(result.to_json())
+        return
+    echo_table(table(), **shown)
+    if json_path is not None:
+        write_text(json_path, result.to_json() + "\n")
 
 
 def _pieces(lines: Sequence[str], columns: int | None) -> list[_Piece]:
@@ -157,9 +165,8 @@ def _answer(text: str) -> list[str]:
 
 def _verdict_rows(text: str) -> list[str]:
     """Return the verdicts of a text, those of what is not met first."""
-    given = [
-        line.strip().partition(" - ")[0].removeprefix("spec ") for line in text.split("\n") if _VERDICT.search(line)
-    ]
+    lines = (line.strip().partition(" - ")[0] for line in text.split("\n") if _VERDICT.search(line))
+    given = [line.removeprefix("spec ") for line in lines]
     return _short(sorted(given, key=lambda line: line.endswith(": MET")))
 
 

@@ -3,42 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli import options as shared
 from precision_pin.cli.analyses import analysis_of
-from precision_pin.cli.headings import output_option, sampling_option
 from precision_pin.cli.inputs import echo_findings, read_sheet
 from precision_pin.cli.measurement import calibration_of
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
-from precision_pin.cli.options import (
-    Options,
-    SamplingCommand,
-    chain_options,
-    inputs_argument,
-    layer_options,
-    model_option,
-    pose_options,
-    seed_option,
-    spec_option,
-    target_option,
-)
+from precision_pin.cli.notes import echo_note
 from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_path, read_poses
-from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
+from precision_pin.cli.workers import compile_sampler, progress_bar
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from precision_pin.kernel.arrays import SamplerArrays
     from precision_pin.pages.view import ViewPose
     from precision_pin.render.layers import Layer
     from precision_pin.sheet import Sheet
@@ -47,37 +31,31 @@ CHUNK = 2**14
 """Samples between two steps of the progress."""
 
 
-@click.command("view", cls=SamplingCommand)
-@inputs_argument
-@pose_options
-@target_option
-@chain_options
-@sampling_option(
+@click.command("view", cls=shared.SamplingCommand)
+@shared.inputs_argument
+@shared.pose_options
+@shared.target_option
+@shared.chain_options
+@shared.sampling_option(
     "--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show at a pose."
 )
-@seed_option
-@model_option
-@spec_option
-@layer_options
+@shared.seed_option
+@shared.model_option
+@shared.spec_option
+@shared.layer_options
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
-@output_option(
+@shared.output_option(
     "--out",
     metavar="PAGE.html",
     help="The page to write, or its folder; served to this machine's browser if left out.",
 )
-@output_option("--port", type=int, metavar="P", help="Where to serve it; any free port if left out.")
-@output_option("--no-browser", is_flag=True, help="Serve it, but open no browser.")
-@all_warnings_option
-@quiet_option
+@shared.output_option("--port", type=int, metavar="P", help="Where to serve it; any free port if left out.")
+@shared.output_option("--no-browser", is_flag=True, help="Serve it, but open no browser.")
+@shared.all_warnings_option
+@shared.quiet_option
 def command(
     samples: int,
-    seed: int,
-    model: Literal["exact", "linear"],
     specs: tuple[str, ...],
-    map_file: str | None,
-    path_file: str | None,
-    compensate_file: str | None,
-    calibrate_file: str | None,
     factor: float | None,
     out: str | None,
     port: int | None,
@@ -97,7 +75,7 @@ def command(
 
     specifications = [specification(text) for text in specs]
     check_samples(samples)
-    check_seed(seed)
+    check_seed(arm["seed"])
     if samples > MOST_POINTS:
         raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_POINTS}")
     if factor is not None:
@@ -105,29 +83,26 @@ def command(
     check_poses(arm)
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
-        raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
-    beside = (map_file, path_file, compensate_file, calibrate_file)
-    layered = [file for file in beside if file is not None]
+        raise InputError.of("E_USAGE", f"{option} is for a page that is served, without --out")
+    files = [*pose_files(arm), *shared.layer_files(arm)]
     target = None if out is None else PageOutput(out, "view.html")
-    outputs = None if target is None else target.outputs
-    if target is not None and outputs is not None:
+    if target is not None:
         target.check()
-        outputs.refuse_inputs([*pose_files(arm), *layered])
-
+        target.outputs.refuse_inputs(files)
     kept: list[bool] = []
 
     def read() -> Sheet:
-        return read_sheet(arm, outputs)
+        return read_sheet(arm, None if target is None else target.outputs)
 
     def page_of(sheet: Sheet) -> str:
-        layers = _layers(sheet, *beside, seed=seed)
-        shown, remarks = _sampled(_poses(sheet, arm), sheet, samples, seed, model)
+        layers = _layers(sheet, arm)
+        shown, remarks = _sampled(_poses(sheet, arm), sheet, samples, arm)
         kept.append(limits_kept(shown, specifications))
         return page(
             shown,
             title=f"{sheet.chain.robot.name}: {sheet.chain.base} to {sheet.chain.tip_label}",
-            seed=seed,
-            model_name=model,
+            seed=arm["seed"],
+            model_name=arm["model"],
             factor=factor,
             package_dirs=arm["package_dirs"],
             points=samples,
@@ -138,9 +113,18 @@ def command(
 
     sheet = read()
     if target is None:
-        files = [sheet.file, sheet.chain.robot.file, *pose_files(arm), *layered]
+        from precision_pin.pages.view.live import serve
+
+        known = [sheet]
         with unwinding():
-            _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
+            serve(
+                lambda: page_of(known.pop() if known else read()),
+                [Path(file) for file in (sheet.file, sheet.chain.robot.file, *files)],
+                port=port or 0,
+                open_browser=not no_browser,
+                announce=lambda line: click.echo(line, err=True),
+                tick=raise_if_interrupted,
+            )
         return 0
     text = page_of(sheet)
     target.write(text)
@@ -148,15 +132,7 @@ def command(
     return 0 if all(kept) else EXIT_SPEC
 
 
-def _layers(
-    sheet: Sheet,
-    map_file: str | None,
-    path_file: str | None,
-    compensate_file: str | None,
-    calibrate_file: str | None,
-    *,
-    seed: int,
-) -> list[Layer]:
+def _layers(sheet: Sheet, arm: shared.Options) -> list[Layer]:
     """Return what is shown beside the arm."""
     from precision_pin.analyses.calibration.layer import CalibrationLayer
     from precision_pin.analyses.compensation.layer import CompensationLayer
@@ -165,21 +141,20 @@ def _layers(
     from precision_pin.model.error_model import ErrorModel
 
     layers: list[Layer] = []
-    if map_file is not None:
-        layers.append(PlacesData.of(analysis_of("map", sheet, read_grid(sheet, map_file), seed=seed)))
-    if path_file is not None:
-        layers.append(
-            PathLayer.of(analysis_of("path", sheet, read_path(sheet, path_file), "sampling the path", seed=seed))
-        )
-    if compensate_file is not None:
-        made = analysis_of("compensate", sheet, read_path(sheet, compensate_file))
+    if (file := arm["map_file"]) is not None:
+        layers.append(PlacesData.of(analysis_of("map", sheet, read_grid(sheet, file), seed=arm["seed"])))
+    if (file := arm["path_file"]) is not None:
+        way = read_path(sheet, file)
+        layers.append(PathLayer.of(analysis_of("path", sheet, way, "sampling the path", seed=arm["seed"])))
+    if (file := arm["compensate_file"]) is not None:
+        made = analysis_of("compensate", sheet, read_path(sheet, file))
         layers.append(CompensationLayer.of(made, ErrorModel.from_sheet(sheet)))
-    if calibrate_file is not None:
-        layers.append(CalibrationLayer.of(calibration_of(sheet, calibrate_file)))
+    if (file := arm["calibrate_file"]) is not None:
+        layers.append(CalibrationLayer.of(calibration_of(sheet, file)))
     return layers
 
 
-def _poses(sheet: Sheet, arm: Options) -> list[AskedPose]:
+def _poses(sheet: Sheet, arm: shared.Options) -> list[AskedPose]:
     from precision_pin.pages.view import MOST_POSES
 
     poses = read_poses(sheet, arm, MOST_POSES)
@@ -189,9 +164,11 @@ def _poses(sheet: Sheet, arm: Options) -> list[AskedPose]:
 
 
 def _sampled(
-    poses: Sequence[AskedPose], sheet: Sheet, samples: int, seed: int, model: Literal["exact", "linear"]
+    poses: Sequence[AskedPose], sheet: Sheet, samples: int, arm: shared.Options
 ) -> tuple[list[ViewPose], list[str]]:
     """Return the errors of the same robots at every pose, and the shares that rest on assumptions; print warnings."""
+    import numpy as np
+
     from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.model.pose_model import origin_shares
@@ -199,7 +176,7 @@ def _sampled(
     from precision_pin.pages.view import ViewPose
     from precision_pin.render.tables import resting_on
 
-    error_model = ErrorModel.from_sheet(sheet)
+    error_model, model, seed = ErrorModel.from_sheet(sheet), arm["model"], arm["seed"]
     compile_sampler(error_model.space, model)
     shown = []
     findings: list[tuple[Finding, ...]] = []
@@ -209,31 +186,16 @@ def _sampled(
             here = (*at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at))
             findings.append(here)
             grounds = grounds_at(error_model, at.posture.q[:, None])
-            errors = _drawn(sampler.to_arrays(at), model, seed, samples, number, progress)
+            table, chunks = sampler.to_arrays(at), []
+            for first in range(0, samples, CHUNK):
+                count = min(CHUNK, samples - first)
+                chunks.append(sampler.errors(table, model, seed, first, count, pose=number))
+                progress(count)
+            errors = np.concatenate(chunks, axis=1)
             shown.append(ViewPose(at, errors, pose.name or None, number, error_model.draw_words, grounds))
     echo_findings(_gathered(findings))
     shares = origin_shares(error_model.origins, shown[0].pose_model)
     return shown, resting_on(error_model.assumed, len(error_model.sources), shares)
-
-
-def _drawn(
-    table: SamplerArrays,
-    model: Literal["exact", "linear"],
-    seed: int,
-    samples: int,
-    pose: int,
-    progress: Callable[[int], None],
-) -> NDArray[np.float64]:
-    import numpy as np
-
-    from precision_pin.kernel import sampler
-
-    chunks = []
-    for first in range(0, samples, CHUNK):
-        count = min(CHUNK, samples - first)
-        chunks.append(sampler.errors(table, model, seed, first, count, pose=pose))
-        progress(count)
-    return np.concatenate(chunks, axis=1)
 
 
 def _gathered(findings: Sequence[tuple[Finding, ...]]) -> list[Finding]:
@@ -246,26 +208,3 @@ def _gathered(findings: Sequence[tuple[Finding, ...]]) -> list[Finding]:
         replace(finding, message=f"{finding.message} (such a warning at {poses[code]} of {len(findings)} poses)")
         for code, finding in first.items()
     ]
-
-
-def _serve(
-    page_of: Callable[[Any], str],
-    sheet: Sheet,
-    read: Callable[[], Sheet],
-    watched: Sequence[Path],
-    port: int,
-    *,
-    open_browser: bool,
-) -> None:
-    """Serve the page, first from the sheet already read, then from the files as they change."""
-    from precision_pin.pages.view.live import serve
-
-    known = [sheet]
-    serve(
-        lambda: page_of(known.pop() if known else read()),
-        watched,
-        port=port,
-        open_browser=open_browser,
-        announce=lambda line: click.echo(line, err=True),
-        tick=raise_if_interrupted,
-    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -47,7 +47,6 @@ def display_unit(*distributions: Distribution) -> WrittenUnit:
     return WrittenUnit.of_axis(distributions[0].quantity, max(max(abs(one.min), abs(one.max)) for one in distributions))
 
 
-@final
 @dataclass(frozen=True)
 class _Ruler:
     """The horizontal axis: drawn = (value − origin) · unit.per_si; numbers in labels are in `text_unit`."""

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from types import FunctionType
-from typing import Any, Final, Protocol, final
+from typing import Any, Final, Protocol
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -64,7 +64,6 @@ def style() -> Iterator[None]:
         yield
 
 
-@final
 class _ShownFigure(Figure):
     """A figure that a notebook shows without pyplot."""
 

@@ -76,7 +76,6 @@ def rendered(title: str, tables: Sequence[Table], notes: Sequence[str] = ()) -> 
 
 
 def _row(cells: Sequence[str], words: int, tag: str) -> str:
-    inside = "".join(
-        f"<{tag}{_LEFT if column < words else _RIGHT}>{escaped(cell)}</{tag}>" for column, cell in enumerate(cells)
-    )
-    return f"<tr>{inside}</tr>"
+    styles = (_LEFT if column < words else _RIGHT for column in range(len(cells)))
+    inside = (f"<{tag}{style}>{escaped(cell)}</{tag}>" for style, cell in zip(styles, cells, strict=True))
+    return f"<tr>{''.join(inside)}</tr>"

@@ -43,11 +43,7 @@ class JsonResult:
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the JSON to a file, whole or not at all.
-
-        Raises:
-            OutputError: It cannot be written.
-        """
+        """Write the JSON to a file, whole or not at all."""
         write_text(check_path("the path of the result", path), f"{self.to_json()}\n")
 
     @classmethod
@@ -56,9 +52,6 @@ class JsonResult:
 
         The numbers of a file are those of the JSON, not the samples and laws behind them: so what is returned has the same
         ``to_dict`` and ``to_json``, and is not an instance of this class.
-
-        Raises:
-            InputError: The file cannot be read, or holds no result of this kind.
         """
         name = check_path("the path of the result", path)
         try:
@@ -101,11 +94,7 @@ class SavedResult(JsonResult):
         return tuple(self.data.get("warnings", ()))
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return every number of every pose as a row, by the keys that lead to it, with the other keys as ``attrs``.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
+        """Return every number of every pose as a row, by the keys that lead to it, with the other keys as ``attrs``."""
         poses = self.data["poses"] if isinstance(self.data.get("poses"), list) else [self.data]
         labels = pose_labels([str(_pose_name(pose)) for pose in poses])
         rows = [
@@ -117,11 +106,7 @@ class SavedResult(JsonResult):
         return data_frame(["pose", "entry"], rows, attributes)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return the numbers of :meth:`to_pandas` as a dataset over pose and entry.
-
-        Raises:
-            InputError: xarray is not installed.
-        """
+        """Return the numbers of :meth:`to_pandas` as a dataset over pose and entry."""
         return dataset(self.to_pandas())
 
     def __repr__(self) -> str:

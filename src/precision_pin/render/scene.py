@@ -108,7 +108,6 @@ def rotation_to(axis: ArrayLike) -> Array:
     return se3.rotation_about(normal / sine, np.arctan2(sine, unit[2]))
 
 
-@final
 class _Window:
     """Takes the place of MeshCat's connection to a server: keeps the packed commands."""
 

@@ -177,11 +177,7 @@ def pose_labels(names: Sequence[str]) -> list[str]:
 
 
 def optional(package: str) -> Any:
-    """Return a package that this one works without, pandas or xarray.
-
-    Raises:
-        InputError: It is not installed.
-    """
+    """Return a package that this one works without, pandas or xarray."""
     try:
         return importlib.import_module(package)
     except ImportError:
@@ -208,9 +204,6 @@ def data_frame(
         index: Names of the index's levels.
         rows: Each row's place in the index, and its columns.
         attributes: Becomes ``attrs``, with the units added.
-
-    Raises:
-        InputError: pandas is not installed.
     """
     pandas = optional("pandas")
     keys = [key for key, _ in rows]
@@ -225,11 +218,7 @@ def data_frame(
 
 
 def dataset(frame: pandas.DataFrame) -> xarray.Dataset:
-    """Return a frame whose index is a full grid as a dataset; ``attrs`` become text, as netCDF requires.
-
-    Raises:
-        InputError: xarray is not installed.
-    """
+    """Return a frame whose index is a full grid as a dataset; ``attrs`` become text, as netCDF requires."""
     xarray = optional("xarray")
     made = xarray.Dataset.from_dataframe(frame)
     # as the frame has them, not sorted

@@ -22,9 +22,8 @@ def aligned(rows: list[list[str]]) -> list[str]:
     lines = []
     for row in rows:
         blanks = [" " * (columns - width(cell)) for cell, columns in zip(row, widths, strict=True)]
-        cells = [
-            cell + blank if k < 2 else blank + cell for k, (cell, blank) in enumerate(zip(row, blanks, strict=True))
-        ]
+        filled = enumerate(zip(row, blanks, strict=True))
+        cells = [cell + blank if k < 2 else blank + cell for k, (cell, blank) in filled]
         lines.append("  ".join(cells).rstrip())
     return lines
 

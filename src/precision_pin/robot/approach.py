@@ -61,9 +61,8 @@ def read_approach(joints: Sequence[str], approach: object) -> Approach:
     if not isinstance(approach, Sequence | np.ndarray):
         raise InputError(f"an approach is + or - by joint, such as 'joint1 +, joint2 -', got {shown(approach)}")
     if len(approach) not in (0, len(joints)):
-        raise InputError(
-            f"{len(approach)} directions of approach for {len(joints)} joints; expected {', '.join(joints)}"
-        )
+        given = f"{len(approach)} directions of approach for {len(joints)} joints"
+        raise InputError(f"{given}; expected {', '.join(joints)}")
     return tuple(map(_sign, joints, approach)) if len(approach) else ()
 
 
@@ -114,9 +113,8 @@ def _by_joint(text: str) -> dict[str, str]:
     for entry in text.split(","):
         name, _, sign = entry.strip().rpartition(" ")
         if not name:
-            raise InputError(
-                f"{entry.strip()!r} is no approach; write a joint and + or -, such as 'joint1 +, joint2 -'"
-            )
+            write = "write a joint and + or -, such as 'joint1 +, joint2 -'"
+            raise InputError(f"{entry.strip()!r} is no approach; {write}")
         name = name.strip()
         if name in found:
             raise InputError(f"the approach of the joint {name!r} is given twice")

@@ -12,7 +12,7 @@ import os
 import re
 import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, final
@@ -205,9 +205,8 @@ class Chain:
             raise InputError(f"no joint moves between {rooted.root!r} and {tip!r}; choose another base or tip")
         for joint in joints:
             if joint.mimic is not None:
-                raise InputError(
-                    f"the joint {joint.name!r} on the chain mimics {joint.mimic.joint!r}; lock it at a value"
-                )
+                mimics = f"{joint.name!r} on the chain mimics {joint.mimic.joint!r}"
+                raise InputError(f"the joint {mimics}; lock it at a value")
         locked_at = locked_values(rooted, joints, locked or {})
         frames, placements = link_frames(rooted, tip, joints, locked_at)
         return cls(
@@ -296,9 +295,8 @@ class Chain:
             UnknownNameError: The robot has no such link.
         """
         where = self.link_frame(self.tip if at is None else at)
-        lever = check_quantities(
-            "the centre of a payload", centre, LENGTH, (3,), "three finite numbers, in m or with a unit"
-        )
+        needs = "three finite numbers, in m or with a unit"
+        lever = check_quantities("the centre of a payload", centre, LENGTH, (3,), needs)
         mass = check_quantity("the mass of a payload", mass, MASS, "zero or more and finite", lambda kg: kg >= 0)
         moments = ((mass * np.array([1.0, *lever]), ()),)
         load = Load(where.link, where.frame, where.entry(lever), along=False, moments=moments)
@@ -409,9 +407,8 @@ class Chain:
         """
         where = self.link_frame(name)
         if where.path_rank is None:
-            raise InputError(
-                f"{name!r} is not on the path from {self.base!r} to {self.tip!r}: moving it does not move the tip"
-            )
+            path = f"the path from {self.base!r} to {self.tip!r}"
+            raise InputError(f"{name!r} is not on {path}: moving it does not move the tip")
         if name == self.tip:
             return self.end(where.link)
         return Place.along(where.link, where.path_rank, name, where.frame)
@@ -487,12 +484,8 @@ class Posture:
     @returns_read_only
     def link_poses(self) -> Array:
         """Axes of every chain link in the base, ``(n+1, 4, 4[, P])``."""
-        base = (
-            np.eye(4)[None]
-            if self.q.ndim == 1
-            else np.broadcast_to(np.eye(4)[None, :, :, None], (1, 4, 4, self.q.shape[1]))
-        )
-        return np.concatenate([base, self.joint_poses])
+        base = np.eye(4).reshape(1, 4, 4, *[1] * (self.q.ndim - 1))
+        return np.concatenate([np.broadcast_to(base, (1, *self.joint_poses.shape[1:])), self.joint_poses])
 
     @cached_property
     @returns_read_only
@@ -584,10 +577,8 @@ class Posture:
         return (*found, *_collision_findings(self.chain, self.q[:, None], ()))
 
     def __repr__(self) -> str:
-        chain, values = self.chain, spaced(self.q)
-        return (
-            f"<Posture of {os.path.basename(chain.robot.file)!r}, {chain.base!r} to {chain.tip_label!r}, at {values}>"
-        )
+        chain, file = self.chain, os.path.basename(self.chain.robot.file)
+        return f"<Posture of {file!r}, {chain.base!r} to {chain.tip_label!r}, at {spaced(self.q)}>"
 
     def direction_of(self, joint: int) -> int:
         """Return the direction in which a joint (0-based) moved last: 1, -1, or 0 where it is not known."""
@@ -711,19 +702,17 @@ def chain_findings(chain: Chain) -> tuple[Finding, ...]:
 def _names_on_path(chain: Chain) -> set[str]:
     """Return the links and joints from base to tip, named as in findings."""
     way = chain.robot.path(chain.base, chain.tip)
-    links = {chain.base, *(joint.child for joint in way)}
-    return {_name_subject("link", name) for name in links} | {_name_subject("joint", joint.name) for joint in way}
+    return _named([chain.base, *(joint.child for joint in way)], way)
 
 
 def _names_of_loads(chain: Chain) -> set[str]:
     """Return the links that a joint of the chain moves, and the joints that lead to them, named as in findings."""
     moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
-    joints = {joint.name for joint in chain.robot.joints if joint.child in moved}
-    return {_name_subject("link", name) for name in moved} | {_name_subject("joint", name) for name in joints}
+    return _named(moved, [joint for joint in chain.robot.joints if joint.child in moved])
 
 
-def _name_subject(what: str, name: str) -> str:
-    return f"{what} {shown(name)}"
+def _named(links: Iterable[str], joints: Iterable[Joint]) -> set[str]:
+    return {f"link {shown(name)}" for name in links} | {f"joint {shown(joint.name)}" for joint in joints}
 
 
 def _subjects(finding: Finding) -> set[str]:

@@ -47,9 +47,8 @@ class Configurations:
             ]
         values = check_numbers("joint values", q, needs="a number for each joint, rad or m, in chain order or by name")
         if values.shape != (len(self.names),):
-            raise InputError(
-                f"{values.size} joint values for {len(self.names)} joints; expected {', '.join(self.names)}"
-            )
+            message = f"{values.size} joint values for {len(self.names)} joints; expected {', '.join(self.names)}"
+            raise InputError(message)
         self._check_travel(values[:, None])
         return values
 
@@ -84,12 +83,10 @@ class Configurations:
         columns, rows = (bool(self.outside(values).any()) for values in (q, q.T))
         if rows and not columns:
             return ()
-        hint = (
-            "; as rows they would be within the joint limits, as columns they are not" if columns and not rows else ""
-        )
+        hint = "; as rows they would be within the joint limits, as columns they are not"
         message = (
-            f"an array of {count} by {count} joint values is taken as {count} poses in columns{hint}; transpose it if they "
-            "are rows, or give a list of poses"
+            f"an array of {count} by {count} joint values is taken as {count} poses in columns"
+            f"{hint if columns and not rows else ''}; transpose it if they are rows, or give a list of poses"
         )
         return (Finding("warning", "W_SQUARE_POSES", message),)
 
@@ -102,13 +99,8 @@ class Configurations:
     @returns_read_only
     def limits(self) -> tuple[Array, Array]:
         """Lowest and highest value of each joint, infinite if it has no limits."""
-        limits = [
-            (-np.inf, np.inf)
-            if joint.limit is None or joint.kind == "continuous"
-            else (joint.limit.lower, joint.limit.upper)
-            for joint in self.joints
-        ]
-        low, high = np.array(limits).T
+        given = [None if joint.kind == "continuous" else joint.limit for joint in self.joints]
+        low, high = np.array([(one.lower, one.upper) if one else (-np.inf, np.inf) for one in given]).T
         return low, high
 
     @staticmethod
@@ -146,14 +138,13 @@ class Configurations:
                 f"joint value {values[joint, pose]:g} m of {self.names[joint]}; it slides {LONGEST:,.0f} m at most"
             )
 
-    def _check_names(self, q: Mapping[str, object]) -> tuple[str, ...]:
-        """Return the joints' names in order, after a check that ``q`` has a value for each and no others."""
+    def _check_names(self, q: Mapping[str, object]) -> None:
+        """Check that ``q`` has a value for each joint and no others."""
         for name in check_mapping("joint values", q):
             check_name("joint on the chain", name, self.names)
         missing = [name for name in self.names if name not in q]
         if missing:
             raise InputError(f"no value for the joints {', '.join(missing)}")
-        return self.names
 
 
 def joint_quantity(joint: Joint) -> Quantity:

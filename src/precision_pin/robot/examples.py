@@ -1,4 +1,7 @@
-"""Locations of robots that ship with other packages or with this one."""
+"""Locations of robots that ship with other packages or with this one, and those written in xacro.
+
+The package xacrodoc expands these to URDF; they run what their authors wrote, as Python does.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,15 @@ import difflib
 import importlib
 import importlib.metadata
 import os
+import re
 import sys
-from contextlib import redirect_stdout, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import chdir, redirect_stdout, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.text_escape import one_line
 
 PREFIX: Final = "example:"
@@ -23,6 +28,8 @@ _ENDING: Final = "_description"
 ROBOTS: Final = Path(__file__).parents[1] / "robots"
 SUFFIX: Final = ".errors.yaml"
 ROBOT_SUFFIXES: Final = (".urdf", ".xml")
+XACRO_SUFFIX: Final = ".xacro"
+_ARGUMENT: Final = re.compile(r"(\w+):=(.*)", re.DOTALL)
 MOST_FILES: Final = 1000
 _EXAMPLES: Final = f"{os.sep}example-robot-data{os.sep}"
 PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
@@ -58,20 +65,20 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     `InputError` for a robot that is not there; the message suggests another one.
     """
     if not text.strip():
-        raise InputError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
+        raise InputError.of("E_FILE_MISSING", "the path of the robot is empty")
     if text.startswith(PREFIX):
         return _example(text.removeprefix(PREFIX))
     if text.startswith(DESCRIPTIONS):
         found = description(text.removeprefix(DESCRIPTIONS))
         if not hasattr(found, "URDF_PATH"):
             message = f"{text} is written in xacro; precision-pin init {text} [NAME:=VALUE]... writes it as a URDF"
-            raise InputError([Finding("error", "E_XACRO", message)])
+            raise InputError.of("E_XACRO", message)
         return Path(found.URDF_PATH)
     path = Path(folder) / text
     suggestion = None if os.path.lexists(path) or text.endswith(os.sep) else _suggest_robot(path)
     if suggestion is not None:
         # the finding has no file of its own, so that a sheet can add its file and line
-        raise InputError([Finding("error", "E_FILE_MISSING", f"there is no file {text!r}; did you mean {suggestion}?")])
+        raise InputError.of("E_FILE_MISSING", f"there is no file {text!r}; did you mean {suggestion}?")
     return path
 
 
@@ -81,20 +88,19 @@ def _example(name: str) -> Path:
         return own[name]
     known = example_urdfs()
     if not known:
-        raise InputError(
-            f"{PREFIX}{name}: the package example-robot-data is not installed (pip install example-robot-data)"
-        )
+        package = "example-robot-data"
+        raise InputError(f"{PREFIX}{name}: the package {package} is not installed (pip install {package})")
     if name in known:
         return known[name]
     known = own | known
     if not name:
-        raise InputError([Finding("error", "E_NAME", f"no example robot named ''; valid: {', '.join(known)}")])
+        raise InputError.of("E_NAME", f"no example robot named ''; valid: {', '.join(known)}")
     folded = name.casefold()
     longer = [other for other in known if folded in other.casefold()]
     if not longer or folded in map(str.casefold, known):
         raise UnknownNameError("example robot", name, known)
     message = f"no example robot named {name!r}; did you mean one of {', '.join(PREFIX + other for other in longer)}?"
-    raise InputError([Finding("error", "E_NAME", message)])
+    raise InputError.of("E_NAME", message)
 
 
 def description(name: str) -> ModuleType:
@@ -105,9 +111,8 @@ def description(name: str) -> ModuleType:
     try:
         listed = importlib.import_module("robot_descriptions").DESCRIPTIONS
     except ImportError:
-        raise InputError(
-            f"{DESCRIPTIONS}{name}: the package robot_descriptions is not installed (pip install 'precision-pin[robots]')"
-        ) from None
+        message = f"{DESCRIPTIONS}{name}: the package robot_descriptions is not installed (pip install 'precision-pin[robots]')"
+        raise InputError(message) from None
     known = [each.removesuffix(_ENDING) for each, about in listed.items() if about.has_urdf]
     short = name.removesuffix(_ENDING)
     if short not in known:
@@ -117,10 +122,8 @@ def description(name: str) -> ModuleType:
         with redirect_stdout(sys.stderr):
             return importlib.import_module(f"robot_descriptions.{short}{_ENDING}")
     except Exception as error:  # noqa: BLE001 - the package downloads with git, which can fail in many ways
-        reason = one_line(str(error))
-        raise InputError(
-            f"{DESCRIPTIONS}{short} cannot be downloaded by the package robot_descriptions: {reason}"
-        ) from None
+        what = f"{DESCRIPTIONS}{short} cannot be downloaded by the package robot_descriptions"
+        raise InputError(f"{what}: {one_line(str(error))}") from None
 
 
 def _suggest_robot(path: Path) -> str | None:
@@ -166,3 +169,49 @@ def named_briefly(text: str) -> str:
         for name, path in example_urdfs().items():
             text = text.replace(str(path), PREFIX + name)
     return text.replace(f"{ROBOTS.parents[1]}{os.sep}", "")
+
+
+def xacro_source(robot: str) -> tuple[Path, dict[str, str], dict[str, str]] | None:
+    """Return the file of a robot written in xacro, its own arguments, and the folders of its packages; None for others.
+
+    ``robot`` is a path that ends in ``.xacro``, or ``robot_descriptions:NAME``.
+    """
+    if robot.startswith(DESCRIPTIONS):
+        found = description(robot.removeprefix(DESCRIPTIONS))
+        if not hasattr(found, "XACRO_PATH"):
+            return None
+        return Path(found.XACRO_PATH), getattr(found, "XACRO_ARGS", {}), getattr(found, "XACRO_PACKAGE_PATHS", {})
+    return (Path(robot), {}, {}) if robot.endswith(XACRO_SUFFIX) else None
+
+
+def read_arguments(texts: Sequence[str]) -> dict[str, str]:
+    """Return xacro arguments written as ``name:=value``; `InputError` for another text."""
+    found = {}
+    for text in texts:
+        match = _ARGUMENT.fullmatch(text)
+        if match is None:
+            raise InputError.of("E_USAGE", f"{text!r} is no xacro argument; write NAME:=VALUE")
+        found[match[1]] = match[2]
+    return found
+
+
+def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]) -> str:
+    """Return the text of the URDF that a xacro file makes, mesh names with the xacro's folder."""
+    try:
+        import xacrodoc
+    except ImportError:
+        message = "xacro needs the package xacrodoc, which is not installed (pip install 'precision-pin[robots]')"
+        raise InputError.of("E_XACRO", message, os.fspath(file)) from None
+    path = file.resolve()
+    if not path.is_file():
+        raise InputError.of("E_FILE_MISSING", "there is no such file", os.fspath(file))
+    try:
+        xacrodoc.packages.update_package_cache(dict(packages))
+        with chdir(path.parent):  # files that it includes are named from its folder
+            text: str = xacrodoc.XacroDoc.from_file(
+                path, subargs=dict(arguments), resolve_packages=False
+            ).to_urdf_string()
+    except Exception as error:  # noqa: BLE001 - a xacro file can raise anything
+        message = one_line(f"xacro cannot be expanded: {type(error).__name__}: {error}")
+        raise InputError.of("E_XACRO", message, os.fspath(file)) from None
+    return text

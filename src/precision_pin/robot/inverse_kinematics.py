@@ -119,9 +119,8 @@ class SolutionSearch:
         fruitless = np.zeros(count, dtype=int)
         active = np.arange(count)
         for number in range(_ROUNDS):
-            ends = self._descend_from(
-                wanted, active, starts[:, number * _STARTS : (number + 1) * _STARTS], self.is_redundant
-            )
+            round_ = starts[:, number * _STARTS : (number + 1) * _STARTS]
+            ends = self._descend_from(wanted, active, round_, self.is_redundant)
             for node, own in zip(active, ends, strict=True):
                 before = found[node].shape[1]
                 found[node] = self._merge(np.column_stack([found[node], own]))
@@ -144,9 +143,8 @@ class SolutionSearch:
     ) -> list[Array]:
         """Return the solutions ``(n, S)`` found from ``starts`` ``(N, S)`` in the list, for each of some nodes."""
         each = starts.shape[1]
-        ends, is_solution = self._descend(
-            np.repeat(wanted[:, :, nodes], each, axis=2), self.listed[:, starts[nodes].ravel()], within_limits
-        )
+        targets = np.repeat(wanted[:, :, nodes], each, axis=2)
+        ends, is_solution = self._descend(targets, self.listed[:, starts[nodes].ravel()], within_limits)
         slices = [slice(rank * each, (rank + 1) * each) for rank in range(len(nodes))]
         return [ends[:, own][:, is_solution[own]] for own in slices]
 
@@ -173,14 +171,9 @@ class SolutionSearch:
             if done.any():
                 ends[:, rows[done]], is_solution[rows[done]] = q[:, done], is_there[done]
                 keep = ~done
-                rows, q, target, damping, stalls = (
-                    rows[keep],
-                    q[:, keep],
-                    target[:, :, keep],
-                    damping[keep],
-                    stalls[keep],
-                )
-                square, matrix, gradient = square[keep], matrix[:, :, keep], gradient[:, keep]
+                rows, q, target = rows[keep], q[:, keep], target[:, :, keep]
+                damping, stalls, square = damping[keep], stalls[keep], square[keep]
+                matrix, gradient = matrix[:, :, keep], gradient[:, keep]
             if not len(rows):
                 break
             step = _solve_damped(matrix, gradient, damping)

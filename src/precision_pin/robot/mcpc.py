@@ -215,22 +215,19 @@ class Mcpc:
         self._check_link(link)
         last = link == self.joint_count
         gamma, z = (self.gamma, self.z) if last else (0.0, 0.0)
-        sin_alpha, cos_alpha = math.sin(self.alpha[link]), math.cos(self.alpha[link])
-        sin_beta, cos_beta = math.sin(self.beta[link]), math.cos(self.beta[link])
+        alpha, beta = self.alpha[link], self.beta[link]
+        (sin_alpha, cos_alpha), (sin_beta, cos_beta) = ((math.sin(one), math.cos(one)) for one in (alpha, beta))
         turned = se3.rotation_about(Z_AXIS, gamma).T
         k6 = turned @ (-cos_alpha * sin_beta, sin_alpha, cos_alpha * cos_beta)
         k7 = turned @ (cos_beta, 0.0, sin_beta)
         k8 = turned @ Y_AXIS
         point = np.array([self.x[link], self.y[link], z])
-        columns = []
+        x_axis, y_axis, z_axis = np.eye(3)
+        columns = [_turn(k7, point), _turn(k8, point), _shift(x_axis), _shift(y_axis)]
         if link:
-            columns.append(_shift(k6) if self.prismatic[link - 1] else _turn(k6, point))
-        columns += [_turn(k7, point), _turn(k8, point)]
+            columns.insert(0, _shift(k6) if self.prismatic[link - 1] else _turn(k6, point))
         if last:
-            columns.append(_turn(np.array(Z_AXIS), point))
-        columns += [_shift(np.array(X_AXIS)), _shift(np.array(Y_AXIS))]
-        if last:
-            columns.append(_shift(np.array(Z_AXIS)))
+            columns[-2:] = [_turn(z_axis, point), *columns[-2:], _shift(z_axis)]
         return np.column_stack(columns)
 
     def propagation(self, q: ArrayLike) -> Array:
@@ -301,14 +298,10 @@ class Mcpc:
         """Return the HTML for a notebook: the table in the form of the paper's Table 1, in degrees and mm."""
         rows = []
         for row in self.table:
-            turns = [
-                _format_value(row.turn, math.degrees(1)),
-                *(_format_value(angle, math.degrees(1)) for angle in (row.alpha, row.beta, row.gamma)),
-            ]
             joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
-            rows.append(
-                [str(row.link), joint, *turns, *(_format_value(length, 1e3) for length in (row.x, row.y, row.z))]
-            )
+            numbers = [(angle, math.degrees(1)) for angle in (row.turn, row.alpha, row.beta, row.gamma)]
+            numbers += [(length, 1e3) for length in (row.x, row.y, row.z)]
+            rows.append([str(row.link), joint, *(_format_value(value, unit) for value, unit in numbers)])
         columns = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
         return rendered(f"MCPC parameters of {self.joint_count} joints", [Table(columns, rows, words=2)])
 
@@ -403,13 +396,14 @@ def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["compl
         about = rotation.T @ displaced[:3, :3]
         turn = math.atan2(about[1, 0], about[0, 0])
         angles = [math.remainder(alpha - mcpc.alpha[i], math.tau), math.remainder(beta - mcpc.beta[i], math.tau)]
+        own = list(mcpc.parameter_indices(i)[1 if i else 0 :])
         if i == n:
             x, y, z = displaced[:3, :3].T @ displaced[:3, 3]
-            errors = [*angles, math.remainder(turn - mcpc.gamma, math.tau), x - mcpc.x[i], y - mcpc.y[i], z - mcpc.z]
-            result[list(mcpc.parameter_indices(i)[1 if i else 0 :])] = errors
+            turn = math.remainder(turn - mcpc.gamma, math.tau)
+            result[own] = [*angles, turn, x - mcpc.x[i], y - mcpc.y[i], z - mcpc.z]
             break
         x, y, shift = rotation.T @ displaced[:3, 3]
-        result[list(mcpc.parameter_indices(i)[1 if i else 0 :])] = [*angles, x - mcpc.x[i], y - mcpc.y[i]]
+        result[own] = [*angles, x - mcpc.x[i], y - mcpc.y[i]]
         if chart == "offsets" and mcpc.prismatic[i]:
             result[i], shift = shift, 0.0
         elif chart == "offsets":
@@ -449,12 +443,8 @@ def _poses(displacements: ArrayLike, count: int) -> Array:
     poses = finite_array(what, given, (count, 4, 4))
     for i, pose in enumerate(poses):
         rotation = pose[:3, :3]
-        rigid = (
-            np.abs(rotation.T @ rotation - np.eye(3)).max() < RIGID
-            and np.linalg.det(rotation) > 0
-            and np.array_equal(pose[3], [0, 0, 0, 1])
-        )
-        if not rigid:
+        is_rotation = np.abs(rotation.T @ rotation - np.eye(3)).max() < RIGID and np.linalg.det(rotation) > 0
+        if not is_rotation or not np.array_equal(pose[3], [0, 0, 0, 1]):
             raise InputError(f"{what}: number {i} is not a rigid motion (rotation, then last row 0 0 0 1)")
     return poses
 
@@ -511,9 +501,8 @@ def from_chain(chain: JointChain) -> Mcpc:
     """
     for name in ("joint_names", "placements", "axes", "prismatic"):
         if not hasattr(chain, name):
-            raise InputError(
-                f"chain must have joint_names, placements, axes and prismatic, as a Chain has, got {shown(chain)}"
-            )
+            message = f"chain must have joint_names, placements, axes and prismatic, as a Chain has, got {shown(chain)}"
+            raise InputError(message)
     joints = len(chain.joint_names)
     placements = np.asarray(chain.placements, dtype=float)
     axes = np.vstack([np.asarray(chain.axes, dtype=float).reshape(joints, 3), Z_AXIS])
@@ -523,7 +512,10 @@ def from_chain(chain: JointChain) -> Mcpc:
     before_turn = np.eye(4)
     for i in range(joints + 1):
         point, direction = _next_axis(before_turn, placements[i], axes[i])
-        offset[i] = _offset(point, direction, last=i == joints) if i else _base_turn(direction)
+        if i:
+            offset[i] = _offset(point, direction, last=i == joints)
+        elif math.hypot(direction[1], direction[2]) < NEARLY_SINGULAR:  # |cos β|
+            offset[i] = math.pi / 2
         frame = before_turn @ axial_motion(offset[i], 0.0)
         frames.append(frame)
 
@@ -627,11 +619,6 @@ def _offset(point: Array, direction: Array, *, last: bool) -> float:
     if last or math.hypot(point[0], point[1]) <= COINCIDENT:
         return 0.0
     return _reduce_to_half_turn(math.atan2(point[1], point[0]))
-
-
-def _base_turn(direction: Array) -> float:
-    cos_beta = math.hypot(direction[1], direction[2])
-    return math.pi / 2 if cos_beta < NEARLY_SINGULAR else 0.0
 
 
 def _reduce_to_half_turn(angle: float) -> float:

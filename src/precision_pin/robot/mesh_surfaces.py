@@ -18,8 +18,7 @@ from precision_pin.base.text_escape import shown
 from precision_pin.render.scene import Colour
 from precision_pin.robot.urdf import Mesh, locate_mesh
 from precision_pin.robot.urdf.findings import Findings
-from precision_pin.robot.urdf.meshes import MeshFile, MeshFiles, read_mesh
-from precision_pin.robot.urdf.meshscenes import BrokenMeshError, check_numbers
+from precision_pin.robot.urdf.meshes import BrokenMeshError, MeshFile, MeshFiles, check_numbers, read_mesh
 
 MOST_FACES: Final = 120_000
 """The most triangles a page holds, about 2.5 MB."""
@@ -67,11 +66,7 @@ class MeshReader:
         self._known: dict[str, tuple[Surface, ...] | str] = {}
 
     def surfaces(self, mesh: Mesh, owner: str) -> tuple[Surface, ...]:
-        """Return a mesh's triangles, scaled as the URDF says, one surface for each colour.
-
-        Raises:
-            UnreadableMeshError: Missing, outside the robot's folders, broken or of an unknown kind; says which.
-        """
+        """Return a mesh's triangles, scaled as the URDF says, one surface for each colour."""
         if mesh.filename not in self._known:
             try:
                 self._known[mesh.filename] = self._read(mesh.filename, owner)
@@ -163,7 +158,6 @@ def _joined(surface: Surface, cell: float) -> Surface:
     return _with_faces(replace(surface, vertices=np.stack(means, axis=1)), kept)
 
 
-@final
 class _Companions:
     """Hands trimesh the files that were read beside a mesh, and no others: images are not looked at."""
 

@@ -91,10 +91,6 @@ def model_poses(
     """Return the gravity (3,) of a user's Pinocchio model in the base's axes, and the tip in the base at two configurations.
 
     These are the neutral one and one near it, each as the values of the joints by name, rad or m, and a pose ``(4, 4)``.
-
-    Raises:
-        InputError: No Pinocchio model, or one without these frames or with joints of more than one degree of freedom
-            among these.
     """
     if not isinstance(model, pinocchio.Model):
         raise InputError("the model must be a pinocchio.Model")
@@ -128,15 +124,12 @@ def _replace_names(robot: Robot) -> Robot:
     """
     links = _numbers("link", (link.name for link in robot.links))
     joints = _numbers("joint", (joint.name for joint in robot.joints))
-    return Robot(
-        "robot",
-        robot.file,
-        tuple(replace(link, name=links[link.name]) for link in robot.links),
-        tuple(
-            replace(joint, name=joints[joint.name], parent=links[joint.parent], child=links[joint.child])
-            for joint in robot.joints
-        ),
+    renamed = (
+        replace(joint, name=joints[joint.name], parent=links[joint.parent], child=links[joint.child])
+        for joint in robot.joints
     )
+    own = (replace(link, name=links[link.name]) for link in robot.links)
+    return Robot("robot", robot.file, tuple(own), tuple(renamed))
 
 
 def _numbers(kind: str, names: Iterable[str]) -> dict[str, str]:
@@ -173,9 +166,8 @@ def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
         number = model.getFrameId(link.name, pinocchio.FrameType.BODY)
         frame = model.frames[number]
         if np.abs(data.oMf[number].homogeneous - ours[link.name]).max() > AGREEMENT * reach:
-            raise InternalError(
-                f"{robot.file}: Pinocchio places the link {names[link.name]!r} at another pose than the URDF"
-            )
+            what = f"places the link {names[link.name]!r} at another pose than the URDF"
+            raise InternalError(f"{robot.file}: Pinocchio {what}")
         if link.inertial is not None:
             local = frame.placement.homogeneous
             centre = local[:3, :3] @ np.asarray(link.inertial.com) + local[:3, 3]
@@ -184,14 +176,11 @@ def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
         if parent is not None and parent.kind == "fixed":
             fixed = model.frames[model.getFrameId(parent.name, pinocchio.FrameType.FIXED_JOINT)].inertia
             mass, centre = (link.inertial.mass, link.inertial.com) if link.inertial is not None else (0.0, (0.0,) * 3)
-            difference = max(
-                abs(fixed.mass - mass), float(np.abs(fixed.mass * fixed.lever - mass * np.array(centre)).max())
-            )
-            if difference > AGREEMENT * max(1.0, mass) * reach:
+            moment = float(np.abs(fixed.mass * fixed.lever - mass * np.array(centre)).max())
+            if max(abs(fixed.mass - mass), moment) > AGREEMENT * max(1.0, mass) * reach:
                 raise InternalError(f"{robot.file}: Pinocchio lost mass of the link {names[link.name]!r}")
     for link_name, number in bodies.items():
         scale = max(1.0, float(moments[number][0])) * reach
         if np.abs(moments[number] - theirs[number]).max() > AGREEMENT * scale:
-            raise InternalError(
-                f"{robot.file}: Pinocchio lost mass of the link {names[link_name]!r} or one fixed to it"
-            )
+            message = f"{robot.file}: Pinocchio lost mass of the link {names[link_name]!r} or one fixed to it"
+            raise InternalError(message)

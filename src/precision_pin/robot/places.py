@@ -186,7 +186,6 @@ def link_frames(
     return frames, placements
 
 
-@final
 @dataclass(frozen=True)
 class _Row:
     """The URDF links on the path within one chain link, base to tip, and the joints between them."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, final, get_args
@@ -67,13 +68,10 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
 
 def check_grid_size(counts: list[int]) -> None:
     """Refuse a grid of more than 1,048,575 poses: the product of the counts."""
-    total = 1
-    for count in counts:
-        total *= count
+    total = math.prod(counts)
     if total > MOST_POSES:
-        raise InputError(
-            f"the grid has {' × '.join(map(str, counts))} = {total:,} poses; at most {MOST_POSES:,} are allowed"
-        )
+        message = f"the grid has {' × '.join(map(str, counts))} = {total:,} poses; at most {MOST_POSES:,} are allowed"
+        raise InputError(message)
 
 
 def _row(name: str, given: ArrayLike, quantity: Quantity) -> Array:
@@ -86,19 +84,14 @@ def _row(name: str, given: ArrayLike, quantity: Quantity) -> Array:
 def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
     """Return the values of the joints that vary, as the name of each pose."""
     varied = [joint for joint, row in enumerate(rows) if len(row) > 1] or list(range(len(rows)))
-    words = [
-        [
-            f"{_written(1e3 * value)} mm" if chain.prismatic[joint] else f"{_written(np.degrees(value))}°"
-            for value in q[joint]
-        ]
-        for joint in varied
-    ]
-    return tuple(" ".join(word) for word in zip(*words, strict=True))
 
+    def word(joint: int, value: float) -> str:
+        # a grid may reach zero up to a last digit
+        shown = round(float(1e3 * value if chain.prismatic[joint] else np.degrees(value)), _DECIMALS) + 0.0
+        return f"{shown:.6g}{' mm' if chain.prismatic[joint] else '°'}"
 
-def _written(value: float) -> str:
-    # a grid may reach zero up to a last digit
-    return f"{round(float(value), _DECIMALS) + 0.0:.6g}"
+    words = [[word(joint, value) for value in q[joint]] for joint in varied]
+    return tuple(map(" ".join, zip(*words, strict=True)))
 
 
 @final
@@ -139,9 +132,8 @@ class Orientation:
                 f"the orientation has the shape {values.shape}, expected a rotation (3, 3), or roll, pitch and yaw (3,)"
             )
         if np.abs(values.T @ values - np.eye(3)).max() > 1e-9 or np.linalg.det(values) < 0:
-            raise InputError(
-                "the orientation is no rotation: its columns must be orthonormal to 1e-9, without mirroring"
-            )
+            needs = "its columns must be orthonormal to 1e-9, without mirroring"
+            raise InputError(f"the orientation is no rotation: {needs}")
         return cls("pose", values[None], np.array(Z), label or "given")
 
     @classmethod
@@ -212,9 +204,8 @@ def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLi
     Raises:
         InputError: Directions that are not at right angles, no values, or numbers that are not finite.
     """
-    point = check_quantities(
-        "the origin of the plane", origin, LENGTH, (3,), "three finite numbers, in m or with a unit"
-    )
+    needs = "three finite numbers, in m or with a unit"
+    point = check_quantities("the origin of the plane", origin, LENGTH, (3,), needs)
     units = []
     for name, given in (("u", u), ("v", v)):
         direction = check_numbers(f"the direction {name}", given, (3,), "three finite numbers")
@@ -314,13 +305,9 @@ def _at_orientation(
 
 def _place_by_place(sets: Sequence[PoseSet], angles: Sequence[int]) -> PoseSet:
     """Return the poses at several orientations in the order of the places; each place and orientation is a node."""
-    nodes = np.concatenate(
-        [
-            wanted // count * len(sets) + rank
-            for rank, (wanted, count) in enumerate(zip([poses.node for poses in sets], angles, strict=True))
-            if wanted is not None
-        ]
-    )
+    wanted = [poses.node for poses in sets if poses.node is not None]
+    ranked = enumerate(zip(wanted, angles, strict=True))
+    nodes = np.concatenate([node // count * len(sets) + rank for rank, (node, count) in ranked])
     order = np.argsort(nodes, kind="stable")
     return replace(PoseSet.joined(sets).take(order), node=nodes[order])
 

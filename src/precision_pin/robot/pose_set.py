@@ -71,9 +71,8 @@ class PoseSet:
         counts |= {len(field) for field in (self.times, self.node) if field is not None}
         counts |= set() if self.approaches is None else {self.approaches.shape[1]}
         if len(counts) > 1:
-            raise InputError(
-                f"the fields of a pose set have {', '.join(map(str, sorted(counts)))} poses, expected one number"
-            )
+            message = f"the fields of a pose set have {', '.join(map(str, sorted(counts)))} poses, expected one number"
+            raise InputError(message)
         if counts == {0}:
             raise InputError("no poses; give at least one")
         fix_fields(self)
@@ -99,11 +98,14 @@ class PoseSet:
             position[:, part] = chain.at_columns(together).pose[:3, 3]
             singular[part] = smallest_singular_values(chain, together) < SINGULAR_BELOW
             step(together.shape[1])
-        status = tuple(_status(bool(outside[k]), bool(singular[k])) for k in range(q.shape[1]))
+        status: list[PoseStatus] = [
+            "limit" if is_outside else "singular" if is_singular else "reached"
+            for is_outside, is_singular in zip(outside.tolist(), singular.tolist(), strict=True)
+        ]
         return cls(
             q=q,
             names=("",) * q.shape[1] if names is None else names,
-            status=status,
+            status=tuple(status),
             branch=np.full(q.shape[1], NO_BRANCH, dtype=np.int64),
             position=position,
             times=times,
@@ -128,8 +130,7 @@ class PoseSet:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Mask ``(P,)`` of the poses whose joint values are known."""
-        mask: NDArray[np.bool_] = np.isfinite(self.q[0])
-        return mask
+        return np.asarray(np.isfinite(self.q[0]))
 
     @classmethod
     def joined(cls, sets: Sequence[PoseSet]) -> PoseSet:
@@ -252,7 +253,3 @@ def smallest_singular_values(chain: Chain, q: Array) -> Array:
     scaled[:, :, chain.prismatic] *= length
     singular_values: Array = np.asarray(np.linalg.svd(scaled, compute_uv=False), dtype=np.float64)
     return singular_values[:, -1].copy()
-
-
-def _status(outside: bool, singular: bool) -> PoseStatus:
-    return "limit" if outside else "singular" if singular else "reached"

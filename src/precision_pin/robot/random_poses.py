@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,7 +99,6 @@ def random_poses(
     return replace(poses, names=tuple(f"random {number}" for number in range(1, count + 1)), left_out=dict(left_out))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _JointDraws:
     """Draws of joint values between ``low`` and ``high``, kept where the tip is in the box."""
@@ -114,9 +113,8 @@ class _JointDraws:
         low, high = (limit.copy() for limit in chain.configurations.limits)
         endless = ~np.isfinite(low) | ~np.isfinite(high)
         for joint in np.flatnonzero(endless & chain.prismatic):
-            raise InputError(
-                f"the joint {chain.joint_names[joint]!r} slides without limits; values of it cannot be drawn"
-            )
+            message = f"the joint {chain.joint_names[joint]!r} slides without limits; values of it cannot be drawn"
+            raise InputError(message)
         low[endless], high[endless] = -np.pi, np.pi
         return cls(chain, low, high, box)
 
@@ -132,7 +130,6 @@ class _JointDraws:
         return poses.unobstructed(self.chain)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _PlaceDraws:
     """Draws of places in a box with one of some orientations; without joint values where the arm does not reach them."""
@@ -144,9 +141,7 @@ class _PlaceDraws:
     def draw(self, units: Units) -> PoseSet:
         place = units.uniforms([stream_of(name) for name in _PLACE_STREAMS], 0)
         points = self.box[:, :1] + (self.box[:, 1:] - self.box[:, :1]) * place
-        variants = [
-            (kind, angle) for kind in range(len(self.kinds)) for angle in range(len(self.kinds[kind].rotations))
-        ]
+        variants = [(rank, angle) for rank, kind in enumerate(self.kinds) for angle in range(len(kind.rotations))]
         chosen = (units.uniforms([stream_of(_CHOICE)], 0)[0] * len(variants)).astype(np.intp)
         branch = units.uniforms([stream_of(_BRANCH)], 0)[0]
         sets, ranks = [], []
@@ -173,9 +168,8 @@ class _PlaceDraws:
 
 
 def _check_box(box: ArrayLike) -> Array:
-    limits = check_quantities(
-        "the box", box, LENGTH, (3, 2), "lowest and highest x, y and z, in m or with a unit, (3, 2)"
-    )
+    needs = "lowest and highest x, y and z, in m or with a unit, (3, 2)"
+    limits = check_quantities("the box", box, LENGTH, (3, 2), needs)
     if (limits[:, 0] > limits[:, 1]).any():
         axis = "xyz"[int(np.argmax(limits[:, 0] > limits[:, 1]))]
         raise InputError(f"the box: its lowest {axis} is above its highest")

@@ -8,7 +8,7 @@ import itertools
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
@@ -19,7 +19,7 @@ from precision_pin.base.arguments import check_instance, check_number, check_pat
 from precision_pin.base.array_checks import fix_fields
 from precision_pin.base.arrays import Array
 from precision_pin.base.csv_columns import NUMBER, numbers
-from precision_pin.base.errors import Finding, InputError, UnitError, nearest
+from precision_pin.base.errors import InputError, UnitError, nearest
 from precision_pin.base.input_files import UnreadableFileError, decode, read_regular_file
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
@@ -133,12 +133,11 @@ class Trajectory:
         counts = parts.astype(np.intp)
         firsts = np.repeat(np.arange(len(moved)), counts)
         shares = (np.arange(len(firsts)) - np.repeat(np.cumsum(counts) - counts, counts)) / np.repeat(parts, counts)
-        return Trajectory(
-            chain=self.chain,
+        return replace(
+            self,
             values=_between(self.values, firsts, shares[:, None]),
             times=None if self.times is None else _between(self.times, firsts, shares),
             rows=_between(self.rows, firsts, shares),
-            columns=self.columns,
         )
 
 
@@ -168,7 +167,7 @@ def read_trajectory(
     file = os.fspath(check_path("the path of the trajectory", path))
 
     def wrong(message: str, line: int | None = None) -> InputError:
-        return InputError([Finding("error", "E_TRAJECTORY", message, file, line)])
+        return InputError.of("E_TRAJECTORY", message, file, line)
 
     try:
         data = read_regular_file(file, _LARGEST_FILE)
@@ -242,11 +241,8 @@ def _row_by_row(
             if not math.isfinite(value):
                 raise wrong(f"{column.heading}: {shown(cell, _LONGEST)} is not a finite number", line)
         if not columns[0].joint and not values[0] > before:
-            goes = (
-                f"stands still at {before:.10g} s" if values[0] == before
-                else f"goes back from {before:g} s to {values[0]:g} s"
-            )  # fmt: skip
-            raise wrong(f"the time {goes}; it must increase from row to row", line)
+            still, back = f"stands still at {before:.10g} s", f"goes back from {before:g} s to {values[0]:g} s"
+            raise wrong(f"the time {still if values[0] == before else back}; it must increase from row to row", line)
         found.append(values)
         before = values[0]
     return np.array(found).reshape(-1, len(columns))

@@ -23,7 +23,7 @@ from ruamel.yaml.error import YAMLError
 
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import InputError
 from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
 
 MODELS: Final = {
@@ -144,9 +144,8 @@ def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
         data = None
     kinematics = data.get("kinematics") if isinstance(data, dict) else None
     if not isinstance(kinematics, dict):
-        raise _wrong(
-            file, "this is no factory calibration: neither delta_theta = [...] as in calibration.conf nor kinematics:"
-        )
+        lacks = "neither delta_theta = [...] as in calibration.conf nor kinematics:"
+        raise _wrong(file, f"this is no factory calibration: {lacks}")
     steps = []
     for link in _LINKS:
         entry = kinematics.get(link)
@@ -201,4 +200,4 @@ def _turn(angle: float) -> Array:
 
 
 def _wrong(file: str, message: str, line: int | None = None) -> InputError:
-    return InputError([Finding("error", "E_DATA", message, file, line)])
+    return InputError.of("E_DATA", message, file, line)

@@ -21,7 +21,7 @@ from precision_pin.robot.urdf import Limit, Robot
 from precision_pin.robot.urdf import read as read_urdf
 from precision_pin.sheet.findings import POSE_VALUES, Findings
 from precision_pin.sheet.schema import Document
-from precision_pin.sheet.settings import SettingError
+from precision_pin.sheet.settings import SettingError, placed
 
 PlainPose = str | list[str] | Mapping[str, str]
 """Joint values as text: numbers with one unit, a list, or by joint."""
@@ -55,10 +55,8 @@ def parse_poses(
         elif approach == PREVIOUS:
             following.append(name)
         else:
-            try:
+            with findings.taking("poses", name, APPROACH):
                 approaches[name] = read_approach(chain.joint_names, approach)
-            except InputError as error:
-                findings.take(("poses", name, APPROACH), error)
     along = approaches_along(np.column_stack([*poses.values()])) if following else np.zeros(0)
     ranks = {name: rank for rank, name in enumerate(poses)}
     approaches |= {name: tuple(along[:, ranks[name]].tolist()) for name in following}
@@ -95,9 +93,8 @@ def parse_pose(value: PlainPose, chain: Chain) -> Array:
         return chain.configuration(named)
     if isinstance(value, str):
         if len(set(quantities)) > 1:
-            raise InputError(
-                "the chain has revolute and prismatic joints: give each joint value its own unit, by joint name"
-            )
+            message = "the chain has revolute and prismatic joints: give each joint value its own unit, by joint name"
+            raise InputError(message)
         return chain.configuration(units.parse_vector(value, quantities[0]))
     if len(value) != len(quantities):
         raise InputError(f"{len(value)} joint values for {len(quantities)} joints: {', '.join(chain.joint_names)}")
@@ -105,10 +102,8 @@ def parse_pose(value: PlainPose, chain: Chain) -> Array:
 
 
 def _parse_at(where: str | int, text: str, quantity: units.Quantity) -> float:
-    try:
+    with placed(where):
         return units.parse(text, quantity)
-    except InputError as error:
-        raise SettingError((where,), error) from None
 
 
 _EXAMPLE: Final = "0 0 100 mm"
@@ -176,7 +171,7 @@ def _limited(document: Document, findings: Findings, chain: Chain) -> Chain:
     """Return the arm with the sheet's narrower limits of joints."""
     joints = list(chain.joints)
     for name, text in document.limits.items():
-        try:
+        with findings.taking("limits", name):
             number = chain.joint_index(name)
             joint = joints[number]
             low, high = units.parse_vector(text, joint_quantity(joint), count=2)
@@ -190,8 +185,6 @@ def _limited(document: Document, findings: Findings, chain: Chain) -> Chain:
             # a continuous joint that is limited is a revolute one
             kind = "revolute" if joint.kind == "continuous" else joint.kind
             joints[number] = replace(joint, kind=kind, limit=replace(far, lower=low, upper=high))
-        except InputError as error:
-            findings.take(("limits", name), error)
     return replace(chain, joints=tuple(joints)) if document.limits else chain
 
 
@@ -201,11 +194,10 @@ def _keep_out(document: Document, findings: Findings) -> tuple[KeepOut, ...] | N
         return None
     found = []
     for number, entry in enumerate(() if document.keep_out == "none" else document.keep_out):
-        try:
+        with findings.taking("keep_out", number):
             if (entry.plane is None) == (entry.box is None):
-                raise InputError(
-                    "keep_out: an entry is {plane: 0 0 1, at: 0 0 0 mm} or {box: 800 600 40 mm, at: 0 0 -20 mm}"
-                )
+                message = "keep_out: an entry is {plane: 0 0 1, at: 0 0 0 mm} or {box: 800 600 40 mm, at: 0 0 -20 mm}"
+                raise InputError(message)
             at = tuple(units.parse_vector(entry.at, units.LENGTH, count=3))
             if entry.box is not None:
                 size = tuple(units.parse_vector(entry.box, units.LENGTH, count=3))
@@ -217,8 +209,6 @@ def _keep_out(document: Document, findings: Findings) -> tuple[KeepOut, ...] | N
             if not normal.any():
                 raise InputError("keep_out: the normal of a plane is zero")
             found.append(KeepOut(at, normal=tuple((normal / np.linalg.norm(normal)).tolist())))
-        except InputError as error:
-            findings.take(("keep_out", number), error)
     return tuple(found)
 
 
@@ -237,8 +227,6 @@ def _gravity(document: Document, findings: Findings) -> tuple[float, ...]:
 def _parse_locked(document: Document, findings: Findings, robot: Robot) -> dict[str, float] | None:
     values: dict[str, float] = {}
     for name, value in document.locked.items():
-        try:
+        with findings.taking("locked", name):
             values[name] = units.parse(value, joint_quantity(robot.joint(name)))
-        except InputError as error:
-            findings.take(("locked", name), error)
     return values if len(values) == len(document.locked) else None

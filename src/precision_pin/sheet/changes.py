@@ -13,7 +13,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin.base import units
-from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError
+from precision_pin.base.errors import InputError, SheetError, UnknownNameError
 from precision_pin.base.text_escape import shown
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, StatedNumber, source_model, stated_numbers
 from precision_pin.sheet.text import Path, Text, read_text
@@ -51,7 +51,7 @@ def parse_change(text: str) -> Change:
     path, equals, value = (part.strip() for part in text.partition("="))
     if not (path and equals and value):
         message = f"--set: 'PATH=VALUE' is expected, such as 'parameters.a1=±0.1 mm', got {text!r}"
-        raise InputError([Finding("error", "E_USAGE", message)])
+        raise InputError.of("E_USAGE", message)
     return Change(path, parse_value(value, f"--set {path}"), f"--set {path}")
 
 
@@ -81,9 +81,8 @@ def plain_data(value: object, where: str = "") -> Any:
         return {key: plain_data(entry, f"{where}.{key}".lstrip(".")) for key, entry in value.items()}
     if isinstance(value, Sequence | np.ndarray) and not isinstance(value, bytes | bytearray):
         return [plain_data(entry, f"{where}[{k}]") for k, entry in enumerate(value)]
-    raise InputError(
-        f"{where or 'the data'}: text, a number, a list or a mapping is expected, got {shown(repr(value))}"
-    )
+    message = f"{where or 'the data'}: text, a number, a list or a mapping is expected, got {shown(repr(value))}"
+    raise InputError(message)
 
 
 def change_text(
@@ -281,4 +280,4 @@ def matches(pattern: str, name: str) -> bool:
 
 
 def _wrong(change: Change, message: str, code: str = "E_PATH") -> InputError:
-    return InputError([Finding("error", code, message, change.origin)])
+    return InputError.of(code, message, change.origin)

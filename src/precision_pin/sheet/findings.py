@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import typing
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final, final
 
@@ -59,10 +60,17 @@ class Findings:
         if isinstance(error, UnknownNameError):
             below = list(_within(self._value(path), path))
             named = (where for where, value in below if where and value == error.name)
-            path = next(
-                itertools.chain(named, (where for where, _ in below if where and where[-1] == error.name)), path
-            )
+            keyed = (where for where, _ in below if where and where[-1] == error.name)
+            path = next(itertools.chain(named, keyed), path)
         self._add([finding.at(*self._where(path)) for finding in error.findings])
+
+    @contextmanager
+    def taking(self, *path: str | int) -> Iterator[None]:
+        """Take an input error of the body, which ends there."""
+        try:
+            yield
+        except InputError as error:
+            self.take(path, error)
 
     def take_validation(self, error: ValidationError, path: Path, model: type[BaseModel]) -> None:
         """Add pydantic's errors about the value at a path."""
@@ -82,9 +90,8 @@ class Findings:
                 valid = _keys(model, entry["loc"][:-1])
                 self.error(where, f"unknown key {where[-1]!r}: {nearest(str(where[-1]), valid)}", "E_UNKNOWN_KEY")
             else:
-                message = (
-                    POSE_VALUES if is_pose else _SHAPES.get(entry["type"], entry["msg"].removeprefix("Value error, "))
-                )
+                said = entry["msg"].removeprefix("Value error, ")
+                message = POSE_VALUES if is_pose else _SHAPES.get(entry["type"], said)
                 reason = entry.get("ctx", {}).get("error")
                 below = reason.below if isinstance(reason, SettingReason) else ()
                 meant = _MEANT.get(str(entry["input"]).strip().lower(), "") if entry["type"] == "literal_error" else ""
@@ -109,9 +116,8 @@ class Findings:
         if len(errors) > MOST_ERRORS:
             last = errors[MOST_ERRORS - 1]
             ordered = ordered[: ordered.index(last) + 1]
-            ordered.append(
-                replace(last, code="E_SHEET", message=f"more than {MOST_ERRORS} errors; these are the first")
-            )
+            message = f"more than {MOST_ERRORS} errors; these are the first"
+            ordered.append(replace(last, code="E_SHEET", message=message))
         raise SheetError(ordered)
 
     def _where(self, path: Path) -> tuple[str, int | None]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from precision_pin.base import units
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError, nearest
+from precision_pin.base.errors import InputError, nearest
 from precision_pin.base.input_files import UnreadableFileError, read_text_file
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.chain import Chain
@@ -55,7 +55,7 @@ class GridEntry:
 
     def wrong(self, message: str) -> InputError:
         """Return the error that says what is wrong with this value."""
-        return InputError([Finding("error", "E_GRID", message, self.file, self.text.line(self.path))])
+        return InputError.of("E_GRID", message, self.file, self.text.line(self.path))
 
     @contextmanager
     def naming(self) -> Iterator[None]:
@@ -177,15 +177,12 @@ def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[st
         path: The YAML file.
         chain: The arm.
         poses: Named joint values that the file may refer to, such as those of a sheet.
-
-    Raises:
-        InputError: The file cannot be read, or anything in it is wrong; one line that says where, and what is allowed.
     """
     file = os.fspath(path)
     try:
         text = read_text(read_text_file(file, LARGEST_FILE), file)
     except UnreadableFileError as problem:
-        raise InputError([Finding("error", "E_GRID", f"the file {problem.reason}", file)]) from None
+        raise InputError.of("E_GRID", f"the file {problem.reason}", file) from None
     if text.findings:
         raise InputError(text.findings[:1])
     top = GridEntry(text, file, (), text.data)
@@ -236,9 +233,8 @@ def _at_random(keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Arr
     kinds = _orientations(keys, chain, poses) if "orientations" in keys else None
     box = None
     if "box" in own:
-        sides = own["box"].keys(
-            ("x", "y", "z"), "expected x, y and z, each with its lowest and highest", all_needed=True
-        )
+        expected = "expected x, y and z, each with its lowest and highest"
+        sides = own["box"].keys(("x", "y", "z"), expected, all_needed=True)
         box = [sides[name].numbers(units.LENGTH, 2, "-500 500 mm") for name in ("x", "y", "z")]
 
     def solve(progress: Progress) -> PoseSet:

@@ -60,18 +60,14 @@ def source_origins(
     if PROVENANCE in settings and PROVENANCE not in fields:
         value = settings[PROVENANCE]
         if found:
-            findings.error(
-                (*path, PROVENANCE), f"{ASSUMED} and {PROVENANCE} both say where the numbers come from; leave one out"
-            )
+            message = f"{ASSUMED} and {PROVENANCE} both say where the numbers come from; leave one out"
+            findings.error((*path, PROVENANCE), message)
         by_setting = isinstance(value, dict) and not set(value) & set(ORIGINS) and bool(set(value) & set(fields))
         for name, entry in value.items() if by_setting else [("", value)]:
-            below = (*path, PROVENANCE, *([name] if name else []))
-            try:
+            with findings.taking(*path, PROVENANCE, *([name] if name else [])):
                 if name and name not in fields:
                     raise UnknownNameError("setting", name, fields)
                 found[name] = read_origin(entry)
-            except InputError as error:
-                findings.take(below, error)
     return found
 
 
@@ -82,8 +78,7 @@ def origins_by_path(
     found: dict[str, Origin] = {}
     known = [*(f"parameters.{name}" for name in names), *labels]
     for pattern, value in stated.items():
-        path: Path = (PROVENANCE, pattern)
-        try:
+        with findings.taking(PROVENANCE, pattern):
             origin = read_origin(value)
             matched = [name for name in known if matches(pattern, name)]
             setting = ""
@@ -93,6 +88,4 @@ def origins_by_path(
             if not matched:
                 raise UnknownNameError("parameter or source", pattern, known)
             found |= {f"{name}.{setting}" if setting else name: origin for name in matched}
-        except InputError as error:
-            findings.take(path, error)
     return found

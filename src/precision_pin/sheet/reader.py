@@ -31,7 +31,7 @@ from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
 from precision_pin.sheet.provenance import Origin, origins_by_path, source_origins
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, source_model, used_quantities
-from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
+from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter, placed
 from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
 from precision_pin.sheet.text import Path, Text, read_text, written_yaml
 from precision_pin.sources import catalogue
@@ -97,12 +97,7 @@ class Sheet:
         return self.space.including(own_draws(self.sources, labels(self.sources)))
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
-        """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
-
-        Raises:
-            SheetError: Carries every finding.
-            InputError: The sheet was not read from anything.
-        """
+        """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`."""
         if self.contents is None:
             raise InputError("the sheet was not read from a file or a dictionary, so that nothing in it can be changed")
         asked = [Change(path, plain_data(value, path), path) for path, value in changes.items()]
@@ -162,9 +157,6 @@ def read(
         kinds: Source classes beyond those of the package.
         overrides: Robot, tip, base and target in place of the sheet's.
         changes: Values in place of the sheet's, which must be correct without them.
-
-    Raises:
-        SheetError: Carries every finding, those of the URDF included.
     """
     file = os.fspath(path)
     text = read_text(_contents(file), file)
@@ -179,9 +171,6 @@ def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds:
         data: Keys and values.
         folder: Folder that the names of the robot and of tables are relative to.
         kinds: Source classes beyond those of the package.
-
-    Raises:
-        SheetError: Carries every finding, each with the path of its key.
     """
     text = Text(plain_data(data), {}, ())
     return _read(Contents(text, "the sheet", FilePath(folder), tuple(kinds), Overrides()))
@@ -221,45 +210,27 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
     for code, reason in document.accept.items():
         if not _ACCEPTABLE.fullmatch(code) or not reason.strip():
-            findings.error(
-                ("accept", code), f"accept: expected the code of a warning and a reason, got {code!r}: {reason!r}"
-            )
+            message = f"accept: expected the code of a warning and a reason, got {code!r}: {reason!r}"
+            findings.error(("accept", code), message)
     findings.refuse()
     remark_on_sources(document, sources, names, extended, space.draws, own, findings)
     remark_on_poses(document, chain, findings)
     found = (*chain_findings(chain), *findings.found)
     warnings = tuple(finding.accepted(document.accept) for finding in found if finding.severity != "error")
-    marked = tuple(rank for rank, k in enumerate(sources) if k in stated and ASSUMED in map(_kind, stated[k].values()))
+    marked = [k for k, origins_of in stated.items() if ASSUMED in {origin.kind for origin in origins_of.values()}]
     return Sheet(
-        file,
-        chain,
-        space,
-        listed,
-        poses,
-        document.statics,
-        warnings,
-        marked,
-        approaches=approaches,
-        contents=contents,
-        estimates=estimates,
-        measurements=measurements,
-        origins=origins,
-        accepted=document.accept,
-    )
-
-
-def _kind(origin: Origin) -> str:
-    return origin.kind
+        file, chain, space, listed, poses, document.statics, warnings,
+        tuple(rank for rank, k in enumerate(sources) if k in marked), approaches=approaches, contents=contents,
+        estimates=estimates, measurements=measurements, origins=origins, accepted=document.accept,
+    )  # fmt: skip
 
 
 def _measurements(document: Document, chain: Chain, findings: Findings) -> tuple[Measurement, ...]:
     given, found = document.measurement, []
     entries = given if isinstance(given, list) else [] if given is None else [given]
     for k, entry in enumerate(entries):
-        try:
+        with findings.taking("measurement", *([k] if isinstance(given, list) else [])):
             found.append(read_measurement(entry, chain))
-        except InputError as error:
-            findings.take(("measurement", k) if isinstance(given, list) else ("measurement",), error)
     return tuple(found)
 
 
@@ -267,7 +238,7 @@ def _estimates(
     calibrated: str, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
 ) -> Estimates | None:
     """Return the estimates of a calibration that the sheet names; a number that was set is what it was set to."""
-    try:
+    with findings.taking("calibrated"):
         estimates = read_estimates(calibrated, folder)
         before = space if unchanged is None else unchanged.whole_space
         if edited := estimates.edited(before):
@@ -280,18 +251,15 @@ def _estimates(
                 return None
             estimates = kept
         estimates.remaining_space(space)
-    except InputError as error:
-        findings.take(("calibrated",), error)
-        return None
-    return estimates
+        return estimates
+    return None
 
 
 def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
     """Return what is said of measured numbers in whose place others were set."""
     std = np.sqrt(np.diag(estimates.covariance))
-    measured = [
-        f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in enumerate(estimates.names) if name in names
-    ]
+    numbered = [(k, name) for k, name in enumerate(estimates.names) if name in names]
+    measured = [f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in numbered]
     return (
         "what was set takes the place of what was measured of this robot (mean ± std, SI): "
         f"{some(measured, _MOST_NAMED, '; ')}; all other "
@@ -353,9 +321,8 @@ def _parameters(
     for name, law in document.parameters.items():
         path: Path = ("parameters", name)
         if not NAME.fullmatch(name):
-            findings.error(
-                path, f"{name!r} cannot name a parameter: a name is a letter followed by letters, digits and _ . -"
-            )
+            what = "a name is a letter followed by letters, digits and _ . -"
+            findings.error(path, f"{name!r} cannot name a parameter: {what}")
             continue
         try:
             parameter = parse_parameter(name, law, quantities, folder)
@@ -437,12 +404,10 @@ def _try_terms(
     own: list[tuple[Path, Draw]] = []
     for (k, source), label in zip(sources.items(), names, strict=True):
         path: Path = ("sources", k, source.kind())
-        try:
+        with findings.taking(*path):
             extension.add(draws := source.draws(label))
             usable.append((path, source, label))
             own += [(path, draw) for draw in draws]
-        except InputError as error:
-            findings.take(path, error)
     extended = extension.space()
     bound = {path: BoundSource(source, LabelledSpace(extended, label)) for path, source, label in usable}
     tried = [replace(chain.at(q), approach=approaches.get(name, ())) for name, q in poses.items()]
@@ -464,13 +429,10 @@ def correlated_space(
     """Return the space of the sheet's draws with its correlations; errors in these become findings."""
     space = Space(tuple(draws))
     for k, entry in enumerate(entries):
-        path: Path = ("correlations", k)
-        try:
+        with findings.taking("correlations", k):
             correlation = _correlation(entry)
             if not set(correlation.names) & set(unread):
                 space = Space(space.draws, (*space.correlations, correlation))
-        except InputError as error:
-            findings.take(path, error)
     return space
 
 
@@ -495,19 +457,15 @@ def _correlation(entry: object) -> Correlation:
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise SettingError(("matrix",), "expected rows of plain numbers: [[1, 0.5], [0.5, 1]]")
     numbers = [[_ratio(cell, ("matrix", i, j)) for j, cell in enumerate(row)] for i, row in enumerate(rows)]
-    try:
+    with placed("matrix"):
         return Correlation(tuple(names), tuple(map(tuple, numbers)))
-    except InputError as error:
-        raise SettingError(("matrix",), error) from None
 
 
 def _ratio(value: Any, where: Path) -> float:
     if isinstance(value, Mapping | list):
         raise SettingError(where, "expected a plain number")
-    try:
+    with placed(*where):
         return units.parse(value, units.RATIO)
-    except InputError as error:
-        raise SettingError(where, error) from None
 
 
 _RESULT_SCHEMA: Final = "precision-pin/calibration/1"

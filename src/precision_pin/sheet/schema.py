@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass
 from functools import cache
 from pathlib import Path as FilePath
@@ -169,14 +169,8 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
         definition["properties"][ASSUMED] = {"type": ["boolean", "string"], "enum": _FLAG}
         definition["properties"][PROVENANCE] = {"type": ["string", "object"]}
         definitions[name] = definition
-        choices.append(
-            {
-                "type": "object",
-                "properties": {name: {"$ref": f"#/$defs/{name}"}},
-                "required": [name],
-                "maxProperties": 1,
-            }
-        )
+        one = {name: {"$ref": f"#/$defs/{name}"}}
+        choices.append({"type": "object", "properties": one, "required": [name], "maxProperties": 1})
     # other YAML readers read the version as a number
     schema["properties"]["precision-pin"] |= {"const": 1, "type": "integer"}
     schema["properties"]["sources"]["items"] = {"oneOf": choices}
@@ -203,18 +197,19 @@ def _field_type(entry: SettingField) -> Any:
     if not quantities:
         return hint
     options = typing.get_args(bare) if typing.get_origin(bare) in (types.UnionType, typing.Union) else (bare,)
-    for option in options:
-        if typing.get_origin(option) is tuple:
-            if not takes_law(option):
-                levels = 2 if typing.get_origin(typing.get_args(option)[0]) is tuple else 1
-                read, schema = _read_numbers(quantities, levels), _numbers_schema(quantities, levels)
-                return Annotated[Any, BeforeValidator(read), WithJsonSchema(schema)]
-            return Annotated[
-                tuple[Any, ...], BeforeValidator(_read_tuple(quantities)), WithJsonSchema(_list_schema(quantities))
-            ]
+    listed = next((option for option in options if typing.get_origin(option) is tuple), None)
+    if listed is not None and not takes_law(listed):
+        levels = 2 if typing.get_origin(typing.get_args(listed)[0]) is tuple else 1
+        read = _reader(lambda value, info: _numbers(value, quantities, levels, info))
+        return Annotated[Any, read, WithJsonSchema(_numbers_schema(quantities, levels))]
+    if listed is not None:
+        read = _reader(lambda value, info: _settings(value, quantities, info))
+        return Annotated[tuple[Any, ...], read, WithJsonSchema(_list_schema(quantities))]
     if Law in options:
-        return Annotated[Any, BeforeValidator(_read_setting(quantities)), WithJsonSchema(_setting_schema(quantities))]
-    return Annotated[Any, BeforeValidator(_read_number(quantities)), WithJsonSchema(_quantity_schema(quantities))]
+        read = _reader(lambda value, info: _setting(value, quantities, info))
+        return Annotated[Any, read, WithJsonSchema(_setting_schema(quantities))]
+    read = _reader(lambda value, info: parse_number(value, _quantities(quantities, info)))
+    return Annotated[Any, read, WithJsonSchema(_quantity_schema(quantities))]
 
 
 def _make(part: type) -> Any:
@@ -297,14 +292,16 @@ def _quantities(notes: Notes, info: ValidationInfo[Any]) -> tuple[Quantity, ...]
     return tuple(result)
 
 
-def _read_number(notes: Notes) -> Any:
-    def read(value: object, info: ValidationInfo[Any]) -> float:
+def _reader(read: Callable[[Any, ValidationInfo[Any]], object]) -> BeforeValidator:
+    """Return the validator of a function whose input errors pydantic is to carry."""
+
+    def reading(value: object, info: ValidationInfo[Any]) -> object:
         try:
-            return parse_number(value, _quantities(notes, info))
+            return read(value, info)
         except InputError as error:
             raise SettingReason(error) from None
 
-    return read
+    return BeforeValidator(reading)
 
 
 def _read_file(value: object, info: ValidationInfo[Any]) -> FilePath:
@@ -313,52 +310,26 @@ def _read_file(value: object, info: ValidationInfo[Any]) -> FilePath:
     return _context(info).folder / value
 
 
-def _setting(value: object, quantities: tuple[Quantity, ...], context: Context) -> object:
-    return parse_setting(value, quantities, context.named, context.folder)
-
-
-def _read_setting(notes: Notes) -> Any:
-    def read(value: object, info: ValidationInfo[Any]) -> object:
-        try:
-            return _setting(value, _quantities(notes, info), _context(info))
-        except InputError as error:
-            raise SettingReason(error) from None
-
-    return read
-
-
-def _read_entry(k: int, entry: object, quantities: tuple[Quantity, ...], context: Context) -> object:
+def _setting(value: object, notes: Notes, info: ValidationInfo[Any], below: Path = ()) -> object:
+    context = _context(info)
     try:
-        return _setting(entry, quantities, context)
+        return parse_setting(value, _quantities(notes, info), context.named, context.folder)
     except InputError as error:
-        raise SettingReason(error, (k,)) from None
+        raise SettingReason(error, below) from None
 
 
-def _read_tuple(notes: Notes) -> Any:
-    def read(value: object, info: ValidationInfo[Any]) -> tuple[object, ...]:
-        quantities = _quantities(notes, info)
-        try:
-            if isinstance(value, list):
-                return tuple(_read_entry(k, entry, quantities, _context(info)) for k, entry in enumerate(value))
-            if isinstance(value, str) and len(value.split()) > 2 and tolerance_law(value) is None:
-                return tuple(parse_vector(value, *quantities))
-            return (_setting(value, quantities, _context(info)),)
-        except InputError as error:
-            raise SettingReason(error) from None
-
-    return read
+def _settings(value: object, notes: Notes, info: ValidationInfo[Any]) -> tuple[object, ...]:
+    if isinstance(value, list):
+        return tuple(_setting(entry, notes, info, (k,)) for k, entry in enumerate(value))
+    if isinstance(value, str) and len(value.split()) > 2 and tolerance_law(value) is None:
+        return tuple(parse_vector(value, *_quantities(notes, info)))
+    return (_setting(value, notes, info),)
 
 
-def _read_numbers(notes: Notes, levels: int) -> Any:
-    """Return the reader of a list of plain quantities, or of rows of them (``levels`` 2)."""
-
-    def read(value: object, info: ValidationInfo[Any]) -> tuple[object, ...]:
-        return _numbers(value, notes, levels, info, ())
-
-    return read
-
-
-def _numbers(value: object, notes: Notes, levels: int, info: ValidationInfo[Any], below: Path) -> tuple[object, ...]:
+def _numbers(
+    value: object, notes: Notes, levels: int, info: ValidationInfo[Any], below: Path = ()
+) -> tuple[object, ...]:
+    """Return a list of plain quantities, or rows of them (``levels`` 2)."""
     per_entry = next((note.quantities for note in notes if isinstance(note, PerEntry)), None)
     try:
         if not isinstance(value, list):

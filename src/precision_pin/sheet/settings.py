@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any, Final, final
@@ -24,6 +24,17 @@ class SettingError(InputError):
     def __init__(self, below: Path, reason: str | InputError) -> None:
         super().__init__(reason if isinstance(reason, str) else reason.findings)
         self.below = below
+
+
+@contextmanager
+def placed(*where: str | int) -> Iterator[None]:
+    """Add a place to input errors that have none."""
+    try:
+        yield
+    except SettingError:
+        raise
+    except InputError as error:
+        raise SettingError(where, error) from None
 
 
 @final
@@ -72,10 +83,8 @@ class LawReader:
 
     def ratio(self, *where: str | int) -> float:
         """Return the number without a unit at a place."""
-        try:
+        with placed(*where):
             return units.parse(self.value(*where), units.RATIO)
-        except InputError as error:
-            raise SettingError(where, error) from None
 
     def scope(self) -> Scope:
         """Return the scope."""
@@ -91,21 +100,19 @@ class LawReader:
         name = self.value(*where)
         if not isinstance(name, str) or not name:
             raise SettingError(where, "expected the name of a CSV file")
-        try:
+        with placed(*where):
             return csv_columns.read(self.folder / name)
-        except InputError as error:
-            raise SettingError(where, error) from None
 
     def column(self, table: csv_columns.Measured, name: str, where: Path) -> tuple[float, ...]:
         """Return a file's column in SI."""
-        with self.place_errors(where):
+        with placed(*where):
             values = table.column(name, *self.quantities)
         self._narrow(f"1 {table.unit(name)}")
         return values
 
     def ratio_column(self, table: csv_columns.Measured, name: str, where: Path) -> tuple[float, ...]:
         """Return a file's column of numbers without a unit."""
-        with self.place_errors(where):
+        with placed(*where):
             return table.column(name, units.RATIO)
 
     def only(self, where: Path, *keys: str) -> None:
@@ -118,21 +125,13 @@ class LawReader:
         """Return an error at a place."""
         return SettingError(where, reason)
 
-    @contextmanager
-    def place_errors(self, where: Path) -> Iterator[None]:
+    def place_errors(self, where: Path) -> AbstractContextManager[None]:
         """Add a place to input errors that have none."""
-        try:
-            yield
-        except SettingError:
-            raise
-        except InputError as error:
-            raise SettingError(where, error) from None
+        return placed(*where)
 
     def _parse(self, value: object, where: Path, count: int | None) -> list[float]:
-        try:
+        with placed(*where):
             result = units.parse_vector(value, *self.quantities, count=count)
-        except InputError as error:
-            raise SettingError(where, error) from None
         self._narrow(value)
         return result
 

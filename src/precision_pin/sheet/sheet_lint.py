@@ -66,14 +66,11 @@ def remark_on_sources(
 
 
 def _remark_on_draw(path: Path, draw: Draw, findings: Findings) -> None:
-    try:
+    with findings.taking(*path):
         _ = draw.covariance
-    except InputError as error:
-        findings.take(path, error)
-        return
-    remark = few_samples(draw.law)
-    if remark is not None:
-        findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")
+        remark = few_samples(draw.law)
+        if remark is not None:
+            findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")
 
 
 def _remark_on_constants(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:

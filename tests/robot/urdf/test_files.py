@@ -13,8 +13,7 @@ from precision_pin.base.text_escape import LONGEST_LINE
 from precision_pin.robot.mesh_surfaces import MOST_FACES
 from precision_pin.robot.urdf import Limits, Mesh, check, locate_mesh, read
 from precision_pin.robot.urdf.findings import MOST_FINDINGS
-from precision_pin.robot.urdf.meshes import MOST_BYTES, MOST_TEXT_BYTES
-from precision_pin.robot.urdf.meshscenes import MOST_DEPTH, MOST_TRIANGLES
+from precision_pin.robot.urdf.meshes import MOST_BYTES, MOST_DEPTH, MOST_TEXT_BYTES, MOST_TRIANGLES
 from precision_pin.robot.urdf.xmltree import ENCODINGS
 
 CYLINDER = '<cylinder radius="0.05" length="0.4"/>'

@@ -17,8 +17,7 @@ from precision_pin.pages.view.arm import draw_arm
 from precision_pin.render.scene import Scene
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import check, read
-from precision_pin.robot.urdf.meshes import read_mesh
-from precision_pin.robot.urdf.meshscenes import BrokenMeshError
+from precision_pin.robot.urdf.meshes import BrokenMeshError, read_mesh
 
 CYLINDER = '<cylinder radius="0.05" length="0.4"/>'
 CORNERS = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0]], "<f4").tobytes()

@@ -12,8 +12,7 @@ import pytest
 from precision_pin.base.errors import UrdfError
 from precision_pin.robot.urdf import Cylinder, Inertial, Limit, Limits, Shape, parse
 from precision_pin.robot.urdf.editing import Placement, UrdfText
-from precision_pin.robot.urdf.meshes import _check_obj
-from precision_pin.robot.urdf.meshscenes import BrokenMeshError
+from precision_pin.robot.urdf.meshes import BrokenMeshError, _check_obj
 
 SHOULDER_LIMIT = '<limit lower="-2" upper="2" effort="50" velocity="1.5"/>'
 ELBOW_AXIS = '<axis xyz="0 -1 0"/>'

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.budget.budget_result import BudgetResult
+from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
 from precision_pin.analyses.causes import CauseShare, rank_causes
 from precision_pin.analyses.collect import Results
 from precision_pin.analyses.report_cells import MISSING, percent
@@ -35,6 +35,12 @@ def constant_part(results: Results) -> float:
     return size if size > NOTABLE * (norm.quantile(_LEVEL) or norm.max) else 0.0
 
 
+def budget_of(results: Results) -> PoseBudget | None:
+    """Return the budget of the pose, if there is one."""
+    found = next((result for result in results.found.values() if isinstance(result, BudgetResult)), None)
+    return None if found is None else found.poses[0]
+
+
 def changes(results: Results) -> Html:
     """Return a table of what each of the largest causes brings if its tolerance is halved.
 
@@ -44,17 +50,13 @@ def changes(results: Results) -> Html:
     asked = given[0] if given else None
     quantity = asked.quantity if asked is not None else results.analysis.position.norm.quantity
     vector = quantity.partition(".")[0]
-    budget = next((result for result in results.found.values() if isinstance(result, BudgetResult)), None)
-    ranked = [] if budget is None else rank_causes(results.causes, budget.poses[0], vector)
+    budget = budget_of(results)
+    ranked = [] if budget is None else rank_causes(results.causes, budget, vector)
     causes = [one for one in ranked if one.share is not None and one.share >= _LEAST][:_LISTED]
     constant = vector == "position" and constant_part(results) > 0
     if not causes and not constant:
         return joined([])
-    header = [
-        "change",
-        "share of the variance %",
-        f"{100 * _LEVEL:g} % within [{unit(quantity)}]",
-    ]
+    header = ["change", "share of the variance %", f"{100 * _LEVEL:g} % within [{unit(quantity)}]"]
     header += [] if asked is None else [f"inside {milli(asked.limit, 6)} {unit(quantity)}"]
     rows = [[*row, *_outcome(errors, quantity, asked)] for row, errors in _changed(results, causes, constant)]
     count = min(results.analysis.samples, _MOST)
@@ -63,12 +65,8 @@ def changes(results: Results) -> Html:
         "half as large. Constant part: the error with every parameter at its mean, the same for every robot; compensate "
         "corrects it in the joint values, calibrate measures it."
     )
-    return joined(
-        [
-            table(f"What to change, and what it brings: {absolute(quantity)}", header, rows, last=True),
-            paragraph(note, class_="note"),
-        ]
-    )
+    caption = f"What to change, and what it brings: {absolute(quantity)}"
+    return joined([table(caption, header, rows, last=True), paragraph(note, class_="note")])
 
 
 def _changed(results: Results, causes: list[CauseShare], constant: bool) -> Iterator[tuple[list[Child], Array]]:

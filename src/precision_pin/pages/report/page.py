@@ -9,13 +9,17 @@ from typing import Final
 from precision_pin.analyses.collect import Missing, Results
 from precision_pin.analyses.monte_carlo.section import describe_verdict, distributions, specifications
 from precision_pin.analyses.registry import declarations
-from precision_pin.pages.report.assumptions import assumptions
-from precision_pin.pages.report.mcpc import geometry
-from precision_pin.pages.report.parameters import parameters
-from precision_pin.pages.report.reproduction import reproduction
-from precision_pin.pages.report.scene import policy_hashes, scene
+from precision_pin.pages.report.sections import (
+    assumptions,
+    describe_run,
+    geometry,
+    left_out,
+    parameters,
+    reproduction,
+    scene,
+)
 from precision_pin.pages.report.summary import name_pose, picture, summary
-from precision_pin.pages.report.wording import describe_run, left_out
+from precision_pin.pages.view import script_hashes
 from precision_pin.render.chapter import Chapter
 from precision_pin.render.html import Html, element, joined, paragraph, section
 
@@ -130,7 +134,7 @@ def _contents(poses: Sequence[Results], chapters: Sequence[Chapter]) -> Html:
 
 def _policy() -> str:
     return (
-        f"default-src 'none'; script-src {policy_hashes()}; style-src 'unsafe-inline'; img-src data:; "
+        f"default-src 'none'; script-src {' '.join(script_hashes())}; style-src 'unsafe-inline'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
 

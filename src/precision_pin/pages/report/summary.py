@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
+from precision_pin.analyses.budget.budget_result import PoseBudget
 from precision_pin.analyses.causes import rank_causes
 from precision_pin.analyses.collect import Results
 from precision_pin.analyses.monte_carlo.section import describe_verdict, specifications, verdict
 from precision_pin.analyses.report_cells import MISSING, milli_interval, statistic
-from precision_pin.pages.report.changes import changes, constant_part
+from precision_pin.pages.report.changes import budget_of, changes, constant_part
 from precision_pin.pages.view.drawing import Cloud, Picture, draw_picture
 from precision_pin.pages.view.headline import quantile
 from precision_pin.pages.view.scales import middle_of
@@ -30,10 +30,8 @@ _MARKED: Final = (0.95, 0.9973)
 def summary(poses: Sequence[Results], answers: Sequence[str] = (), missed: Sequence[str] = ()) -> Html:
     """Return the first section: the verdict, of several poses on the worst, a table of all, and what to change.
 
-    Args:
-        poses: The worst first.
-        answers: Of what the page has beside its poses.
-        missed: Where else a specification is not met.
+    The worst pose comes first; ``answers`` are of what the page has beside its poses, ``missed`` says where else a limit is not
+    met.
     """
     worst = poses[0]
     words = element("div", verdict(worst, missed), _causes(worst), class_="words")
@@ -82,10 +80,7 @@ def _draw(results: Results) -> Picture:
     limits = [one for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
     limit = min(limits, key=lambda one: one.limit) if limits else None
     is_apart = _is_apart(results)
-    within = norm.quantile(0.95)
-    if is_apart:
-        found = _about_mean(results)
-        within = None if found is None else found[0]
+    within = (_about_mean(results) or (None,))[0] if is_apart else norm.quantile(0.95)
     cloud = Cloud(
         results.cloud[:3],
         within,
@@ -128,8 +123,8 @@ def _caption(results: Results, drawn: Picture) -> str:
 
 
 def _causes(results: Results) -> Html:
-    budget = next((result for result in results.found.values() if isinstance(result, BudgetResult)), None)
-    pose = None if budget is None or not budget.poses[0].draws else budget.poses[0]
+    budget = budget_of(results)
+    pose = None if budget is None or not budget.draws else budget
     parts: list[Child] = []
     largest = [] if pose is None else causes_in_words(results, pose, "position", _NAMED)
     if largest:
@@ -174,8 +169,8 @@ def _by_pose(poses: Sequence[Results]) -> Html:
             said = given[0].verdict if len(given) == 1 else describe_verdict(given)
             cells.append(element("strong", said, class_="good" if met else "bad"))
         cells += [_with_interval(norm, level) for level in _MARKED]
-        budget = next((result for result in results.found.values() if isinstance(result, BudgetResult)), None)
-        largest = [] if budget is None else causes_in_words(results, budget.poses[0], "position", 1)
+        budget = budget_of(results)
+        largest = [] if budget is None else causes_in_words(results, budget, "position", 1)
         cells.append("".join(f"{100 * share:.0f} % {text}" for share, text in largest) or MISSING)
         rows.append(cells)
     asked = bool(poses[0].analysis.summary.specifications)
@@ -183,10 +178,8 @@ def _by_pose(poses: Sequence[Results]) -> Html:
     header += [f"{100 * level:g} % within [{unit('position')}]" for level in _MARKED]
     name = symbol(poses[0].analysis.position.norm.quantity)
     words = (1, 4) if asked else (3,)
-    whole = table(
-        f"{len(poses)} poses, the worst first: position error {name}", [*header, "largest cause"], rows, words=words
-    )
-    return element("div", whole, class_="poses")
+    caption = f"{len(poses)} poses, the worst first: position error {name}"
+    return element("div", table(caption, [*header, "largest cause"], rows, words=words), class_="poses")
 
 
 def _with_interval(norm: Distribution, level: float) -> Child:

@@ -5,17 +5,11 @@ commands, which the bundled viewer (MeshCat and three.js) of the ``meshcat`` pac
 scripts of the page's own add what shows errors, from numbers.
 """
 
-from precision_pin.pages.view.page import page, script_hashes
-from precision_pin.pages.view.poses import ViewPose, limits_kept
-from precision_pin.pages.view.scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, check_factor
-
-__all__ = [
-    "DEFAULT_POINTS",
-    "MOST_POINTS",
-    "MOST_POSES",
-    "ViewPose",
-    "check_factor",
-    "limits_kept",
-    "page",
-    "script_hashes",
-]
+from precision_pin.pages.view.page import page as page
+from precision_pin.pages.view.page import script_hashes as script_hashes
+from precision_pin.pages.view.poses import ViewPose as ViewPose
+from precision_pin.pages.view.poses import limits_kept as limits_kept
+from precision_pin.pages.view.scales import DEFAULT_POINTS as DEFAULT_POINTS
+from precision_pin.pages.view.scales import MOST_POINTS as MOST_POINTS
+from precision_pin.pages.view.scales import MOST_POSES as MOST_POSES
+from precision_pin.pages.view.scales import check_factor as check_factor

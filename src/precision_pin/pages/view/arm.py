@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.model.rigid_part import Part
+from precision_pin.pages.view.raster import Triangles
 from precision_pin.pages.view.scales import arm_length
-from precision_pin.pages.view.triangles import ShapeSink
-from precision_pin.render.scene import Colour, rotation_to
+from precision_pin.render.scene import Colour, Scene, rotation_to
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.mesh_surfaces import MeshReader, Surface, UnreadableMeshError, thinned
 from precision_pin.robot.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
@@ -29,7 +29,7 @@ _SHORTEST_ROD: Final = 1e-3
 
 
 def draw_arm(
-    scene: ShapeSink, posture: Posture, package_dirs: Sequence[Path] = ()
+    scene: Scene | Triangles, posture: Posture, package_dirs: Sequence[Path] = ()
 ) -> tuple[tuple[Part, ...], tuple[str, ...]]:
     """Put every link of the robot into the scene below ``arm``; return the parts, and notes on parts drawn differently.
 
@@ -45,9 +45,8 @@ def draw_arm(
     return _Drawing(scene, posture, package_dirs).draw()
 
 
-@final
 class _Drawing:
-    def __init__(self, scene: ShapeSink, posture: Posture, package_dirs: Sequence[Path]) -> None:
+    def __init__(self, scene: Scene | Triangles, posture: Posture, package_dirs: Sequence[Path]) -> None:
         self._scene = scene
         self._posture = posture
         self._chain = posture.chain

@@ -16,9 +16,8 @@ from matplotlib.patheffects import withStroke
 
 from precision_pin.base.arrays import Array
 from precision_pin.pages.view.arm import draw_arm
-from precision_pin.pages.view.raster import Camera, draw_triangles
+from precision_pin.pages.view.raster import Camera, Triangles, draw_triangles
 from precision_pin.pages.view.scales import arm_length
-from precision_pin.pages.view.triangles import Triangles
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, VERMILION
 from precision_pin.render.figure_style import new_figure, set_height, style
 from precision_pin.robot.chain import Posture
@@ -70,12 +69,8 @@ class Cloud:
 class Picture:
     """A picture and the facts for its caption.
 
-    Attributes:
-        figure: The picture.
-        factor: By how much errors are drawn too large.
-        points: How many of them are drawn.
-        shows_limit: Whether the limit has its circle; one far larger than the cloud has not.
-        notes: On what of the arm is drawn otherwise.
+    ``factor``: by how much errors are drawn too large; ``points``: how many; ``shows_limit``: whether the limit has its circle
+    (one far larger than the cloud has not); ``notes``: what of the arm is drawn otherwise.
     """
 
     figure: Figure
@@ -85,7 +80,6 @@ class Picture:
     notes: tuple[str, ...]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Frame:
     """The picture's rectangle in the camera's axes, m."""
@@ -99,13 +93,7 @@ class _Frame:
 
 
 def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = ()) -> Picture:
-    """Return the arm at a posture with its cloud of errors about the tip, drawn too large, 100 mm wide.
-
-    Args:
-        posture: The arm, undisplaced.
-        cloud: About the tip.
-        package_dirs: Folders of packages of meshes.
-    """
+    """Return the arm at a posture, undisplaced, with its cloud of errors about the tip, drawn too large, 100 mm wide."""
     triangles = Triangles()
     _, notes = draw_arm(triangles, posture, package_dirs)
     corners, tip = triangles.corners, posture.pose[:3, 3]
@@ -232,9 +220,8 @@ def _draw_cloud(axes: Axes, cloud: Cloud, drawn: Array, factor: float, shows_lim
 
 
 def _draw_circle(axes: Axes, radius: float, colour: str, dashes: object, label: str, above: float) -> None:
-    axes.add_patch(
-        Circle((0, 0), radius, fill=False, edgecolor=colour, linestyle=dashes, linewidth=1.2, path_effects=_halo())
-    )
+    line = {"edgecolor": colour, "linestyle": dashes, "linewidth": 1.2, "path_effects": _halo()}
+    axes.add_patch(Circle((0, 0), radius, fill=False, **line))
     place = radius + above if above > 0 else -radius + above
     _write(axes, 0, place, label, ha="center", va="bottom" if above > 0 else "top", color=colour)
 

@@ -45,12 +45,7 @@ _WORDS: Final[dict[Verdict, str]] = {
 @final
 @dataclass(frozen=True)
 class Answer:
-    """The line with the answer, and its basis.
-
-    Attributes:
-        text, detail: Plain text, not yet escaped.
-        verdict: On a limit; empty for a size.
-    """
+    """The line with the answer, and its basis: plain text, not yet escaped; the verdict on a limit, empty for a size."""
 
     text: str
     detail: str
@@ -62,11 +57,7 @@ def answers(
 ) -> tuple[Answer, ...]:
     """Return the verdict on each limit, how large the position errors are, and a part that is far larger than their spread.
 
-    Args:
-        errors: ``(6, N)``, ``[d; δ]``, m and rad.
-        specifications: The limits.
-        spread: ``(6,)`` standard deviations of the components to first order.
-        grounds: What keeps the limits from being judged, and what is taken as exact.
+    ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``spread`` ``(6,)`` the standard deviations of the components to first order.
     """
     varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
     judged = (_judged(one, errors, varies, grounds) for one in specifications)

@@ -25,7 +25,7 @@ from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from stat import S_ISREG
 from string import Template
-from typing import Any, Final, final
+from typing import Any, Final
 
 from precision_pin.base.errors import InputError, OutputError
 from precision_pin.render.notebook import escaped
@@ -64,10 +64,6 @@ def serve(
         open_browser: Open the reader's browser, if there is one that can show the page.
         announce: Takes the lines for the reader: the address, what has changed, what is wrong.
         tick: Called several times a second; it may raise KeyboardInterrupt, which ends the serving as Ctrl-C does.
-
-    Raises:
-        InputError: ``make_page`` fails the first time, or there is no such port.
-        OutputError: The port is in use or not allowed.
     """
     if isinstance(port, bool) or not isinstance(port, int) or not (port == 0 or port in _PORTS):
         raise InputError(f"there is no port {port!r} to serve on; {_ALLOWED_PORTS}")
@@ -89,7 +85,6 @@ def serve(
             server.serve_forever(poll_interval=_TICK)
 
 
-@final
 @dataclass(frozen=True)
 class _Content:
     """The page in the frame, and its digest."""
@@ -126,7 +121,6 @@ def _open(address: str) -> None:
             browser.open(address)
 
 
-@final
 class _Watch:
     """Files, and their contents when the page was last made."""
 
@@ -178,7 +172,6 @@ def _bound(port: int) -> _Server:
         raise OutputError(f"cannot serve on port {port}: {problem.strerror or problem}; {_ALLOWED_PORTS}") from None
 
 
-@final
 class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
     """One thread a connection; all of them end with the server."""
 
@@ -217,7 +210,6 @@ class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
             super().handle_error(request, client_address)
 
 
-@final
 class _Handler(BaseHTTPRequestHandler):
     """Answers for the outer document, the page and its version; refuses all else."""
 

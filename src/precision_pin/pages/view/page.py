@@ -17,9 +17,9 @@ import numpy as np
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError
+from precision_pin.pages.view import scales
 from precision_pin.pages.view.arm import draw_arm
 from precision_pin.pages.view.headline import CONFIDENCE, LEVELS, as_html, limit_text, mean_size
-from precision_pin.pages.view.picture import picture
 from precision_pin.pages.view.poses import (
     MOST_FRAMES,
     PageData,
@@ -28,17 +28,6 @@ from precision_pin.pages.view.poses import (
     columns,
     limits_attitude,
     mcpc_frames,
-)
-from precision_pin.pages.view.scales import (
-    DEFAULT_POINTS,
-    FAR,
-    MOST_POINTS,
-    MOST_POSES,
-    arm_length,
-    check_factor,
-    default_factor,
-    middle_of,
-    view_direction,
 )
 from precision_pin.pages.view.tolerances import choose_groups, share_rows, shown_names
 from precision_pin.render.colour_scale import ColourScale, round_number
@@ -51,23 +40,17 @@ from precision_pin.statistics.quantities import QUANTITIES
 
 _GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
 _SCRIPTS: Final = (
-    "stage",
-    "cloud",
-    "path",
-    "compensation",
-    "calibration",
-    "frames",
-    "arms",
-    "tolerances",
-    "headline",
-    "camera",
-    "pointer",
-    "controls",
-)
+    "stage", "cloud", "path", "compensation", "calibration", "frames", "arms", "tolerances", "headline", "camera",
+    "pointer", "controls",
+)  # fmt: skip
 # shares of the arm's length
 _FRAME_LENGTH: Final = 0.06
 _GRID_SPACING: Final = 0.125
 _GRID_HALF: Final = 8
+# the still picture: width and height, margin, most dots
+_PICTURE: Final = (600, 500)
+_PICTURE_MARGIN: Final = 30
+_DOTS: Final = 400
 
 
 def page(
@@ -78,58 +61,48 @@ def page(
     model_name: str,
     factor: float | None = None,
     caption: Iterable[tuple[str, str]] = (),
-    points: int = DEFAULT_POINTS,
+    points: int = scales.DEFAULT_POINTS,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     specifications: Sequence[Specification] = (),
     remarks: Sequence[str] = (),
     layers: Sequence[Layer] = (),
 ) -> str:
-    """Return a self-contained HTML page that shows the arm and its sampled errors.
+    """Return a self-contained HTML page that shows the arm and its sampled errors; the same input gives the same text.
 
     The arm is drawn undisplaced; end-effector positions of the samples are drawn at the nominal tip plus a factor times
     their error, or times their error less the mean, which the page begins with where at some pose the mean is far larger
-    than the spread (:func:`.scales.middle_of`). They are coloured by the true size of the error, with the ellipsoids of
-    :mod:`.ellipsoids`. A slider in the page changes the factor of everything that shows errors: a few sampled end-effector
-    frames are moved and turned by it, ``Exp(factor·δ)·R``, by 90° at most; arms as built, and the arm with every draw at
-    its mean, are the chain multiplied out with every displacement ``[d; δ]`` times the factor. The arms as built are units
-    0 to 2 of ``seed``. The largest contributors have a slider each, which widens or narrows a tolerance; the samples, their
-    ellipsoids and the verdict follow to first order. Arms as built and these sliders are left out where the errors are not
-    those of that seed.
-    Several poses get a slider of their own. The same input gives the same text.
+    than the spread (:func:`.scales.middle_of`). A slider changes the factor of everything that shows errors: sampled
+    end-effector frames are turned by ``Exp(factor·δ)``, by 90° at most; arms as built (units 0 to 2 of ``seed``) are the chain
+    multiplied out with every displacement ``[d; δ]`` times the factor. The largest contributors have a slider each, which
+    widens or narrows a tolerance, to first order. Both are left out where the errors are not those of that seed.
 
     Args:
-        shown: The poses, all of one chain, and their errors.
+        shown: The poses, all of one chain, and their errors; several get a slider.
         title: Heading.
         seed, model_name: Where the errors come from.
-        factor: Exaggeration at first; chosen so that the cloud spans about a quarter of the picture's width if left
-            out.
+        factor: Exaggeration at first; chosen so that the cloud spans about a quarter of the picture's width if left out.
         caption: Further rows of the caption, ``(name, text)``.
         points: How many samples to draw at most at each pose: the first ones. All poses together draw 100,000 at most.
-        package_dirs: Folders of packages for ``package://`` mesh names, beside those found around the URDF.
-        specifications: Limits. The page says at its top whether they are kept; those of the position are drawn about
-            the nominal tip, times the factor, and robots outside any limit have a colour of their own.
+        package_dirs: Folders of packages for ``package://`` mesh names, besides those found around the URDF.
+        specifications: Limits; the page says at its top whether they are kept, and draws those of the position.
         remarks: What the answer rests on, for a line each below it.
         layers: What is shown beside the arm and its errors, such as a map or a path of the same chain.
-
-    Raises:
-        InputError: No poses or more than 200, or of several chains; errors of another shape, none, or not finite; a
-            factor that is not from 10⁻⁹ to 10¹²; a wrong seed; more than 100,000 points.
     """
     if factor is not None:
-        check_factor(factor)
+        scales.check_factor(factor)
     poses = _checked(shown)
-    if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 1 <= points <= MOST_POINTS:
-        raise InputError(f"the cloud can show 1 to {MOST_POINTS:,} points, got {points!r}")
+    if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 1 <= points <= scales.MOST_POINTS:
+        raise InputError(f"the cloud can show 1 to {scales.MOST_POINTS:,} points, got {points!r}")
     posture = poses[0].pose_model.posture
-    length = arm_length(posture)
+    length = scales.arm_length(posture)
     postures = [one.pose_model.posture for one in poses]
-    direction = view_direction(posture, poses[0].errors[:3])
-    about_mean = any(middle_of(one.errors[:3]).any() for one in poses)
+    direction = scales.view_direction(posture, poses[0].errors[:3])
+    about_mean = any(scales.middle_of(one.errors[:3]).any() for one in poses)
 
     def choose_factor(is_about_mean: bool) -> float:
         means = [one.errors[:3].mean(axis=1, keepdims=True) * is_about_mean for one in poses]
         return min(
-            default_factor(one.errors[:3] - mean, one.pose_model.posture, postures, direction)
+            scales.default_factor(one.errors[:3] - mean, one.pose_model.posture, postures, direction)
             for one, mean in zip(poses, means, strict=True)
         )
 
@@ -146,7 +119,7 @@ def page(
     common = PageData(
         seed=seed,
         parts=parts,
-        points=min(points, MOST_POINTS // len(poses)),
+        points=min(points, scales.MOST_POINTS // len(poses)),
         count=len(poses),
         groups=choose_groups(
             [one.pose_model for one in poses], poses[0].words, attitude=limits_attitude(specifications)
@@ -160,7 +133,7 @@ def page(
         "factor": first_factor,
         "factors": factors,
         "aboutMean": about_mean,
-        "far": FAR,
+        "far": scales.FAR,
         "smallest": min(1.0, *factors),
         "largest": 10 * max(1.0, *factors),
         "length": length,
@@ -191,7 +164,7 @@ def page(
         headline=as_html(data[0].answers),
         remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
         label=label,
-        picture=picture(
+        picture=_picture(
             posture, poses[0].errors[:3] - about_mean * first_mean[:, None], first_factor, direction, label
         ),
         still_about=" about their mean" if about_mean else "",
@@ -214,7 +187,39 @@ def page(
         notes=_list(notes),
         layers="\n".join(layer.legend() for layer in layers),
         **_legend_of_arms(data),
-        **_legend_of_limits(specifications, data),
+        **_legend_of_limits(specifications, data, bool(common.groups.names)),
+    )
+
+
+def _picture(posture: Posture, positions: Array, factor: float, direction: Array, label: str) -> str:
+    """Return the arm as lines between its joints, and sampled positions about its tip, as an SVG element.
+
+    Args:
+        posture: The arm.
+        positions: Position errors ``(3, N)``, m, from what is drawn at the tip.
+        factor: By how much they are drawn too large.
+        direction: From where it is seen.
+        label: What the picture shows, escaped.
+    """
+    axes = scales.picture_axes(direction)
+    arm = axes @ np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]]).T
+    cloud = arm[:, -1:] + factor * (axes @ positions[:, :_DOTS])
+    low, high = (end(np.hstack([arm, cloud]), axis=1) for end in (np.min, np.max))
+    room = np.array(_PICTURE) - 2 * _PICTURE_MARGIN
+    per_metre = float((room / np.maximum(high - low, 1e-9)).min())
+    middle = np.array(_PICTURE) / 2
+
+    def drawn(points: Array) -> list[str]:
+        pixels = middle[:, None] + per_metre * np.array([[1], [-1]]) * (points - (low + high)[:, None] / 2)
+        return [f"{x:.1f} {y:.1f}" for x, y in pixels.T]
+
+    joints = drawn(arm)
+    dots = "".join(f"M{place}h0" for place in drawn(cloud))
+    return (
+        f"<svg viewBox='0 0 {_PICTURE[0]} {_PICTURE[1]}' role='img' aria-label='{label}'>"
+        f"<path d='M{'L'.join(joints)}' fill='none' stroke='#5b7a99' stroke-width='7' stroke-linejoin='round'/>"
+        f"<path d='{''.join(f'M{place}h0' for place in joints)}' stroke='#de8c33' stroke-width='13' stroke-linecap='round'/>"
+        f"<path d='{dots}' stroke='#21918c' stroke-width='3' stroke-linecap='round'/></svg>"
     )
 
 
@@ -223,13 +228,14 @@ def script_hashes() -> tuple[str, ...]:
 
     A frame with ``srcdoc`` inherits the policy of the page around it, which has to allow them too.
     """
-    return tuple(f"'sha256-{_sha256(code)}'" for code in _scripts())
+    digests = (hashlib.sha256(code.encode("utf-8")).digest() for code in _scripts())
+    return tuple(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
 
 
 def _checked(shown: Sequence[ViewPose]) -> list[ViewPose]:
     """Return the poses with errors that are arrays of numbers, all with equally many sampled frames."""
-    if not 1 <= len(shown) <= MOST_POSES:
-        raise InputError(f"a page shows 1 to {MOST_POSES} poses, got {len(shown)}")
+    if not 1 <= len(shown) <= scales.MOST_POSES:
+        raise InputError(f"a page shows 1 to {scales.MOST_POSES} poses, got {len(shown)}")
     poses = []
     for one in shown:
         if one.pose_model.posture.chain is not shown[0].pose_model.posture.chain:
@@ -257,29 +263,25 @@ def _draw_grid(scene: Scene, spacing: float) -> None:
 def _legend_of_arms(data: Sequence[PoseData]) -> dict[str, str]:
     """Return the legend's words for the arms with errors, and the attribute that disables boxes without content."""
     deflected = any(np.any(one.deflected) for one in data)
-    missing = " disabled"
+    how = "deflected by its mean loads" if deflected else "the same as without error"
     return {
-        "deflected": "arm with every draw at its mean: deflected by its mean loads"
-        if deflected
-        else "arm with every draw at its mean: the same as without error",
-        "no_deflected": "" if deflected else missing,
-        "no_ellipsoids": "" if any(one.ellipsoids for one in data) else missing,
+        "deflected": f"arm with every draw at its mean: {how}",
+        "no_deflected": "" if deflected else " disabled",
+        "no_ellipsoids": "" if any(one.ellipsoids for one in data) else " disabled",
     }
 
 
-def _legend_of_limits(specifications: Sequence[Specification], data: Sequence[PoseData]) -> dict[str, str]:
+def _legend_of_limits(
+    specifications: Sequence[Specification], data: Sequence[PoseData], varies: bool
+) -> dict[str, str]:
     """Return the lines of the limit and of the arms as built; with a limit to draw, it is among the first four."""
     ghosts = all(one.ghosts for one in data)
-    words = (
-        f"arms of {len(data[0].ghosts)} sampled robots, as built"
-        if ghosts
-        else "arms as built: none, the errors are not those of this seed"
-    )
+    none = "arms as built: none, the errors are not those of this seed"
+    words = f"arms of {len(data[0].ghosts)} sampled robots, as built" if ghosts else none
     built = _line("ghosts", "arm ghost", escaped(words), "" if ghosts else " disabled")
     drawn = [one for one in specifications if one.quantity.startswith("position")]
     text = escaped("; ".join(map(limit_text, drawn)) or "none on the position; --spec states one")
     limit = _line("limit", "ball limit", f"limit: {text}", " checked" if drawn else " disabled")
-    varies = any(one.groups_vary for one in data)
     first, second = (limit, built) if drawn else (built, limit)
     return {"fourth": first, "under_more": second, "no_shares": "" if varies else " disabled"}
 
@@ -374,7 +376,3 @@ def _scripts() -> tuple[str, str]:
 def _data(value: object) -> str:
     """Return JSON escaped for a script element."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-
-
-def _sha256(code: str) -> str:
-    return base64.b64encode(hashlib.sha256(code.encode("utf-8")).digest()).decode("ascii")

@@ -1,9 +1,10 @@
-"""Data of each pose for the page: poses of links, errors to draw, texts."""
+"""Data of each pose for the page: poses of links, errors to draw and their ellipsoids, texts."""
 
 from __future__ import annotations
 
 import base64
 import html
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, final
@@ -15,7 +16,6 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.rigid_part import Part
-from precision_pin.pages.view.ellipsoids import SHARES, ellipsoid_reach, ellipsoids
 from precision_pin.pages.view.headline import CONFIDENCE, LEVELS, Answer, answers, as_data, quantile
 from precision_pin.pages.view.scales import arm_length
 from precision_pin.pages.view.tolerances import Groups, LivePose, link_shares, samples_that_fit, tangent_of
@@ -29,6 +29,17 @@ MOST_FRAMES: Final = 5
 
 MOST_GHOSTS: Final = 3
 """Number of arms as built."""
+
+SHARES: Final = (0.95, 0.9973)
+"""Which shares are drawn, the inner one first."""
+
+FEWEST: Final = 4
+"""Fewest samples for an ellipsoid: three only span a plane."""
+
+# directions in which the samples spread by less than this share of the widest are rounding
+_FLAT: Final = 1e-9
+# half an axis that has no spread, as a share of the longest, so that the ellipsoid can still be drawn
+_THINNEST: Final = 1e-4
 
 
 @final
@@ -61,13 +72,8 @@ class ViewPose:
 class PageData:
     """Data that all poses of a page share.
 
-    Attributes:
-        seed: Of the samples.
-        parts: Of the drawn arm.
-        points: How many samples to draw at most at a pose.
-        count: How many poses there are.
-        groups: The tolerances that can be changed.
-        specifications: The limits.
+    ``points`` is how many samples to draw at most at a pose, ``count`` how many poses there are, ``groups`` the tolerances that
+    can be changed.
     """
 
     seed: int
@@ -80,13 +86,7 @@ class PageData:
 
 @final
 class PoseData:
-    """One pose of the page.
-
-    Args:
-        shown: The pose and its errors ``(6, N)``, checked.
-        page: The page that it is part of.
-        number: Which pose this is, from 1.
-    """
+    """Pose ``number`` (from 1) of a page, with its checked errors ``(6, N)``."""
 
     def __init__(self, shown: ViewPose, page: PageData, number: int) -> None:
         self._at = shown.pose_model
@@ -94,9 +94,8 @@ class PoseData:
         self._page = page
         self._shown = shown
         self._points = min(page.points, shown.errors.shape[1])
-        self._title = " ".join(
-            [*([shown.name] if shown.name else []), *([f"({number} of {page.count})"] if page.count > 1 else [])]
-        )
+        rank = f"({number} of {page.count})" if page.count > 1 else ""
+        self._title = " ".join(filter(None, (shown.name, rank)))
         self.ellipsoids = ellipsoids(self._errors[:3])
         # of the errors given, where they are those of the seed
         self._model = self._model_of(page.seed)
@@ -107,11 +106,6 @@ class PoseData:
     def answers(self) -> tuple[Answer, ...]:
         """The verdict, and how large the errors are."""
         return answers(self._errors, self._page.specifications, _spread(self._at), self._shown.grounds)
-
-    @property
-    def groups_vary(self) -> bool:
-        """Whether any tolerance moves the tip."""
-        return bool(self._page.groups.names)
 
     @property
     def texts(self) -> dict[str, str]:
@@ -243,3 +237,60 @@ def _joints(posture: Posture) -> str:
         f"{joint.name} {1e3 * value:.5g} mm" if joint.kind == "prismatic" else f"{joint.name} {np.degrees(value):.5g}°"
         for joint, value in zip(posture.chain.joints, posture.q, strict=True)
     )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Ellipsoid:
+    """An ellipsoid of position errors.
+
+    Attributes:
+        share: What it holds of a normal law with the samples' mean and covariance.
+        matrix: Takes the unit ball to it, ``(4, 4)``, m, base axes, from the nominal tip.
+        inside: Share of the samples that lie in it.
+    """
+
+    share: float
+    matrix: Array
+    inside: float
+
+
+def ellipsoids(positions: ArrayLike) -> tuple[Ellipsoid, ...]:
+    """Return an ellipsoid for each of `SHARES`; none for fewer than four samples, or samples without spread.
+
+    The squared distance ``(d - mean)ᵀ C⁻¹ (d - mean)`` of a normal law with covariance C in three directions is
+    chi-square with 3 degrees of freedom; the ellipsoid ends at its quantile. Where the samples spread in two directions
+    or one only, there are so many degrees of freedom, and the ellipsoid is flat.
+
+    Args:
+        positions: Position errors ``(3, N)``, m.
+    """
+    values = np.asarray(positions, dtype=float)
+    count = values.shape[1]
+    mean = values.mean(axis=1)
+    if count < FEWEST:
+        return ()
+    centred = values - mean[:, None]
+    directions, singular, _ = np.linalg.svd(centred, full_matrices=False)
+    deviations = singular / math.sqrt(count - 1)
+    if deviations[0] <= _FLAT * np.abs(values).max():
+        return ()
+    spread = deviations > _FLAT * deviations[0]
+    scaled = (directions.T @ centred)[spread] / deviations[spread, None]
+    squares = (scaled * scaled).sum(axis=0)
+    result = []
+    for share in SHARES:
+        reach = ellipsoid_reach(share, int(spread.sum()))
+        matrix = np.eye(4)
+        matrix[:3, :3] = directions * (reach * np.maximum(deviations, _THINNEST * deviations[0]))
+        matrix[:3, 3] = mean
+        result.append(Ellipsoid(share, matrix, float((squares <= reach**2).mean())))
+    return tuple(result)
+
+
+def ellipsoid_reach(share: float, freedom: int) -> float:
+    """Return half an axis in standard deviations: the root of the quantile of the chi-square law, 1 to 3 degrees."""
+    # imported late, it costs 0.1 s; a chi-square variable is twice a gamma variable of half its degrees of freedom
+    from scipy.special import gammaincinv
+
+    return math.sqrt(2 * float(gammaincinv(freedom / 2, share)))

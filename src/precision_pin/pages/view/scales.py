@@ -99,14 +99,9 @@ def picture_axes(direction: ArrayLike) -> Array:
 
 
 def check_factor(factor: object) -> None:
-    """Check an exaggeration factor.
-
-    Raises:
-        InputError: It is no number from 10⁻⁹ to 10¹², with which everything drawn still has finite places.
-    """
-    check_number(
-        "the exaggeration factor", factor, "a positive number from 1e-9 to 1e12", lambda value: 1e-9 <= value <= 1e12
-    )
+    """Check an exaggeration factor."""
+    allowed = "a positive number from 1e-9 to 1e12"
+    check_number("the exaggeration factor", factor, allowed, lambda value: 1e-9 <= value <= 1e12)
 
 
 def default_factor(

@@ -43,12 +43,7 @@ Reference = tuple[Array, Array]
 @final
 @dataclass(frozen=True)
 class Groups:
-    """Draws that are scaled together, by number: the largest contributors one by one, the others as one group.
-
-    Attributes:
-        names: For the reader.
-        draws: Numbers of the draws of each group.
-    """
+    """Names and numbers of draws that are scaled together: the largest contributors alone, the others as one group."""
 
     names: tuple[str, ...]
     draws: tuple[tuple[int, ...], ...]
@@ -68,10 +63,7 @@ def tangent_of(at: PoseModel, model: str) -> Reference:
 def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *, attitude: bool = False) -> Groups:
     """Return the tolerances of a page: those that contribute most to the spread at one of its poses come first.
 
-    Args:
-        pose_models: The poses.
-        words: What each draw is; their names if left out.
-        attitude: Whether the spread of the attitude counts too; what moves it alone is left out otherwise.
+    ``words`` say what each draw is (their names if left out); what moves the attitude alone counts only with ``attitude``.
     """
     space = pose_models[0].space
     share = np.zeros(len(space.draws))
@@ -88,10 +80,8 @@ def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *
     ranked = [int(k) for k in np.argsort(-share, kind="stable") if share[k] > _SMALLEST_SHARE]
     alone = ranked if len(ranked) <= MOST_TOLERANCES + 1 else ranked[:MOST_TOLERANCES]
     rest = ranked[len(alone) :]
-    known = [
-        ", ".join(filter(None, pair)) for pair in zip(words, (draw.tolerance for draw in space.draws), strict=False)
-    ]
-    known = known or [draw.name for draw in space.draws]
+    pairs = zip(words, (draw.tolerance for draw in space.draws), strict=False)
+    known = [", ".join(filter(None, pair)) for pair in pairs] or [draw.name for draw in space.draws]
     names = [known[k] for k in alone] + ([f"{len(rest)} smaller ones together"] if rest else [])
     return Groups(tuple(names), (*((k,) for k in alone), *((tuple(rest),) if rest else ())))
 

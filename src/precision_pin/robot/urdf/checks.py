@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Final, Literal, TypeVar
 
@@ -15,8 +15,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf.findings import Findings, hint
 from precision_pin.robot.urdf.grammar import LONGEST_REACH, PARTS
-from precision_pin.robot.urdf.robot import Inertial, Joint, Limits, Link, Robot
-from precision_pin.robot.urdf.tips import draft_command, likeliest_tip
+from precision_pin.robot.urdf.robot import Inertial, Joint, Limits, Link, Robot, draft_command, likeliest_tip
 
 Named = TypeVar("Named", Link, Joint)
 
@@ -118,9 +117,8 @@ def check_joints(joints: Sequence[Joint], findings: Findings) -> None:
         if target not in by_name:
             findings.add("E_MIMIC", f"{followed}, which does not exist{hint(target, by_name)}", joint.line)
         elif not by_name[target].moves:
-            findings.add(
-                "E_MIMIC", f"{followed}, which is fixed and has no value; a moving joint is needed", joint.line
-            )
+            why = "which is fixed and has no value; a moving joint is needed"
+            findings.add("E_MIMIC", f"{followed}, {why}", joint.line)
 
     def followed_by(name: str) -> str | None:
         mimic = by_name[name].mimic
@@ -140,10 +138,12 @@ def check_joints(joints: Sequence[Joint], findings: Findings) -> None:
                 findings.add("W_ANGLE_ROUNDED", message, joint.line)
 
 
-def without_twins(things: Sequence[Named], kind: str, code: str, findings: Findings) -> tuple[Named, ...]:
-    """Return links or joints with the first of each name; add ``E_DUP_LINK`` or ``E_DUP_JOINT``."""
+def without_twins(things: Sequence[Named | None], kind: str, code: str, findings: Findings) -> tuple[Named, ...]:
+    """Return links or joints that were read with the first of each name; add ``E_DUP_LINK`` or ``E_DUP_JOINT``."""
     kept: dict[str, Named] = {}
     for thing in things:
+        if thing is None:
+            continue
         first = kept.setdefault(thing.name, thing)
         if first is not thing:
             message = f"{kind} {shown(thing.name)} occurs twice (first in line {first.line}); names must be unique"
@@ -153,20 +153,18 @@ def without_twins(things: Sequence[Named], kind: str, code: str, findings: Findi
 
 def check_tree(links: Sequence[Link], joints: Sequence[Joint], findings: Findings) -> bool:
     """Return whether the joints make one tree of the links; else say what is wrong."""
-    by_name = {link.name: link for link in links}
+    by_name = {link.name for link in links}
     parents: dict[str, Joint] = {}
-    sound = True
+    before = findings.errors
     for joint in joints:
         owner = f"joint {shown(joint.name)}"
         for end, name in (("parent", joint.parent), ("child", joint.child)):
             if name not in by_name:
                 message = f"{owner}: {end} link {shown(name)} does not exist{hint(name, by_name)}"
                 findings.add("E_UNKNOWN_LINK", message, joint.line)
-                sound = False
         if joint.parent == joint.child:
             message = f"{owner} joins link {shown(joint.child)} to itself; two links are needed"
             findings.add("E_LOOP", message, joint.line)
-            sound = False
         elif joint.child in parents:
             other = parents[joint.child].name
             message = (
@@ -174,10 +172,9 @@ def check_tree(links: Sequence[Link], joints: Sequence[Joint], findings: Finding
                 "each link has one parent at most (closed loops are not supported)"
             )
             findings.add("E_LOOP", message, joint.line)
-            sound = False
         else:
             parents[joint.child] = joint
-    return sound and _check_roots(links, parents, findings)
+    return findings.errors == before and _check_roots(links, parents, findings)
 
 
 def _check_roots(links: Sequence[Link], parents: dict[str, Joint], findings: Findings) -> bool:
@@ -289,13 +286,12 @@ def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findi
         if verdict not in WHAT:
             continue
         code, why = WHAT[verdict]
-        message = f"{owner}: principal moments of inertia {_format_moments(moments)} kg·m²: {why}"
+        listed = ", ".join(f"{moment:.4g}" for moment in moments)
+        message = f"{owner}: principal moments of inertia {listed} kg·m²: {why}"
         body = bodies.get(link.name)
         if body is None or body.links == 1 or not _is_physical(body):
-            remedy = (
-                "no analysis uses it: precision-pin init --mend-inertia writes a copy with one that a body can have"
-            )
-            findings.add(code, f"{message}; {remedy}", link.line)
+            remedy = "precision-pin init --mend-inertia writes a copy with one that a body can have"
+            findings.add(code, f"{message}; no analysis uses it: {remedy}", link.line)
         else:
             message += f"; accepted, because the rigid body of {body.links} links that it belongs to is physical"
             findings.add("W_INERTIA", message, link.line)
@@ -339,10 +335,6 @@ def _moments(tensor: Array) -> Array:
     return np.asarray(np.linalg.eigvalsh(tensor), dtype=np.float64)
 
 
-def _format_moments(moments: Array) -> str:
-    return ", ".join(f"{moment:.4g}" for moment in moments)
-
-
 @dataclass(frozen=True)
 class _Body:
     """Links joined by fixed joints: mass, centre and inertia about it, in the axes of the topmost link."""
@@ -373,15 +365,16 @@ def _bodies(robot: Robot) -> dict[str, _Body]:
 
 def _add_link(body: _Body, inertial: Inertial | None, pose: Array) -> _Body:
     """Return the body with one more link (parallel-axis theorem)."""
+    body = replace(body, links=body.links + 1)
     if inertial is None:
-        return _Body(body.links + 1, body.mass, body.centre, body.tensor)
+        return body
     turn = pose[:3, :3]
     centre = turn @ np.array(inertial.com) + pose[:3, 3]
     tensor = body.tensor + turn @ inertial.tensor @ turn.T
     mass = body.mass + inertial.mass
     if mass <= 0:
-        return _Body(body.links + 1, mass, body.centre, tensor)
+        return replace(body, mass=mass, tensor=tensor)
     apart = centre - body.centre
     reduced = body.mass * inertial.mass / mass
     tensor = tensor + reduced * (apart @ apart * np.eye(3) - np.outer(apart, apart))
-    return _Body(body.links + 1, mass, body.centre + inertial.mass / mass * apart, tensor)
+    return replace(body, mass=mass, centre=body.centre + inertial.mass / mass * apart, tensor=tensor)

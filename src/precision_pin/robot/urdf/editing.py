@@ -41,7 +41,6 @@ class AddedFrame:
     rpy: Vector
 
 
-@final
 @dataclass(frozen=True)
 class _JointText:
     """Byte positions in a ``<joint>``: of its first child element, and of its ``<origin>`` if it has one."""

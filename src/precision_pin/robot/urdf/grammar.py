@@ -112,8 +112,7 @@ class Owner:
         form, text = GRAMMAR[node.tag].attributes[attribute], node.get(attribute)
         if text is None:
             if form.required:
-                needed = _describe_count(form.count)
-                self.say("E_NUMBER", f": <{node.tag}> has no {attribute}; {needed}", node.line)
+                self.say("E_NUMBER", f": <{node.tag}> has no {attribute}; {_describe_count(form.count)}", node.line)
             return None
         result = parse_numbers(text, form.count, infinite=form.infinite)
         if isinstance(result, BadNumbers):
@@ -162,7 +161,14 @@ class Owner:
                 message = f"unknown attribute {shown(name)} of <{node.tag}> is ignored; valid: {valid}"
                 self.findings.group("W_UNKNOWN_ATTRIBUTE", message, self.name, node.line)
 
-    def check_units(self, vector: Vector, what: str, line: int, *, angles: bool) -> None:
+    def check_placement(self, node: Node, xyz: Vector, rpy: Vector, position: str, angles: str) -> None:
+        """Check position and angles of an element's origin, each with its name in messages."""
+        origin = node.first("origin")
+        if origin is not None:
+            self._check_units(xyz, position, origin.line, angles=False)
+            self._check_units(rpy, angles, origin.line, angles=True)
+
+    def _check_units(self, vector: Vector, what: str, line: int, *, angles: bool) -> None:
         """Refuse numbers beyond 1e6 (``E_UNITS``), warn of lengths beyond 20 m and angles beyond a turn (``W_UNITS``)."""
         largest = max(vector, key=abs)
         if angles:
@@ -182,11 +188,9 @@ def read_name(node: Node, findings: Findings) -> str | None:
     name = node.get("name")
     if name is None:
         findings.add("E_NO_NAME", f"this <{node.tag}> has no name", node.line)
-        return None
-    if not name.strip():
+    elif not name.strip():
         findings.add("E_EMPTY_NAME", f"the name of this <{node.tag}> is empty", node.line)
-        return None
-    return name
+    return name if name and name.strip() else None
 
 
 @final

@@ -6,6 +6,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, cast, final
 
@@ -13,6 +14,7 @@ from precision_pin.base import input_files as files
 from precision_pin.base.errors import Finding, UrdfError
 from precision_pin.base.text_escape import shown
 from precision_pin.robot.urdf import checks
+from precision_pin.robot.urdf import robot as tree
 from precision_pin.robot.urdf.editing import UrdfText
 from precision_pin.robot.urdf.findings import Findings, read_regular_file
 from precision_pin.robot.urdf.grammar import (
@@ -30,27 +32,10 @@ from precision_pin.robot.urdf.grammar import (
     read_name,
 )
 from precision_pin.robot.urdf.meshes import MeshFiles
-from precision_pin.robot.urdf.robot import (
-    Box,
-    Cylinder,
-    Geometry,
-    Inertial,
-    Joint,
-    JointKind,
-    Limit,
-    Limits,
-    Link,
-    Mesh,
-    Mimic,
-    Robot,
-    Shape,
-    Sphere,
-    Vector,
-)
 from precision_pin.robot.urdf.xmltree import Node, parse_xml
 
 Paths = Sequence[str | os.PathLike[str]]
-DEFAULT_LIMITS = Limits()
+DEFAULT_LIMITS = tree.Limits()
 VERSIONS = ("1.0", "1.1", "1.2")
 OTHER_ROOTS = {
     "sdf": "this is SDF, not URDF",
@@ -75,7 +60,7 @@ WIDEST_SHIFT: Final = 20.0
 DEFAULT_AXIS: Final = (1.0, 0.0, 0.0)
 
 
-def read(path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS, package_dirs: Paths = ()) -> Robot:
+def read(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS, package_dirs: Paths = ()) -> tree.Robot:
     """Read a URDF 1.0 file strictly (http://wiki.ros.org/urdf/XML); the robot's ``findings`` are the warnings.
 
     ``package_dirs`` are the folders of packages in ``package://`` mesh names, besides those found near the file. Mesh files are
@@ -86,7 +71,7 @@ def read(path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS, packa
 
 
 def check(
-    path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS, package_dirs: Paths = ()
+    path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS, package_dirs: Paths = ()
 ) -> tuple[Finding, ...]:
     """Return all findings about a URDF file; never raises for bad input.
 
@@ -95,14 +80,14 @@ def check(
     return _from_file(path, limits, package_dirs, look_inside=True)[1]
 
 
-def parse(data: bytes, file: str, *, limits: Limits = DEFAULT_LIMITS) -> Robot:
+def parse(data: bytes, file: str, *, limits: tree.Limits = DEFAULT_LIMITS) -> tree.Robot:
     """Read a URDF from memory, as `read` does; ``file`` is its name in findings. Mesh files are not looked up."""
     findings = Findings(file)
     robot = _read_text(data, file, findings, limits, None)
     return _robot_or_raise(robot, findings.result())
 
 
-def mended(path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS) -> tuple[bytes, tuple[str, ...]]:
+def mended(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS) -> tuple[bytes, tuple[str, ...]]:
     """Return the text of a URDF file with inertias that a body can have, and the names of the links that got one.
 
     Only these change: mass and centre of mass, which are all that gravity needs, stay. Other errors raise `UrdfError`.
@@ -117,27 +102,28 @@ def mended(path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS) -> 
     return text, tuple(inertias)
 
 
-def _robot_or_raise(robot: Robot | None, findings: tuple[Finding, ...]) -> Robot:
+def _robot_or_raise(robot: tree.Robot | None, findings: tuple[Finding, ...]) -> tree.Robot:
     if robot is None or any(finding.severity == "error" for finding in findings):
         raise UrdfError(findings)
-    return Robot(robot.name, robot.file, robot.links, robot.joints, findings)
+    return replace(robot, findings=findings)
 
 
 def _from_file(
-    path: str | os.PathLike[str], limits: Limits, package_dirs: Paths, *, look_inside: bool
-) -> tuple[Robot | None, tuple[Finding, ...]]:
+    path: str | os.PathLike[str], limits: tree.Limits, package_dirs: Paths, *, look_inside: bool
+) -> tuple[tree.Robot | None, tuple[Finding, ...]]:
     name = os.fspath(path)
     findings = Findings(name)
     data = read_regular_file(path, findings, most_bytes=limits.file_bytes)
-    if data is None:
-        return None, findings.result()
-    folders = [Path(folder) for folder in package_dirs]
-    meshes = MeshFiles(findings, Path(name).parent, folders, look_inside=look_inside)
-    robot = _read_text(data, name, findings, limits, meshes)
+    robot = None
+    if data is not None:
+        meshes = MeshFiles(findings, Path(name).parent, [*map(Path, package_dirs)], look_inside=look_inside)
+        robot = _read_text(data, name, findings, limits, meshes)
     return robot, findings.result()
 
 
-def _read_text(data: bytes, file: str, findings: Findings, limits: Limits, meshes: MeshFiles | None) -> Robot | None:
+def _read_text(
+    data: bytes, file: str, findings: Findings, limits: tree.Limits, meshes: MeshFiles | None
+) -> tree.Robot | None:
     """Return the robot if links and joints make a tree, with or without errors."""
     node = parse_xml(data, findings, limits)
     if node is None or not _is_robot(node, findings):
@@ -150,16 +136,14 @@ def _read_text(data: bytes, file: str, findings: Findings, limits: Limits, meshe
     if not read_links:
         findings.add("E_NO_LINKS", "the robot has no links; an arm needs two and a joint", node.line)
         return None
-    links = checks.without_twins([link for link in read_links if link is not None], "link", "E_DUP_LINK", findings)
-    joints = checks.without_twins(
-        [joint for joint in read_joints if joint is not None], "joint", "E_DUP_JOINT", findings
-    )
+    links = checks.without_twins(read_links, "link", "E_DUP_LINK", findings)
+    joints = checks.without_twins(read_joints, "joint", "E_DUP_JOINT", findings)
     checks.check_names(links, joints, findings)
     checks.check_joints(joints, findings)
     # a joint without name or end, or a duplicate, would make half the tree look disconnected: check complete trees only
     complete = None not in read_links and len(joints) == len(read_joints)
-    sound = checks.check_tree(links, joints, findings) if complete else False
-    robot = Robot(name or "", file, links, joints) if sound else None
+    sound = complete and checks.check_tree(links, joints, findings)
+    robot = tree.Robot(name or "", file, links, joints) if sound else None
     checks.check_inertias(links, robot, findings)
     if robot is not None:
         checks.check_size(robot, node.line, limits, findings)
@@ -189,13 +173,13 @@ def _read_header(node: Node, findings: Findings) -> str | None:
     return read_name(node, findings)
 
 
-def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, Colour]) -> Link | None:
+def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, Colour]) -> tree.Link | None:
     """Return the link, None if it has no name; one that is returned with an error only serves to find further errors."""
     name, owner = _open(node, findings)
     element = node.first("inertial")
     inertial = None if element is None else _inertial(element, owner)
     visuals, collisions = looks.read(node, owner.name, colours)
-    return None if name is None else Link(name, inertial, visuals, collisions, node.line)
+    return None if name is None else tree.Link(name, inertial, visuals, collisions, node.line)
 
 
 def _open(node: Node, findings: Findings) -> tuple[str | None, Owner]:
@@ -207,16 +191,13 @@ def _open(node: Node, findings: Findings) -> tuple[str | None, Owner]:
     return name, owner
 
 
-def _inertial(node: Node, owner: Owner) -> Inertial | None:
+def _inertial(node: Node, owner: Owner) -> tree.Inertial | None:
     owner.check_children(node)
     before = owner.findings.errors
     com, rpy = owner.placement(node)
     mass = _mass(node, owner)
     inertia = _inertia(node, owner)
-    origin = node.first("origin")
-    if origin is not None:
-        owner.check_units(com, ": centre of mass", origin.line, angles=False)
-        owner.check_units(rpy, ": inertial rpy", origin.line, angles=True)
+    owner.check_placement(node, com, rpy, ": centre of mass", ": inertial rpy")
     if mass is None or inertia is None or owner.findings.errors > before:
         return None
     ixx, ixy, ixz, iyy, iyz, izz = inertia
@@ -226,7 +207,7 @@ def _inertial(node: Node, owner: Owner) -> Inertial | None:
             "are these kg·mm²?"
         )
         owner.say("W_UNITS", text, node.line)
-    return Inertial(mass, com, rpy, (ixx, ixy, ixz, iyy, iyz, izz))
+    return tree.Inertial(mass, com, rpy, (ixx, ixy, ixz, iyy, iyz, izz))
 
 
 def _mass(node: Node, owner: Owner) -> float | None:
@@ -244,7 +225,8 @@ def _mass(node: Node, owner: Owner) -> float | None:
     if mass == 0:
         message = "a mass of zero is given; it weighs nothing"
         owner.findings.group("W_MASS_ZERO", message, owner.name, element.line)
-    for code, text in [(code, text) for holds, code, text in rules if holds][:1]:
+    code, text = next(((code, text) for holds, code, text in rules if holds), ("", ""))
+    if code:
         owner.say(code, f": mass {mass:g} kg{text}", element.line)
     return mass
 
@@ -268,16 +250,13 @@ def _inertia(node: Node, owner: Owner) -> tuple[float, ...] | None:
     return numbers
 
 
-def read_joint(node: Node, findings: Findings) -> Joint | None:
+def read_joint(node: Node, findings: Findings) -> tree.Joint | None:
     """Return the joint, None if its name or a link is missing; with an error it only serves to find further errors."""
     name, owner = _open(node, findings)
     kind = _kind(node, owner)
     parent, child = _end(node, "parent", owner), _end(node, "child", owner)
     xyz, rpy = owner.placement(node)
-    origin = node.first("origin")
-    if origin is not None:
-        owner.check_units(xyz, ": origin xyz", origin.line, angles=False)
-        owner.check_units(rpy, ": origin rpy", origin.line, angles=True)
+    owner.check_placement(node, xyz, rpy, ": origin xyz", ": origin rpy")
     moves = kind in ("revolute", "continuous", "prismatic")
     axis = _axis(node, owner) if moves else DEFAULT_AXIS
     limit = _limit(node, kind, owner) if moves else None
@@ -291,13 +270,13 @@ def read_joint(node: Node, findings: Findings) -> Joint | None:
             findings.group("W_IGNORED", f"<{tag}> is ignored", owner.name, ignored.line)
     if name is None or parent is None or child is None:
         return None
-    return Joint(name, kind or "fixed", parent, child, xyz, rpy, axis, limit, mimic, node.line)
+    return tree.Joint(name, kind or "fixed", parent, child, xyz, rpy, axis, limit, mimic, node.line)
 
 
-def _kind(node: Node, owner: Owner) -> JointKind | None:
+def _kind(node: Node, owner: Owner) -> tree.JointKind | None:
     kind, allowed = node.get("type"), f"; allowed: {', '.join(KINDS)}"
     if kind in KINDS:
-        return cast("JointKind", kind)
+        return cast("tree.JointKind", kind)
     if kind in ("floating", "planar"):
         owner.say("E_JOINT_UNSUPPORTED", f": type {kind} is not supported{allowed}", node.line)
     else:
@@ -314,7 +293,7 @@ def _end(node: Node, tag: str, owner: Owner) -> str | None:
     return link or None
 
 
-def _axis(node: Node, owner: Owner) -> Vector:
+def _axis(node: Node, owner: Owner) -> tree.Vector:
     element = owner.child(node, "axis")
     if element is None:
         return DEFAULT_AXIS
@@ -337,7 +316,7 @@ def _axis(node: Node, owner: Owner) -> Vector:
     return DEFAULT_AXIS if code.startswith("E") else (axis[0] / length, axis[1] / length, axis[2] / length)
 
 
-def _limit(node: Node, kind: str | None, owner: Owner) -> Limit | None:
+def _limit(node: Node, kind: str | None, owner: Owner) -> tree.Limit | None:
     element = node.first("limit")
     if element is None:
         if kind != "continuous":
@@ -360,7 +339,7 @@ def _limit(node: Node, kind: str | None, owner: Owner) -> Limit | None:
         if values["lower"] is not None or values["upper"] is not None:
             _check_range(lower, upper, kind, element.line, owner)
     effort, velocity = (math.inf if value is None else value for value in (values["effort"], values["velocity"]))
-    return Limit(lower, upper, effort, velocity)
+    return tree.Limit(lower, upper, effort, velocity)
 
 
 def _check_unused_limit(node: Node, owner: Owner) -> None:
@@ -422,7 +401,7 @@ def _check_range(lower: float, upper: float, kind: str | None, line: int, owner:
         owner.say("W_NEUTRAL", f": zero is outside the limits {lower:g} … {upper:g}", line)
 
 
-def _mimic(node: Node, kind: str | None, name: str | None, owner: Owner) -> Mimic | None:
+def _mimic(node: Node, kind: str | None, name: str | None, owner: Owner) -> tree.Mimic | None:
     element = node.first("mimic")
     if element is None:
         return None
@@ -445,7 +424,7 @@ def _mimic(node: Node, kind: str | None, name: str | None, owner: Owner) -> Mimi
         "off the chain it follows that joint, on the chain it must be locked"
     )
     owner.say("W_MIMIC", text, element.line)
-    return Mimic(joint, multiplier, offset)
+    return tree.Mimic(joint, multiplier, offset)
 
 
 def _check_dynamics(node: Node, owner: Owner) -> None:
@@ -490,15 +469,16 @@ class Looks:
                         self._material(node, f"link {shown(link.get('name') or '?')}", colours, top=False)
         return colours
 
-    def read(self, link: Node, owner: str, colours: dict[str, Colour]) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+    def read(
+        self, link: Node, owner: str, colours: dict[str, Colour]
+    ) -> tuple[tuple[tree.Shape, ...], tuple[tree.Shape, ...]]:
         """Return the usable visuals and collision shapes of a link."""
-        nodes = [node for node in link.children if node.tag in ("visual", "collision")]
-        shapes = [(node.tag, self._shape(node, owner, colours)) for node in nodes]
-        visuals, collisions = (
-            tuple(shape for tag, shape in shapes if shape is not None and tag == wanted)
-            for wanted in ("visual", "collision")
-        )
-        return visuals, collisions
+        shapes: dict[str, list[tree.Shape]] = {"visual": [], "collision": []}
+        for node in link.children:
+            shape = self._shape(node, owner, colours) if node.tag in shapes else None
+            if shape is not None:
+                shapes[node.tag].append(shape)
+        return tuple(shapes["visual"]), tuple(shapes["collision"])
 
     def _material(self, node: Node, owner: str, colours: dict[str, Colour], *, top: bool) -> None:
         name = node.get("name")
@@ -529,7 +509,7 @@ class Looks:
         else:
             self._findings.add(usual, message, node.line)
 
-    def _shape(self, node: Node, owner: str, colours: dict[str, Colour]) -> Shape | None:
+    def _shape(self, node: Node, owner: str, colours: dict[str, Colour]) -> tree.Shape | None:
         try:
             origin = node.first("origin")
             xyz, rpy = _vector(origin, "xyz"), _vector(origin, "rpy")
@@ -540,7 +520,7 @@ class Looks:
         if geometry is None:
             return None
         colour = self._visual_colour(node, owner, colours) if node.tag == "visual" else None
-        return Shape(geometry, xyz, rpy, colour, node.line)
+        return tree.Shape(geometry, xyz, rpy, colour, node.line)
 
     def _visual_colour(self, node: Node, owner: str, colours: dict[str, Colour]) -> Colour | None:
         material = node.first("material")
@@ -563,7 +543,7 @@ class Looks:
                 self._report_material(material, owner, str(bad))
             return None
 
-    def _geometry(self, node: Node, owner: str) -> Geometry | None:
+    def _geometry(self, node: Node, owner: str) -> tree.Geometry | None:
         element = node.first("geometry")
         if element is None:
             raise _Bad("it has no <geometry>")
@@ -583,10 +563,10 @@ class Looks:
                 raise _Bad(f"<{shape.tag}> {name}={shown(shape.get(name) or '')} must be positive")
             sizes += values
         if shape.tag == "box":
-            return Box((sizes[0], sizes[1], sizes[2]))
-        return Sphere(sizes[0]) if shape.tag == "sphere" else Cylinder(sizes[0], sizes[1])
+            return tree.Box((sizes[0], sizes[1], sizes[2]))
+        return tree.Sphere(sizes[0]) if shape.tag == "sphere" else tree.Cylinder(sizes[0], sizes[1])
 
-    def _mesh(self, node: Node, owner: str) -> Mesh | None:
+    def _mesh(self, node: Node, owner: str) -> tree.Mesh | None:
         filename, written = (node.get("filename") or "").strip(), node.get("scale")
         if not filename:
             self._findings.add("W_MESH_MISSING", f"{owner}: a mesh without filename is left out", node.line)
@@ -594,17 +574,17 @@ class Looks:
         if self._meshes is not None:
             self._meshes.check(filename, owner, node.line)
         if written is None:
-            return Mesh(filename)
+            return tree.Mesh(filename)
         try:
             scale = _vector(node, "scale")
         except _Bad as bad:
             self._findings.add("W_MESH_SCALE", f"{owner}: {bad}; 1 1 1 is used", node.line)
-            return Mesh(filename)
+            return tree.Mesh(filename)
         if min(scale) <= 0:
             what = "flattens" if 0 in scale else "mirrors"
             message = f"mesh scale {shown(written)} {what} the mesh; positive is usual"
             self._findings.group("W_MESH_SCALE", message, owner, node.line)
-        return Mesh(filename, scale)
+        return tree.Mesh(filename, scale)
 
 
 def _misleads(node: Node) -> bool:
@@ -625,7 +605,7 @@ def _numbers(node: Node, attribute: str, count: int) -> tuple[float, ...]:
     return result
 
 
-def _vector(node: Node | None, attribute: str) -> Vector:
+def _vector(node: Node | None, attribute: str) -> tree.Vector:
     if node is None or node.get(attribute) is None:
         return ZERO3
     x, y, z = _numbers(node, attribute, 3)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from precision_pin.base import se3
 from precision_pin.robot.urdf.checks import find_exact_angle
 from precision_pin.robot.urdf.grammar import PARTS
-from precision_pin.robot.urdf.robot import Inertial, Joint, Link, Robot, Vector
+from precision_pin.robot.urdf.robot import Inertial, Joint, Limit, Link, Robot, Vector
 
 # written for "no limit": finite, because Pinocchio samples and clamps between limits
 UNLIMITED = 1e9
@@ -48,22 +48,16 @@ def _link(link: Link) -> str:
 
 def _joint(joint: Joint) -> str:
     kind = "revolute" if joint.kind == "continuous" else joint.kind
-    text = (
+    return (
         f'  <joint name="{_escape(joint.name)}" type="{kind}"><parent link="{_escape(joint.parent)}"/>'
         f'<child link="{_escape(joint.child)}"/>{_origin(joint.xyz, joint.rpy)}'
+        + (f'<axis xyz="{_numbers(joint.axis)}"/>{_limit(joint)}</joint>' if joint.moves else "</joint>")
     )
-    if joint.moves:
-        text += f'<axis xyz="{_numbers(joint.axis)}"/>{_limit(joint)}'
-    return text + "</joint>"
 
 
 def _limit(joint: Joint) -> str:
-    limit = joint.limit
-    values = (
-        (-UNLIMITED, UNLIMITED, UNLIMITED, UNLIMITED)
-        if limit is None
-        else (limit.lower, limit.upper, limit.effort, limit.velocity)
-    )
+    limit = joint.limit or Limit(-UNLIMITED, UNLIMITED, UNLIMITED, UNLIMITED)
+    values = (limit.lower, limit.upper, limit.effort, limit.velocity)
     lower, upper, effort, velocity = (_number(min(max(value, -UNLIMITED), UNLIMITED)) for value in values)
     return f'<limit lower="{lower}" upper="{upper}" effort="{effort}" velocity="{velocity}"/>'
 
@@ -122,8 +116,7 @@ def rerooted(robot: Robot, base: str) -> Robot:
             continue
         seat = _free_name(f"{joint.name}_reversed", taken)
         carrier = _free_name(f"{joint.name}_origin", taken)
-        x, y, z = joint.axis
-        zero = (0.0, 0.0, 0.0)
+        (x, y, z), zero = joint.axis, (0.0, 0.0, 0.0)
         axis = (-x, -y, -z)
         moving = replace(joint, parent=joint.child, child=seat, xyz=zero, rpy=zero, axis=axis, reversed=turned)
         links.append(Link(seat, line=joint.line))

@@ -91,8 +91,6 @@ def _plain_utf8(data: bytes, limits: Limits) -> bytes:
     if len(data) > limits.file_bytes:
         message = f"the file is over {limits.file_bytes} bytes; the limits can be raised"
         raise _Refused("E_TOO_BIG", message, None)
-    if not data.strip():
-        raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
     packed = next((name for start, name in PACKED.items() if data.startswith(start)), None)
     if packed is not None:
         raise _Refused("E_XML_SYNTAX", f"this is {packed}, not a URDF; unpack it first", 1)
@@ -128,11 +126,11 @@ def _decode(data: bytes) -> str:
     try:
         return data.decode(codec).removeprefix("\ufeff")
     except UnicodeDecodeError as problem:
-        before = data[: problem.start].decode(codec, "replace")
-        what = f"byte 0x{data[problem.start]:02x} is not {codec.upper()}"
-        raise _Refused(
-            "E_XML_ENCODING", f"{what}; save the file as UTF-8 or declare its encoding", _line_of(before)
-        ) from None
+        line = _line_of(data[: problem.start].decode(codec, "replace"))
+        what = (
+            f"byte 0x{data[problem.start]:02x} is not {codec.upper()}; save the file as UTF-8 or declare its encoding"
+        )
+        raise _Refused("E_XML_ENCODING", what, line) from None
 
 
 def _find_encoding(start: str) -> str | None:
@@ -174,9 +172,8 @@ class _Builder:
         try:
             parser.Parse(data, True)
         except expat.ExpatError as problem:
-            text = expat.ErrorString(problem.code)
-            message = f"not well-formed XML: {text} (column {problem.offset + 1})"
-            raise _Refused("E_XML_SYNTAX", message, problem.lineno) from None
+            text = f"{expat.ErrorString(problem.code)} (column {problem.offset + 1})"
+            raise _Refused("E_XML_SYNTAX", f"not well-formed XML: {text}", problem.lineno) from None
         if self._xacro:
             line, what = self._xacro[0]
             more = f" (and {len(self._xacro) - 1} more)" if len(self._xacro) > 1 else ""
