@@ -347,6 +347,7 @@ def test_the_file_names_what_is_frozen(tmp_path):
     assert "pose export: joint1 = 0.3 rad, joint2 = -0.7 rad, joint3 = 1.1 rad, joint4 = 0.2 m, " in comment
     assert "sheet: arm.errors.yaml" in comment
     assert "chain: base to tool" in comment
+    assert comment.removeprefix("<!-- ").startswith("As-built robot at the pose below and at no other, written by")
     frozen = comment.partition("Fixed at their values at this pose: ")[2].partition(". ")[0].split(", ")
     assert set(frozen) == {
         "beam[link2]",

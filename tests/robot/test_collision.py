@@ -258,9 +258,12 @@ def test_a_sheet_narrows_limits_and_says_what_is_wrong(tmp_path):
         ("keep_out: [{box: 1 1 1}]", "unit"),
         ("keep_out: [{at: 0 0 1 m}]", "an entry is"),
         ("keep_out: [{plane: 0 0 0}]", "normal of a plane is zero"),
+        ("keep_out: [{sphere: 1 m}]", "unknown key 'sphere': valid: at, box, plane"),
+        ("keep_out: wall", "expected a list"),
     ):
-        with pytest.raises(InputError, match=message):
+        with pytest.raises(InputError, match=message) as refused:
             pp.ErrorModel.load(sheet(tmp_path, keys))
+        assert len(refused.value.findings) == 1
 
 
 def test_a_hanging_arm_has_no_plate(tmp_path):

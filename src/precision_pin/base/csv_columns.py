@@ -26,7 +26,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnitError, UnknownNameError, nearest
 from precision_pin.base.input_files import UnreadableFileError, read_text_file
 from precision_pin.base.text_escape import shown
-from precision_pin.base.units import Quantity
+from precision_pin.base.units import QUANTITIES, Quantity
 
 LARGEST_FILE: Final = 16 * 2**20
 
@@ -73,6 +73,11 @@ class ColumnNames:
             name, unit = (match[1] or "").strip(), (match[2] or "").strip()
             if column == "*":
                 units = tuple(unit.split())
+                unknown = next((one for one in units if not any(one in each.units for each in QUANTITIES)), None)
+                if unknown is not None:
+                    raise UnitError(
+                        f"columns: {shown(unknown, _LONGEST)} is not a unit; of lengths and angles: *=[m rad]"
+                    )
             else:
                 names[column] = (name or column, unit)
         return cls(names, units)

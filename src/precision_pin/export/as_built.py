@@ -150,7 +150,8 @@ class AsBuilt:
             shifts, turns = (not np.array_equal(after[:3, part], before[:3, part]) for part in (3, slice(0, 3)))
             placements[fold.step.name] = Placement(xyz if shifts else None, rpy if turns else None)
         version = versions()["precision-pin"]
-        lines = (f"As-built robot, written by precision-pin {version}: {unit}.", *self._header)
+        what = "As-built robot at the pose below and at no other" if self.frozen else "As-built robot"
+        lines = (f"{what}, written by precision-pin {version}: {unit}.", *self._header)
         return self.original.edited(placements, added, [part for line in lines for part in _wrapped(line)])
 
     def _verify(self, text: bytes, error: Array) -> None:

@@ -75,8 +75,12 @@ class Findings:
     def take_validation(self, error: ValidationError, path: Path, model: type[BaseModel]) -> None:
         """Add pydantic's errors about the value at a path."""
         seen: set[Path] = set()
-        for entry in error.errors():
-            where = self.walk(path, entry["loc"])
+        errors = error.errors()
+        places = [self.walk(path, entry["loc"]) for entry in errors]
+        for entry, where in zip(errors, places, strict=True):
+            # the word that a list could be instead, where an entry of the list is wrong
+            if entry["type"] == "literal_error" and any(one[: len(where)] == where != one for one in places):
+                continue
             is_pose = path == () and entry["loc"][0] == "poses" and len(entry["loc"]) > 1
             where = where[:2] if is_pose else where
             key = ".".join(map(str, where[len(path) :])) or str(entry["loc"][-1])

@@ -304,5 +304,16 @@ def test_bare_headers_need_units_and_take_names(tmp_path: Path) -> None:
     for wrong in ("px", "px=x [m], px=y", "x=[m"):
         with pytest.raises(InputError, match="is not of the form"):
             pp.Measurement(columns=wrong)
+    with pytest.raises(InputError, match="columns: 'furlong' is not a unit"):
+        pp.Measurement(columns="*=[furlong rad]")
     with pytest.raises(InputError, match="there is no column 'nope'"):
         pp.calibrate(model(), bare, pp.Measurement(columns="nope=x"))
+
+
+def test_a_group_is_a_whole_number(tmp_path):
+    target, values = measured()[0], [1.0] * Q.shape[1]
+    values[3] = 0.5
+    path = write(tmp_path / "days.csv", xyz("", target) | {"group": [f"{value:g}" for value in values]})
+    # the header and three rows are above it
+    with pytest.raises(InputError, match=r"days.csv:5: error E_DATA: group must be a whole number"):
+        pp.calibrate(model(), path, pp.Measurement(std=20e-6, target=TARGETS[0]))

@@ -249,6 +249,8 @@ def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]
     if (std <= 0).any():
         raise _wrong(path, "std must be above zero", table.lines[int(np.nanargmin(std))])
     group = table.rows[:, table.names.index("group")] if "group" in table.names else np.zeros(0)
+    if (group % 1 > 0).any():
+        raise _wrong(path, "group must be a whole number", table.lines[int(np.flatnonzero(group % 1 > 0)[0])])
     _check_joint_values(model.chain, q, path, table)
     others = [values for values in (std, group) if values.size]
     has_pose = np.isfinite(np.vstack([q, *others])).all(axis=0)
