@@ -193,7 +193,7 @@ def test_a_page_shows_the_fit_of_the_command(run, folder, quick) -> None:
 
 def test_a_served_page_follows_the_readings(run, folder, quick, monkeypatch) -> None:
     watched = []
-    monkeypatch.setattr("precision_pin.cli.view._serve", lambda *given, **_: watched.extend(given[3]))
+    monkeypatch.setattr("precision_pin.pages.view.live.serve", lambda _, files, **_options: watched.extend(files))
     assert run("view", quick, "--calibrate", "data.csv").code == 0
     assert "data.csv" in [path.name for path in watched]
 

@@ -13,6 +13,7 @@ from matplotlib.text import Text
 
 from precision_pin.base.errors import OutputError
 from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.draw_distribution import display_unit
 from precision_pin.sampling import figures as plots
 from precision_pin.statistics import Plan, Specification, Summary, finish, observe, start
 
@@ -237,8 +238,8 @@ def test_values_that_hardly_differ_are_drawn_from_a_round_number() -> None:
 )
 def test_units_suit_the_size(size: float, position: str, attitude: str) -> None:
     summary = summary_of(np.full((6, 3), size))
-    assert plots.display_unit(summary.position.x).name == position
-    assert plots.display_unit(summary.attitude.z).name == attitude
+    assert display_unit(summary.position.x).name == position
+    assert display_unit(summary.attitude.z).name == attitude
 
 
 def test_a_panel_takes_a_smaller_unit_where_its_labels_would_grow_long() -> None:
