@@ -325,7 +325,6 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
         "units": quantities,
     },
     "sources.md": {"kinds": kinds} | {name: partial(setting_names, kind) for name, kind in catalogue().items()},
-    "command-line.md": {"commands": commands},
 }
 """Every generated table by page and name."""
 
@@ -333,7 +332,8 @@ BUILT: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "codes.md": {"codes": codes},
     "sheet.md": {"keys": keys, "measurement": partial(keys, MeasurementEntry)},
     "sources.md": {name: partial(settings, kind) for name, kind in catalogue().items()},
-    "command-line.md": {"shared": shared} | {name: partial(parameters, name) for name in list_commands()},
+    "command-line.md": {"commands": commands, "shared": shared}
+    | {name: partial(parameters, name) for name in list_commands()},
 }
 """What the site has and the file has not, by page and name."""
 
