@@ -4,7 +4,7 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -84,6 +84,14 @@ def site_begun(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
     yield
     if process is not None:
         process.wait()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, None, None]:
+    """End the browser after the last test of a file that shares one."""
+    yield
+    if "support.browser" in sys.modules and (nextitem is None or nextitem.path != item.path):
+        sys.modules["support.browser"].close_browser()
 
 
 HANDLERS = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}

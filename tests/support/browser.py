@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import BrowserContext, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, Playwright, sync_playwright
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
@@ -42,15 +42,31 @@ class Visit:
     requests: list[str] = field(default_factory=list)
 
 
+_shared: list[tuple[Playwright, Browser]] = []
+
+
 @contextlib.contextmanager
 def chromium(**options: object) -> Iterator[BrowserContext]:
-    """Yield a browser with a new profile; options such as ``color_scheme="dark"`` or ``viewport``."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
-        try:
-            yield browser.new_context(**{"viewport": {"width": 1280, "height": 800}, **options})  # type: ignore[arg-type]
-        finally:
-            browser.close()
+    """Yield a new profile of the browser; options such as ``color_scheme="dark"`` or ``viewport``.
+
+    The tests of a file share a browser, since one takes a second to start and to end; `close_browser` ends it.
+    """
+    if not _shared:
+        playwright = sync_playwright().start()
+        _shared.append((playwright, playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))))
+    context = _shared[0][1].new_context(**{"viewport": {"width": 1280, "height": 800}, **options})  # type: ignore[arg-type]
+    try:
+        yield context
+    finally:
+        context.close()
+
+
+def close_browser() -> None:
+    """End the browser, and with it Playwright's event loop, which other tests would find running."""
+    while _shared:
+        playwright, browser = _shared.pop()
+        browser.close()
+        playwright.stop()
 
 
 def visited(context: BrowserContext, where: str | Path, *, loaded: str = "load") -> Visit:
