@@ -508,5 +508,6 @@ def test_a_stratum_of_everything_is_the_space():
 @pytest.mark.slow
 @pytest.mark.parametrize("case", rare.CASES, ids=lambda case: f"{case.name}, {case.probability:.1g}")
 def test_coverage_of_every_interval(case):
-    for row in rare.of_case(case, 6):
+    """Of 94 %, two of five or fewer hold it once in 260 tries; the coverage itself is measured in benchmarks."""
+    for row in rare.of_case(case, 5):
         assert row.passes, row

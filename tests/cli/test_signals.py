@@ -200,7 +200,6 @@ def test_a_process_that_is_deep_in_a_library_ends_all_the_same():
     ("case", "number", "share"),
     [
         ("init", signal.SIGTERM, 0.3),
-        ("init", signal.SIGINT, 0.95),
         ("view", signal.SIGHUP, 0.8),
         ("analyze, journal", signal.SIGINT, 0.6),
     ],

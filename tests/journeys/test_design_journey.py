@@ -10,7 +10,7 @@ import pytest
 from journeys.arms import Pinocchio
 from journeys.tolerances import ranked
 
-pytestmark = [pytest.mark.slow, pytest.mark.parametrize("arm", ["4dof", "ur5", "scara"], indirect=True)]
+pytestmark = [pytest.mark.slow, pytest.mark.parametrize("arm", ["4dof", "ur5"], indirect=True)]
 
 SAMPLES = ("--samples", 20_000)
 BUILT = 200

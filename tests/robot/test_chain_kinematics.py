@@ -41,13 +41,6 @@ def chain_between(base: str, tip: str, **settings) -> tuple[Chain, dict[str, flo
 LINKS = ("base", "link1", "link3", "half2", "link6", "bracket", "tool", "finger")
 
 
-LINKS = ("base", "link1", "link3", "half2", "link6", "bracket", "tool", "finger")
-
-
-def joined_rigidly(base: str, tip: str) -> bool:
-    return {base, tip} in ({"link1", "bracket"}, {"base", "bracket"}, {"base", "link1"}) and "base" not in (base, tip)
-
-
 PAIRS = [pair for pair in itertools.permutations(LINKS, 2) if set(pair) != {"link1", "bracket"}]  # bolted together
 
 

@@ -23,7 +23,6 @@ from precision_pin.cli import main
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.workers import Processes
-from sampling import kill_target
 from sampling.cases import MODEL, assert_same_bits, in_one_go, sampled, spawned, wait_until, work
 
 TRIALS = int(os.environ.get("KILL_TRIALS", "4"))
@@ -32,6 +31,8 @@ TRIALS = int(os.environ.get("KILL_TRIALS", "4"))
 
 @pytest.mark.slow
 def test_killed_at_any_moment_and_resumed(tmp_path: Path, monkeypatch) -> None:
+    from sampling import kill_target  # it warms the sampler up, for the fork server
+
     context = get_context("forkserver")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))  # where the server finds its module
     context.set_forkserver_preload(["sampling.kill_target"])
@@ -66,7 +67,7 @@ def test_killed_at_any_moment_and_resumed(tmp_path: Path, monkeypatch) -> None:
 
 @pytest.mark.slow
 def test_killed_processes_cost_no_result() -> None:
-    workers, task = Processes(2), work(4, 300 * BLOCK)
+    workers, task = Processes(2), work(4, 150 * BLOCK)
     here = psutil.Process()
     killed = []
 
@@ -188,9 +189,9 @@ def held(err: str) -> int:
 
 @pytest.mark.slow
 def test_ctrl_c_once_saves_and_says_how_to_go_on(started: Any, tmp_path: Path) -> None:
-    samples = 1500 * BLOCK + 1
+    samples = 1000 * BLOCK + 1
     line = ("--samples", str(samples), "--seed", "3", "--spec", "45 mm @ 90 %", "--journal", "run.journal")
-    process = started(*line, "--threads", "2", "--json", "result.json", "--out", "plots")
+    process = started(*line, "--threads", "1", "--json", "result.json", "--out", "plots")
     wait_until(lambda: (tmp_path / "run.journal").exists(), 60)
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
