@@ -84,6 +84,7 @@ def irwin_hall(n: int, t: float) -> float:
     return sum((-1) ** k * math.comb(n, k) * (t - k) ** n for k in range(int(t) + 1)) / math.factorial(n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2, 9, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4, 6))])
 def test_sums_of_equal_uniforms(n):
     found = law_of_x(*[laws.Uniform(0.5)] * n)

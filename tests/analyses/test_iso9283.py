@@ -69,6 +69,7 @@ def attained():
     return commanded, poses
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [None, (0.02, -0.05, 0.1)])
 def test_every_figure_of_every_robot(attained, target):
     commanded, poses = (one.copy() for one in attained)

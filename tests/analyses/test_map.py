@@ -36,6 +36,7 @@ def around(count: int, seed: int = 4, spread: float = 0.4) -> np.ndarray:
     return PAPER.poses["paper"][:, None] + shift
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deviations", [(1.0, 1.0, 1.0), (3.0, 1.0, 0.2), (1.0, 1e-3, 0.0), (2.0, 0.0, 0.0)])
 def test_quantiles_of_a_norm_are_those_of_the_exact_law(deviations):
     mean = np.array([0.7, -0.4, 1.1]) * 1e-3

@@ -73,7 +73,7 @@ def test_a_sheet_that_is_loaded_tells_its_findings_once_at_the_callers_line(tmp_
     assert found.stderr.count("W_NO_POSES") == 1
 
 
-@pytest.mark.fast(3)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CALLS)
 def test_inside_the_limits_nothing_is_warned_of(name: str) -> None:
     assert not [one for one in told(lambda: CALLS[name](INSIDE)) if "use analyze" not in str(one.message)]

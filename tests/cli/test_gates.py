@@ -204,7 +204,7 @@ def _share(text):
     return float(re.search(r"with this went ([\d.]+) % of the variance of the position", text)[1])
 
 
-@pytest.mark.fast(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "map, closed form"])
 def test_what_is_set_to_nothing_is_said_with_its_share(run, folder, name):
     command, *options = COMMANDS[name]

@@ -137,6 +137,7 @@ def closed_pipe() -> int:
     return writing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [

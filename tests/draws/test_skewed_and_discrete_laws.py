@@ -281,7 +281,7 @@ def test_characteristic_function_of_rows_is_the_mean_over_them() -> None:
     np.testing.assert_allclose(Rows(MEASURED).characteristic(t), expected, rtol=0, atol=1e-14)
 
 
-@pytest.mark.fast(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ALL, ids=repr)
 def test_characteristic_functions_take_any_shape_and_any_number_of_frequencies(law: Law) -> None:
     t = np.linspace(-3, 3, 24).reshape(1, 4, 6) / math.sqrt(law.covariance[0, 0])

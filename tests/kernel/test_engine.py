@@ -44,7 +44,7 @@ def test_both_models_equal_the_oracle_on_random_tables(seed: int) -> None:
         assert np.abs(sampler.errors_at(layout, name, x) - expected).max() < 1e-12 + 1e-9 * np.abs(expected).max()
 
 
-@pytest.mark.fast(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("turn", "series"), [(1e-4, FINE), (3e-3, NARROW), (0.03, WIDE)])
 @pytest.mark.parametrize("slides", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_any_number_of_terms_of_one_and_two_factors(turn: float, series: int, slides: bool) -> None:

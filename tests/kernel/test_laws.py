@@ -262,6 +262,7 @@ def test_empirical_quantiles_on_an_injected_grid_equal_numpy(law: Law) -> None:
         np.testing.assert_allclose(seen, np.interp(u, *np.array(SLOPES).T), rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 3, 49, 99_991])
 def test_the_largest_uniform_number_chooses_the_last_row(count: int) -> None:
     table = np.arange(2.0 * count)

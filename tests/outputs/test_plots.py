@@ -338,6 +338,7 @@ def filled(axes, colour: str) -> list:
     return [one for one in axes.patches if mpl.colors.to_hex(one.get_facecolor()) == colour]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "colour"), [(39e-3, "#009e73"), (37.5e-3, "#d55e00")])
 def test_a_missed_limit_is_red_and_the_tail_beyond_it_coloured(limit: float, colour: str) -> None:
     errors = errors_of("offset")

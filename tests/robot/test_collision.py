@@ -103,6 +103,7 @@ def corners(plain: PlainRobot, chain: Chain, q: np.ndarray) -> np.ndarray:
     return np.array([poses[one.child][:3, 3] for one in chain.joints] + [poses[chain.tip][:3, 3]])
 
 
+@pytest.mark.slow
 def test_lines_keep_out_of_planes_and_boxes(lines):
     plain, chain = lines
     assert chain.collision_check.free(np.zeros((4, 1))).all()  # nothing under it is known
@@ -241,6 +242,7 @@ def test_named_poses_are_judged_with_a_warning_and_candidates_left_out(tmp_path)
         assert not pp.ErrorModel.load(sheet(tmp_path, keys)).at("below").posture.findings
 
 
+@pytest.mark.slow
 def test_a_sheet_narrows_limits_and_says_what_is_wrong(tmp_path):
     chain = pp.ErrorModel.load(sheet(tmp_path, "limits: {elbow_joint: -1 2 rad}")).chain
     low, high = chain.configurations.limits

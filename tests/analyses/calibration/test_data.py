@@ -260,6 +260,7 @@ def test_targets_of_one_computed_pose_are_not_independent(tmp_path: Path) -> Non
     assert not any(one.code == "W_NOT_INDEPENDENT" for one in apart.findings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joints", [JOINTS, ("joint3",)])
 @pytest.mark.parametrize("unit", ["deg", "rad"])
 def test_a_wrong_unit_of_joint_values_is_named(tmp_path: Path, joints: tuple[str, ...], unit: str) -> None:

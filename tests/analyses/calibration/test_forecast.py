@@ -62,7 +62,7 @@ def textbook(model: pp.ErrorModel, q: np.ndarray, measurement: pp.Measurement) -
     return (np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale))[: unit.size, : unit.size]
 
 
-@pytest.mark.fast(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("measurement", SET_UPS, ids=lambda one: f"{one.kind}-{one.base}")
 def test_covariance_is_that_of_the_normal_equations(measurement: pp.Measurement) -> None:
     q = random_poses(4, 8)

@@ -61,6 +61,7 @@ def test_a_reversed_joint_by_hand():
         refuse_reversed(chain, data, given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("signs", "base"),
     [
