@@ -100,7 +100,7 @@ def test_a_cluster_that_goes_away_is_told_and_the_journal_goes_on(scheduler: Clu
     own_folder = tmp_path / "own"
     own_folder.mkdir()
     own = Cluster(own_folder)
-    settings = {"samples": 120 * BLOCK, "seed": 6, "journal": tmp_path / "run.journal"}
+    settings = {"samples": 300 * BLOCK, "seed": 6, "journal": tmp_path / "run.journal"}
     calls = []
 
     def stop(count: int) -> None:
@@ -121,7 +121,7 @@ def test_a_cluster_that_goes_away_is_told_and_the_journal_goes_on(scheduler: Clu
     lines: list[str] = []
     resumed = pp.monte_carlo(MODEL, "paper", resume=True, tell=lines.append, **settings)
     assert int(lines[0].split()[-2].replace(",", "")) >= calls[0]
-    assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=120 * BLOCK, seed=6).to_json()
+    assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=300 * BLOCK, seed=6).to_json()
 
 
 class Lost:
