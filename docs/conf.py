@@ -214,6 +214,18 @@ def find_public_name(
     return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", target, node, contents)
 
 
+def shorten_search(app: Sphinx, env: BuildEnvironment) -> None:
+    """Look up only those names with which one of the reference ends: Sphinx compares each with all, a third of all its time."""
+    del app
+    domain = env.domains.python_domain
+    find, ends = domain.find_obj, {name.rpartition(".")[2] for name in domain.objects}
+
+    def find_obj(env: BuildEnvironment, module: str, class_: str, name: str, *rest: object) -> list[tuple[str, object]]:
+        return find(env, module, class_, name, *rest) if name.removesuffix("()").rpartition(".")[2] in ends else []
+
+    domain.find_obj = find_obj
+
+
 def mathml(text: str, *, block: bool) -> str:
     """Return a formula as MathML; bars about something as a pair of fences, which sets them close to it."""
     return tex2mathml(text.replace(r"\lvert", r"\left\lvert").replace(r"\rvert", r"\right\rvert"), as_block=block)
@@ -244,6 +256,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("source-read", add_index_entries)
     app.connect("autodoc-process-docstring", escape_marks, priority=400)  # before napoleon's
     app.connect("autodoc-process-signature", signature_as_written)
+    app.connect("env-check-consistency", shorten_search)
     app.connect("missing-reference", find_public_name)
     app.add_directive("rooms", Rooms)
     app.add_directive("public-names", PublicNames)
