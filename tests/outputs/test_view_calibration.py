@@ -14,6 +14,7 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from outputs.view_cases import data_block, nodes_of, pages
 from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.analyses.calibration.figure import calibration_figure
 from precision_pin.analyses.calibration.layer import MOST_DRAWN, CalibrationLayer
 from precision_pin.analyses.calibration.section import calibration_chapter
 from precision_pin.analyses.calibration.table import calibration_table
@@ -275,7 +276,10 @@ def test_the_section_has_the_numbers_of_the_json(case):
 
 def test_the_head_of_the_page_has_the_verdict_what_is_left_and_what_has_no_weight(case):
     _, result, _ = case
+    title = " ".join(calibration_figure(result).get_suptitle().split())
+    assert title.endswith(".urdf: the calibration helps; the model explains the readings")
     gain, verdict, share, left, gross = calibration_chapter(result).answers
+    assert re.search(r"left-out error \S+ → \S+ mm rms", gain)  # a browser breaks lines within "->"
     assert gain.startswith("Calibration: the calibration helps: left-out error ")
     assert "within their 95 %" in share
     assert verdict.startswith("Calibration: the model explains the readings: chi-square ")

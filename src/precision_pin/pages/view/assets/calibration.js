@@ -99,6 +99,12 @@ if (fitted !== null) {
     const tag = sprite(192, 64, 0.026, label(`row ${fitted.rows[k]}`));
     // on the side where its line is not
     tag.center.set(0.5, after[k].z > 0 ? 2 : -1);
+    // at an edge of the picture it moves inwards
+    tag.onBeforeRender = function (renderer, scene, camera) {
+      const { x } = new THREE.Vector3().setFromMatrixPosition(mark.matrixWorld).project(camera);
+      const wide = tag.scale.x * camera.projectionMatrix.elements[0];
+      tag.center.x = Math.min(Math.max(0.5, 1 - (1 - x) / wide), (1 + x) / wide);
+    };
     mark.add(sprite(96, 96, 0.045, ring), tag);
     mark.position.copy(points[k]);
     mark.userData.row = fitted.rows[k];
