@@ -53,13 +53,6 @@ def fix_fields(instance: Any) -> None:
             object.__setattr__(instance, name, read_only(value))
 
 
-class ReadOnly:
-    """Base class of a frozen data class whose arrays callers cannot change."""
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
-
 _MAY_BE_WRITTEN: Final = (np.ndarray, tuple)
 
 

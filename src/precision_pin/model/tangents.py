@@ -14,7 +14,7 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin.base import se3
-from precision_pin.base.array_checks import ReadOnly
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.space import Space
@@ -27,7 +27,7 @@ AT_ONCE: Final = 256
 
 @final
 @dataclass(frozen=True, eq=False)
-class Tangents(ReadOnly):
+class Tangents(Fixed):
     """First-order models ``e = error + jacobian · (x - mean of x)`` at P poses.
 
     Attributes:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance, check_items, check_whole
-from precision_pin.base.array_checks import ReadOnly, returns_read_only
+from precision_pin.base.array_checks import Fixed, returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.memory import check_memory
@@ -28,7 +28,7 @@ from precision_pin.robot.approach import Approach
 
 @final
 @dataclass(frozen=True, eq=False)
-class ApproachErrors(ReadOnly):
+class ApproachErrors(Fixed):
     """Errors of N built robots at one pose, in n visits under each of A approaches.
 
     Attributes:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, betainc, betaincinv, stdtrit
 
 from precision_pin.base.arguments import check_number
-from precision_pin.base.array_checks import ReadOnly
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 
 
@@ -144,7 +144,7 @@ _SKETCH_ERROR: Final = 0.05
 
 @final
 @dataclass(frozen=True, eq=False)
-class Moments(ReadOnly):
+class Moments(Fixed):
     """Mean and variance of a set of samples with their intervals.
 
     Attributes:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.array_checks import ReadOnly, returns_read_only
+from precision_pin.base.array_checks import Fixed, returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError
 from precision_pin.draws.expressions import Expression, Program
@@ -24,7 +24,7 @@ from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
 
 @final
 @dataclass(frozen=True, eq=False)
-class TermTable(ReadOnly):
+class TermTable(Fixed):
     """The table that every engine and analysis reads: displacements of targets as products of parameters.
 
     A joint value is a target like any other: its pivot is the joint's frame after its motion, its twist is along the axis.
@@ -109,7 +109,7 @@ class TermTable(ReadOnly):
 
 @final
 @dataclass(frozen=True, eq=False)
-class SlopeColumns(ReadOnly):
+class SlopeColumns(Fixed):
     """Derivatives ``(6, m)`` with respect to the components in columns ``(m,)``; all others are zero."""
 
     columns: NDArray[np.intp]
@@ -127,7 +127,7 @@ def _sum_entries(
 
 @final
 @dataclass(frozen=True, eq=False)
-class TableLayout(ReadOnly):
+class TableLayout(Fixed):
     """The common part of tables that differ in twists and frames only: those of one model at different poses.
 
     All its tables share its arrays; the sampler recognises the layout by them.

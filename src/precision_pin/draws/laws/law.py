@@ -20,7 +20,7 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_number, check_numbers, check_whole, shown
-from precision_pin.base.array_checks import ReadOnly
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.memory import check_memory
@@ -330,7 +330,7 @@ Branch = Literal[
 
 @final
 @dataclass(frozen=True, eq=False)
-class KernelRow(ReadOnly):
+class KernelRow(Fixed):
     """The row of a law in the tables of the compiled loops.
 
     Attributes:
@@ -387,7 +387,7 @@ def _values(law: Law, scores: Array) -> Array:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Series(ReadOnly):
+class Series(Fixed):
     """Legendre series of the density of a law of one number, about its mean.
 
     Attributes:

@@ -16,7 +16,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.base.array_checks import ReadOnly
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.draws import lazy_special
 
@@ -108,7 +108,7 @@ class SymmetricProjection(Projection):
 
 @final
 @dataclass(frozen=True, eq=False)
-class Lines(ReadOnly, Projection):
+class Lines(Fixed, Projection):
     """A projection of uniform pieces and single values: of empirical and two-point laws and of rows of a table.
 
     Attributes:
