@@ -118,8 +118,7 @@ class AnalysisResult(Outcome):
 
     def plot(self) -> Axes | Figure:
         """Draw the result."""
-        figure: Figure = self._output("figure:figure")(self)
-        return figure
+        return self._output("figure:figure")(self)
 
     @property
     def declaration(self) -> Declaration:
@@ -166,8 +165,7 @@ class Result(AnalysisResult):
             raise UnknownNameError("quantity", quantity, tuple(UNITS))
         number = check_whole("pose", pose, 0, len(self.poses) - 1)
         if axes is None:
-            figure: Figure = self.declaration.figure(self, number)
-            return figure
+            return self.declaration.figure(self, number)
         self.declaration.draw(axes, self, number, quantity)
         return axes
 

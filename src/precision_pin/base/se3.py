@@ -74,8 +74,7 @@ def log_rotation(rotation: ArrayLike) -> Array:
     sine = np.sqrt((quaternion[1:] ** 2).sum(axis=0))
     safe = np.where(sine > 0, sine, 1.0)
     scale = np.where(sine > 0, 2 * np.arctan2(sine, quaternion[0]) / safe, 2.0)
-    result: Array = scale * quaternion[1:]
-    return result
+    return scale * quaternion[1:]
 
 
 def left_jacobian(vector: ArrayLike) -> Array:
@@ -97,10 +96,7 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     turn = np.asarray(angle, dtype=float)
     cross = skew(a)
     expand = (...,) + (None,) * turn.ndim
-    result: Array = (
-        np.eye(3)[expand] + np.sin(turn) * cross[expand] + 2 * np.sin(turn / 2) ** 2 * (cross @ cross)[expand]
-    )
-    return result
+    return np.eye(3)[expand] + np.sin(turn) * cross[expand] + 2 * np.sin(turn / 2) ** 2 * (cross @ cross)[expand]
 
 
 def rpy_rotation(rpy: ArrayLike) -> Array:
@@ -140,8 +136,7 @@ def displaced(transform: Array, error: Array) -> Array:
 def nearest_rotation(matrix: Array) -> Array:
     """Return the rotation R ``(3, 3)`` with the largest trace of Rᵀ times a matrix: that which turns points onto others best."""
     left, _, right = np.linalg.svd(matrix)
-    result: Array = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    return result
+    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
 
 
 def inverse(transform: ArrayLike) -> Array:
@@ -193,5 +188,4 @@ def _eye_like(matrix: Array) -> Array:
 
 
 def _product(left: Array, right: Array) -> Array:
-    result: Array = np.einsum("ij...,jk...->ik...", left, right)
-    return result
+    return np.einsum("ij...,jk...->ik...", left, right)

@@ -68,5 +68,4 @@ def load_command(name: str) -> click.Command:
 
         return make_command(declaration)
     module, _, attribute = COMMANDS[name][0].partition(":")
-    command: click.Command = getattr(import_module(module), attribute or "command")
-    return command
+    return getattr(import_module(module), attribute or "command")

@@ -31,7 +31,7 @@ from precision_pin.base.arguments import (
     check_text,
     check_whole,
 )
-from precision_pin.base.array_checks import fix_fields, read_only, returns_read_only
+from precision_pin.base.array_checks import Fixed, read_only, returns_read_only
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, warns_at_end
 from precision_pin.base.errors import Finding, InputError
@@ -76,7 +76,7 @@ _OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
 
 @final
 @dataclass(frozen=True, eq=False)
-class Chain:
+class Chain(Fixed):
     """The moving joints and rigid links between a base and a tip.
 
     Attributes:
@@ -106,9 +106,6 @@ class Chain:
     loads: tuple[Load, ...]
     pinocchio: PinocchioModel = field(repr=False)
     obstacles: Obstacles | None = None
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def from_urdf(
@@ -501,8 +498,7 @@ class Posture:
             return self.deflection.ends
         if self.q.ndim == 1:
             return self.link_poses @ self.chain.placements
-        ends: Array = np.einsum("kijp,kjl->kilp", self.link_poses, self.chain.placements)
-        return ends
+        return np.einsum("kijp,kjl->kilp", self.link_poses, self.chain.placements)
 
     @cached_property
     @returns_read_only
@@ -514,8 +510,7 @@ class Posture:
     @returns_read_only
     def joint_axes(self) -> Array:
         """Unit axis of every joint in base axes, ``(n, 3[, P])``."""
-        axes: Array = np.einsum("nij...,nj->ni...", self.joint_poses[:, :3, :3], self.chain.axes)
-        return axes
+        return np.einsum("nij...,nj->ni...", self.joint_poses[:, :3, :3], self.chain.axes)
 
     @cached_property
     @returns_read_only

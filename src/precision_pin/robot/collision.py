@@ -138,15 +138,13 @@ class _Body:
 
     @cached_property
     def centre(self) -> Array:
-        middle: Array = (self.bounds[0] + self.bounds[1]) / 2
-        return middle
+        return (self.bounds[0] + self.bounds[1]) / 2
 
     @cached_property
     def half(self) -> Array:
         """Half the edges of a box about it."""
         rims = np.array([self.disc, self.disc, 0.0]) + self.ball
-        edges: Array = (self.bounds[1] - self.bounds[0]) / 2 + rims
-        return edges
+        return (self.bounds[1] - self.bounds[0]) / 2 + rims
 
     @cached_property
     def radius(self) -> float:
@@ -250,8 +248,7 @@ class CollisionCheck:
     @staticmethod
     def _depth(body: _Body, plane: KeepOut, frames: Array) -> Array:
         normal = np.array(plane.normal)
-        depth: Array = normal @ np.array(plane.place) - body.lowest(frames, normal)
-        return depth
+        return normal @ np.array(plane.place) - body.lowest(frames, normal)
 
     def _words(self, check: _Check, q: Array) -> str:
         frames = self._frames(q)

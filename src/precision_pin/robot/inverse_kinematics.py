@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_numbers
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.interrupts import raise_if_interrupted
@@ -253,8 +253,7 @@ def spread_points(dimensions: int, count: int) -> Array:
     for _ in range(64):
         ratio = float((1.0 + ratio) ** (1.0 / (dimensions + 1)))
     powers = ratio ** -np.arange(1.0, dimensions + 1)
-    points: Array = np.mod(0.5 + powers[:, None] * np.arange(1.0, count + 1), 1.0)
-    return points
+    return np.mod(0.5 + powers[:, None] * np.arange(1.0, count + 1), 1.0)
 
 
 def _features(poses: Array, task: Task, axis: Array, length: float) -> Array:
@@ -299,7 +298,7 @@ def _solve_damped(matrix: Array, gradient: Array, damping: Array) -> Array:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Solutions:
+class Solutions(Fixed):
     """Joint values that lead to N wanted poses ``(4, 4, N)``, M solutions within the joint limits in all.
 
     ``q`` ``(n, M)`` is in the order of the wanted poses, rad and m; ``node`` ``(M,)`` is the rank of the pose to which each
@@ -316,9 +315,6 @@ class Solutions:
     singular_values: Array
     is_outside: NDArray[np.bool_]
     hit: tuple[Obstruction, ...] = ()
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     def __len__(self) -> int:
         return int(self.wanted.shape[2])

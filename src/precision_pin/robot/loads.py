@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_numbers
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.draws.expressions import Expression
 from precision_pin.robot.places import LinkFrame
@@ -60,7 +60,7 @@ class Load:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Deflection:
+class Deflection(Fixed):
     """A chain under load: links and their far ends, ``(n+1, 4, 4)``, base.
 
     ``bending`` is the displacement of each far end by the loads, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
@@ -69,9 +69,6 @@ class Deflection:
     links: Array
     ends: Array
     bending: Array
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]:

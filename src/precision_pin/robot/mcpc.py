@@ -331,8 +331,7 @@ def _format_value(value: float | None, factor: float) -> str:
 
 def tilt(alpha: float, beta: float) -> Array:
     """Return ``Rot(x, α)·Rot(y, β)``, ``(3, 3)``."""
-    rotation: Array = se3.rotation_about(X_AXIS, alpha) @ se3.rotation_about(Y_AXIS, beta)
-    return rotation
+    return se3.rotation_about(X_AXIS, alpha) @ se3.rotation_about(Y_AXIS, beta)
 
 
 def axial_motion(turn: float, shift: float) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base.arguments import check_numbers
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.robot.urdf import Joint, Robot
@@ -89,7 +89,7 @@ class Place:
 
 @final
 @dataclass(frozen=True, eq=False)
-class LinkFrame:
+class LinkFrame(Fixed):
     """Position of a URDF link on the chain; branches and locked joints belong to the chain link that carries them.
 
     ``frame`` ``(4, 4)``, ``attachment`` ``(3,)`` and ``stretch`` ``(2, 3)`` are in the chain link's axes. ``path_rank`` is its
@@ -107,9 +107,6 @@ class LinkFrame:
     stretch: Array | None = None
     is_own: bool = False
 
-    def __post_init__(self) -> None:
-        fix_fields(self)
-
     def entry(self, centre: ArrayLike) -> Array:
         """Return the point of the chain link, in its axes, at which a weight acts whose centre is given in the URDF link's axes.
 
@@ -117,8 +114,7 @@ class LinkFrame:
         """
         if self.path_rank is None:
             return self.attachment
-        point: Array = self.frame[:3, :3] @ np.asarray(centre, dtype=float) + self.frame[:3, 3]
-        return point
+        return self.frame[:3, :3] @ np.asarray(centre, dtype=float) + self.frame[:3, 3]
 
 
 def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:

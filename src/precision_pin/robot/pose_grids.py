@@ -21,7 +21,7 @@ from precision_pin.base.arguments import (
     check_text,
     check_whole,
 )
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.progress import steps_to
@@ -96,7 +96,7 @@ def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Orientation:
+class Orientation(Fixed):
     """What the attitude of the tool must be at a place; made by :meth:`given`, :meth:`along` or :meth:`free`.
 
     Attributes:
@@ -111,9 +111,6 @@ class Orientation:
     rotations: Array
     tool_axis: Array
     label: str = ""
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def given(cls, rotation: ArrayLike, label: str = "") -> Orientation:

@@ -103,8 +103,7 @@ class Postures:
     @property
     def pose(self) -> Array:
         """Tip in the base, ``(4, 4, P)``."""
-        pose: Array = self._poses[-1]
-        return pose
+        return self._poses[-1]
 
     @property
     def joint_poses(self) -> Array:
@@ -115,8 +114,7 @@ class Postures:
     @returns_read_only
     def joint_axes(self) -> Array:
         """Unit axis of every joint in base axes, ``(n, 3, P)``."""
-        axes: Array = np.einsum("nijp,nj->nip", self.joint_poses[:, :3, :3], self._constants.axes)
-        return axes
+        return np.einsum("nijp,nj->nip", self.joint_poses[:, :3, :3], self._constants.axes)
 
     @property
     def joint_jacobian(self) -> Array:

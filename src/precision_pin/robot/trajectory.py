@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from precision_pin.base import units
 from precision_pin.base.arguments import check_instance, check_number, check_path, check_whole
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.csv_columns import NUMBER, numbers
 from precision_pin.base.errors import InputError, UnitError, nearest
@@ -57,7 +57,7 @@ def joint_columns(names: Iterable[str], slides: Iterable[bool]) -> list[Column]:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Fixed):
     """Poses in order: joint values in chain order ``(P, n)``, rad or m, and times ``(P,)``, s, if the file has them.
 
     ``rows`` are the rows of the file, from 1, ``(P,)``; between two rows a fraction. ``columns`` are in the file's order.
@@ -68,9 +68,6 @@ class Trajectory:
     times: Array | None
     rows: Array
     columns: tuple[Column, ...]
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @property
     def names(self) -> tuple[str, ...]:

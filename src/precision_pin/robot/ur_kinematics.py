@@ -74,8 +74,7 @@ class UrKinematics:
             turn[..., 2, 2] = turn[..., 3, 3] = 1.0
             result = result @ (se3.inverse(before) @ joint) @ turn
             before = joint
-        last: Array = result @ (se3.inverse(before) @ self.flange)
-        return last
+        return result @ (se3.inverse(before) @ self.flange)
 
     @classmethod
     def of_dh(cls, theta: Array, a: Array, d: Array, alpha: Array) -> UrKinematics:

@@ -151,10 +151,7 @@ def source_model(kind: type) -> type[BaseModel]:
         for entry in setting_fields(kind)
     }
     config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
-    model: type[BaseModel] = create_model(
-        kind.__name__, __config__=config, __doc__=(kind.__doc__ or "").split("\n")[0], **entries
-    )
-    return model
+    return create_model(kind.__name__, __config__=config, __doc__=(kind.__doc__ or "").split("\n")[0], **entries)
 
 
 def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, Any]:

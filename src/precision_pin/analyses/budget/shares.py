@@ -83,8 +83,7 @@ def by_component(at: PoseModel, draw: int) -> Array | None:
     covariance = at.space.block_covariance.within(columns)
     jacobian = at.jacobian[:, columns]
     if np.array_equal(covariance, np.diag(np.diag(covariance))):
-        plain: Array = (jacobian**2 * np.diag(covariance)).T
-        return plain
+        return (jacobian**2 * np.diag(covariance)).T
     if len(columns) > shapley.MOST_PLAYERS:
         return None
     return shapley.effects(jacobian, covariance, [[k] for k in range(len(columns))])

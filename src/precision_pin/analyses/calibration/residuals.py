@@ -416,8 +416,7 @@ def groups_of(data: CalibrationData, sliding: NDArray[np.bool_]) -> NDArray[np.i
     scaled = data.q.T / np.where(sliding, _SAME_POSE[1], _SAME_POSE[0])
     pairs = spatial.cKDTree(scaled).query_pairs(1.0, p=np.inf, output_type="ndarray")
     near = sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(data), len(data)))
-    found: NDArray[np.intp] = sparse.csgraph.connected_components(near, directed=False)[1].astype(np.intp)
-    return found
+    return sparse.csgraph.connected_components(near, directed=False)[1].astype(np.intp)
 
 
 def judge(

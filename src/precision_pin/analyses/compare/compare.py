@@ -133,8 +133,7 @@ class ComparisonResult(Outcome):
 
     def plot(self) -> Figure:
         """Draw the laws of |d| and |δ| of all models at the worst pose of the first."""
-        drawn: Figure = self._output("figure:figure")(self)
-        return drawn
+        return self._output("figure:figure")(self)
 
     @property
     def met_by(self) -> dict[str, bool]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.array_checks import fix_fields
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
@@ -44,7 +44,7 @@ _DIFFERENCE: Final = 1e-5
 
 @final
 @dataclass(frozen=True, eq=False)
-class Correction:
+class Correction(Fixed):
     """Corrected joint values of P poses.
 
     Attributes:
@@ -65,9 +65,6 @@ class Correction:
     iterations: NDArray[np.int64]
     status: tuple[CorrectionStatus, ...]
     is_least: NDArray[np.bool_]
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
 
 def correct(

@@ -295,8 +295,7 @@ def drift_from_cold(
         sources = [one.source.after(float(seconds), one.view) for one in bound]
         model = ErrorModel(error_model.chain, error_model.space, sources, statics=error_model.statics)
         found.append(_accuracy(model, q, target, robots, range(k * cycles, (k + 1) * cycles), seed))
-    largest: Array = np.abs(np.array(found[1:]) - found[0]).max(axis=0)
-    return largest
+    return np.abs(np.array(found[1:]) - found[0]).max(axis=0)
 
 
 def _accuracy(model: ErrorModel, q: Array, target: Array, robots: int, visits: range, seed: int) -> Array:

@@ -309,8 +309,7 @@ def _cells(law: Law) -> Array | None:
     if edges is None:
         return None
     cells = np.column_stack([edges[:-1], edges[1:]])
-    met: Array = cells[cells[:, 1] > cells[:, 0]]
-    return met
+    return cells[cells[:, 1] > cells[:, 0]]
 
 
 def _pieces(law: Law, cells: Array) -> Array:

@@ -68,8 +68,7 @@ def values_of(quantity: str, errors: Array) -> Array:
     """Return the values ``(N,)`` of one of the eight quantities."""
     vector, _, part = quantity.partition(".")
     three = errors[:3] if vector == "position" else errors[3:]
-    values: Array = np.linalg.norm(three, axis=0) if part == "norm" else three["xyz".index(part)]
-    return values
+    return np.linalg.norm(three, axis=0) if part == "norm" else three["xyz".index(part)]
 
 
 def quantile(values: Array, level: float) -> tuple[float, tuple[float, float]] | None:

@@ -224,8 +224,7 @@ def mcpc_frames(posture: Posture) -> list[dict[str, Any]]:
 
 def columns(pose: ArrayLike) -> list[float]:
     """Return a pose ``(4, 4)`` as 16 numbers by columns."""
-    numbers: list[float] = np.asarray(pose, dtype=float).T.reshape(-1).tolist()
-    return numbers
+    return np.asarray(pose, dtype=float).T.reshape(-1).tolist()
 
 
 def _packed(numbers: ArrayLike) -> str:

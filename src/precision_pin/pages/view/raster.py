@@ -163,8 +163,7 @@ def draw_triangles(
     mean = whole.reshape(shape[0], _OVERSAMPLING, shape[1], _OVERSAMPLING, 4).mean(axis=(1, 3))
     mean[:, :, :3] /= np.maximum(mean[:, :, 3:], 1e-9)
     # rows from the top
-    image: NDArray[np.uint8] = np.rint(255 * mean[::-1]).astype(np.uint8)
-    return image
+    return np.rint(255 * mean[::-1]).astype(np.uint8)
 
 
 def _shade(corners: Array, colours: Array) -> Array:
@@ -175,8 +174,7 @@ def _shade(corners: Array, colours: Array) -> Array:
     light = _LIGHT / np.linalg.norm(_LIGHT)
     bright = _AMBIENT + (1 - _AMBIENT) * np.maximum(normals @ light, 0.0)
     # in half-way steps, which the eye does not see and the file does not have to hold
-    shaded: Array = np.clip(np.rint(64 * (_DARKEST + (_LIGHTEST - _DARKEST) * colours * bright[:, None])) / 64, 0, 1)
-    return shaded
+    return np.clip(np.rint(64 * (_DARKEST + (_LIGHTEST - _DARKEST) * colours * bright[:, None])) / 64, 0, 1)
 
 
 def _nearest(points: Array, rows: int, columns: int) -> tuple[NDArray[np.int64], Array]:

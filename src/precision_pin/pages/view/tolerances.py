@@ -180,8 +180,7 @@ def link_shares(at: PoseModel) -> list[float]:
     for link, part in by_key(at, moved_link).items():
         shares[link] = part[:3].sum()
     total = shares.sum()
-    result: list[float] = (shares / total if total > 0 else shares).tolist()
-    return result
+    return (shares / total if total > 0 else shares).tolist()
 
 
 def shown_names(names: Sequence[str]) -> list[str]:

@@ -68,8 +68,7 @@ class Inertial:
         """Inertia about the centre of mass in the *link's* axes, ``(3, 3)``, kg·m²."""
         ixx, ixy, ixz, iyy, iyz, izz = self.inertia
         turn = se3.rpy_rotation(self.rpy)
-        result: Array = turn @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ turn.T
-        return result
+        return turn @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ turn.T
 
 
 @dataclass(frozen=True)
