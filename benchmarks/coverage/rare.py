@@ -68,7 +68,7 @@ def estimates_of(case: Case, seed: int) -> tuple[tuple[Estimate, ...], Estimate,
     plain = plain_estimate(int(generator.binomial(SAMPLES, case.probability)), SAMPLES, CONFIDENCE)
     starts = list(2 * generator.standard_normal((8, case.space.size)))
     found = rare_events(case.space, case.margin, starts, plain, seed, CONFIDENCE)
-    return found.estimates, found.verdict.best, found.verdict.resolved
+    return found.estimates, found.best, found.resolved
 
 
 def of_case(case: Case, runs: int) -> list[Coverage]:

@@ -212,7 +212,7 @@ def test_a_task_survives_two_processes(tmp_path: Path, losses: int, given_up: bo
             ):
                 sampled(task, workers)
         else:
-            assert_same_bits(sampled(task, workers), in_one_go(task))
+            assert_same_bits(sampled(task, workers), in_one_go(work()))
     finally:
         workers.close(done=True)
     assert list(tmp_path.iterdir()) == []

@@ -20,7 +20,6 @@ HOMES = (
     "export/scaffold.py",
     "model/frame_models.py",
     "sheet/measurement.py",
-    "sheet/measurement.py",
 )
 """Where kinds of sources may be named: the others are models made of them, and the load of a measurement, a payload."""
 CODE = {path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in FILES}

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import sys
 import types
 from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
 
 import precision_pin.sources
 
@@ -38,16 +38,10 @@ def planted(fault: Fault) -> types.ModuleType:
     changed = _compiled(fault.module, text.replace(fault.old, fault.new), "fault")
     if not fault.user:
         return changed
-    user = original(fault.user)
-    known = vars(importlib.import_module(f"precision_pin.sources.{fault.module}"))
-    shared = [
-        name
-        for name, value in vars(user).items()
-        if name in known and not name.startswith("_") and known[name] is value
-    ]
-    assert shared, f"{fault.user} takes nothing from {fault.module}"
-    for name in shared:
-        setattr(user, name, getattr(changed, name))
+    with mock.patch.dict(sys.modules, {f"precision_pin.sources.{fault.module}": changed}):
+        user = original(fault.user)
+    taken = {id(value) for name, value in vars(changed).items() if getattr(value, "__module__", "") == changed.__name__}
+    assert taken & set(map(id, vars(user).values())), f"{fault.user} takes nothing from {fault.module}"
     return user
 
 

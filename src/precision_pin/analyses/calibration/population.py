@@ -308,8 +308,9 @@ def _of_calibration(
     if not same or not np.allclose(std, unit.std, rtol=1e-9):
         raise InputError(f"{file}: its prior is not that of this sheet; calibrate with this sheet, or give readings")
     if data.get("at_bounds"):
-        message = f"{file}: numbers at a bound of their law do not say what its readings show; give its readings"
-        raise InputError(message)
+        raise InputError(
+            f"{file}: numbers at a bound of their law do not say what its readings show; give its readings"
+        )
     scaled = covariance / np.outer(std, std)
     prior = _correlation(model.space, unit)
     if np.linalg.eigvalsh(prior)[0] < design.NEGLIGIBLE:

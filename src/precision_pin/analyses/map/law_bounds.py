@@ -26,7 +26,7 @@ the eighth moments, and what products and formulas have beyond first order to dr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, final
 
@@ -41,7 +41,7 @@ from precision_pin.analyses.map.normal_norms import (
     norm_tail_quantiles,
     principal_axes,
 )
-from precision_pin.base.array_checks import Fixed
+from precision_pin.base.array_checks import Fixed, field_names
 from precision_pin.base.arrays import Array
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
@@ -283,12 +283,11 @@ class Vectors(Fixed):
     @classmethod
     def joined(cls, parts: Sequence[Vectors]) -> Vectors:
         """Return the errors at the poses of all parts."""
-        names = [one.name for one in fields(cls)]
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
+        return cls(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in field_names(Vectors)))
 
     def of(self, part: slice) -> Vectors:
         """Return the errors at some of the poses."""
-        return Vectors(*(getattr(self, one.name)[..., part] for one in fields(self)))
+        return Vectors(*(getattr(self, name)[..., part] for name in field_names(Vectors)))
 
     @cached_property
     def axes(self) -> tuple[Array, Array]:
