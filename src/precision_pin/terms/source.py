@@ -125,7 +125,7 @@ class _Leaf:
             case Law() as law:
                 return Draw(self.name, law)
             case Draw(name="") as draw:
-                return dataclasses.replace(draw, name=self.name)
+                return Draw(self.name, draw.law, draw.scope, draw.quantities, draw.names)
             case Draw() as draw:
                 return draw
             case _:
