@@ -7,6 +7,9 @@ function E exp(i t·x). Numbers are SI.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
 from typing import Final
 
 from precision_pin.draws.laws.joint_normal import JointNormal
@@ -55,6 +58,11 @@ LAWS: Final[tuple[type[Law], ...]] = (
 """Every law, in the order in which messages, the schema and the documentation list them."""
 
 
-def laws_of_sheets() -> dict[str, type[Law]]:
+def laws_of_sheets() -> Mapping[str, type[Law]]:
     """Return every law that a sheet can name, by its key."""
-    return {law.form.key: law for law in LAWS if law.form.key}
+    return _by_key(LAWS)
+
+
+@cache  # sheets have thousands of laws
+def _by_key(laws: tuple[type[Law], ...]) -> Mapping[str, type[Law]]:
+    return MappingProxyType({law.form.key: law for law in laws if law.form.key})
