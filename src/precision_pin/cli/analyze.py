@@ -33,10 +33,7 @@ MOST_UNTIL: Final = 10**9
 
 
 @click.command("analyze", cls=shared.SamplingCommand)
-@shared.inputs_argument
-@shared.pose_options
-@shared.target_option
-@shared.chain_options
+@shared.arm_options
 @shared.all_warnings_option
 @shared.quiet_option
 @shared.sampling_option(
@@ -96,8 +93,9 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
     if relative_to is not None:
         at_one = {"--until": until, **{f"--{name}": arm[name] for name in ("processes", "dask", "journal")}}
         at_one["--spec-everywhere"] = arm["spec_everywhere"]
-        for option in [option for option, value in at_one.items() if value]:
-            raise click.UsageError(f"{option} and --relative-to exclude each other; leave one of them out")
+        wrong = next((option for option, value in at_one.items() if value), None)
+        if wrong is not None:
+            raise click.UsageError(f"{wrong} and --relative-to exclude each other; leave one of them out")
     may_be_several = arm["all_poses"] or pose_files(arm) or max(len(arm["pose_names"]), len(arm["qs"])) > 1
     outputs = Outputs(
         {"--journal": arm["journal"], "--json": arm["json_path"]},

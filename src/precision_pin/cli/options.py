@@ -229,6 +229,8 @@ pose_options: Final = together(
     pose_option("--approach", metavar="DIRECTIONS", help=f'{_APPROACH_HELP}, or "previous": from the pose before it.'),
 )
 """Options that :func:`precision_pin.cli.poses.read_poses` turns into poses."""
+arm_options: Final = together(inputs_argument, pose_options, target_option, chain_options)
+"""Robot, sheet and poses of a command that shows or samples them."""
 one_pose_options: Final = together(
     inputs_argument,
     pose_option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out."),

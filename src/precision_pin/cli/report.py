@@ -31,10 +31,7 @@ MOST_POSES: Final = 12
 
 
 @click.command("report", cls=shared.SamplingCommand)
-@shared.inputs_argument
-@shared.pose_options
-@shared.target_option
-@shared.chain_options
+@shared.arm_options
 @shared.all_warnings_option
 @shared.quiet_option
 @shared.sampling_option(

@@ -32,10 +32,7 @@ CHUNK = 2**14
 
 
 @click.command("view", cls=shared.SamplingCommand)
-@shared.inputs_argument
-@shared.pose_options
-@shared.target_option
-@shared.chain_options
+@shared.arm_options
 @shared.sampling_option(
     "--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show at a pose."
 )

@@ -32,7 +32,7 @@ from precision_pin.base import se3, units
 from precision_pin.base.arguments import check_choice, check_flag, check_instance, check_items, check_numbers, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.csv_columns import ColumnNames
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import InputError
 from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.base.record import encode
 from precision_pin.base.units import ANGLE, LENGTH
@@ -599,7 +599,7 @@ def only_one(measurements: tuple[Measurement, ...], file: str | None = None) -> 
         f"the sheet lists {len(kinds)} measurements, of which only a fit to data takes more than one: {listed}; --kind KIND "
         "picks one that is listed once"
     )
-    raise InputError([Finding("error", "E_USAGE", message, file)])
+    raise InputError.of("E_USAGE", message, file)
 
 
 def _read_load(entry: MeasurementEntry, chain: Chain) -> tuple[Payload, ...] | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from precision_pin.analyses.declaration import MEASURE, POSES, Asked, Declaration, Files, Job, Option, load
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import InputError
 
 if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel
@@ -35,7 +35,7 @@ def check(options: dict[str, Any]) -> None:
     options["robots"], options["inputs"] = data, tuple(text for text in options["inputs"] if text not in data)
     message = _misuse(options, data)
     if message is not None:
-        raise InputError([Finding("error", "E_USAGE", message)])
+        raise InputError.of("E_USAGE", message)
 
 
 def _misuse(options: dict[str, Any], data: list[str]) -> str | None:

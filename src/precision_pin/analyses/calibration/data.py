@@ -431,7 +431,7 @@ def _check_joint_values(chain: Chain, q: Array, path: str, table: csv_columns.Me
 
 
 def _wrong(path: str, message: str, line: int | None = None) -> InputError:
-    return InputError([Finding("error", "E_DATA", message, path, line)])
+    return InputError.of("E_DATA", message, path, line)
 
 
 def poses_csv(chain: Chain, q: Array) -> str:
@@ -567,7 +567,7 @@ def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measuremen
                 f"of {1e3 * plain.rms:.3g} mm, all zeros free); change the sign of the column, or turn the axis and its "
                 "limits around in the URDF; or two columns of places are swapped"
             )
-            raise InputError([Finding("error", "E_REVERSED", message, data.file or None)])
+            raise InputError.of("E_REVERSED", message, data.file or None)
     return plain
 
 

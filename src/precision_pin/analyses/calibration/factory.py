@@ -152,7 +152,7 @@ def _refuse_other_model(file: str, kind: str, found: UrKinematics, q: Array) -> 
             f"this is the calibration of a {best}, not of a {kind}: its tip is {1e3 * rms[best]:.3g} mm rms from that of a "
             f"nominal {best} and {1e3 * rms[kind]:.3g} mm from that of a {kind}; give the URDF of a {best}, or another file"
         )
-        raise InputError([Finding("error", "E_DATA", message, file)])
+        raise InputError.of("E_DATA", message, file)
 
 
 def _remarks(file: str, kind: str, found: UrKinematics, q: Array) -> tuple[Finding, ...]:
@@ -234,7 +234,7 @@ def _placements(chain: Chain, kind: str, base: Array, found: UrKinematics, file:
                 f"{chain.joint_names[k]} would be {1e3 * away:.3g} mm and {angle:.3g} rad from that of a {kind}: the file is of "
                 "another robot"
             )
-            raise InputError([Finding("error", "E_DATA", message, file)])
+            raise InputError.of("E_DATA", message, file)
         new.append(se3.pose(se3.exp_rotation(turn) @ seats[k, :3, :3], foot))
     new.append(base @ found.flange @ se3.inverse(base @ nominal_ur(kind).flange) @ seats[6])
     before = [np.eye(4), *new[:-1]]

@@ -615,7 +615,7 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
             f"; zeros of the joints alone would explain them to {1e3 * zeros.rms:.3g} mm rms "
             f"({describe_zeros(problem.model.chain, zeros)}): give the zeros of joints wide tolerances"
         )
-    raise InputError([Finding("error", "E_DATA", message, data.file or None)])
+    raise InputError.of("E_DATA", message, data.file or None)
 
 
 def _settles(problem: Problem) -> bool:
@@ -649,7 +649,7 @@ def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
             f"the readings fit {before / distance:.3g} times better if the values of {joints} are {units[0]}, not {units[1]} "
             "(a factor of 57.3): correct their unit"
         )
-        raise InputError([Finding("error", "E_DATA", message, data.file or None)])
+        raise InputError.of("E_DATA", message, data.file or None)
 
 
 def doubt_model(problem: Problem, fit: Fit, chance: float | None, *, has_prior: bool) -> Iterator[Finding]:

@@ -281,7 +281,7 @@ def refuse_noise(problem: Problem, found: EstimatedStd, file: str) -> None:
             f"the std of the readings is estimated as {1e3 * found.std:.3g} mm, where the tip itself spreads by "
             f"{1e3 * spread:.3g} mm: columns or units are wrong, the target is another or the base is not known"
         )
-        raise InputError([Finding("error", "E_DATA", message, file or None)])
+        raise InputError.of("E_DATA", message, file or None)
 
 
 FEWEST: Final = 4

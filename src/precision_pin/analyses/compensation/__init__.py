@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaration, Files, Job, Option
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import InputError
 
 
 def prepare(asked: Asked) -> Job:
@@ -54,7 +54,7 @@ def _weights(text: str) -> list[float]:
         numbers = []
     if len(numbers) != 6:
         message = f'--weights: six numbers are expected, such as "1 1 1 0.1 0.1 0.1", got {text!r}'
-        raise InputError([Finding("error", "E_USAGE", message)])
+        raise InputError.of("E_USAGE", message)
     return numbers
 
 

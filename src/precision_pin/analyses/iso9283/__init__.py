@@ -4,7 +4,7 @@ from functools import partial
 from typing import Any
 
 from precision_pin.analyses.declaration import INPUTS, MEASURE, OUTPUT, ROBOT, Asked, Declaration, Job, Option
-from precision_pin.base.errors import Finding, InputError, UnitError
+from precision_pin.base.errors import InputError, UnitError
 
 _IN_CUBE = 5
 
@@ -15,7 +15,7 @@ def check(options: dict[str, Any]) -> None:
     flags |= {f"--{name.replace('_', '-')}": name for name in ("all_poses", "trajectory", "grid")}
     given = [flag for flag, name in flags.items() if options[name]]
     if options["cube"] and given:
-        raise InputError([Finding("error", "E_USAGE", f"--cube and {given[0]} exclude each other")])
+        raise InputError.of("E_USAGE", f"--cube and {given[0]} exclude each other")
 
 
 def prepare(asked: Asked) -> Job:
@@ -74,7 +74,7 @@ def _mass(text: str) -> float:
 
 def _wrong(option: str, error: UnitError, example: str) -> InputError:
     message = f"{option}: {error.findings[0].message}; write it as {example!r}"
-    return InputError([Finding("error", "E_USAGE", message)])
+    return InputError.of("E_USAGE", message)
 
 
 DECLARATION = Declaration(

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any, Final
 
 from precision_pin.analyses.declaration import SAMPLING, Asked, Declaration, Job, Option
-from precision_pin.base.errors import Finding, InputError, UnitError
+from precision_pin.base.errors import InputError, UnitError
 
 SAMPLES: Final = 10_000
 # steps of progress, robots at poses, from which the number of robots is to be chosen by the user: about ten minutes
@@ -25,7 +25,7 @@ def prepare(asked: Asked) -> Job:
     model = ErrorModel.from_sheet(asked.sheet)
     if len(poses) < 2:
         message = "a path has two poses or more: --trajectory, --grid, --all-poses, or --pose or --q repeated; analyze is for one"
-        raise InputError([Finding("error", "E_POSE", message)])
+        raise InputError.of("E_POSE", message)
     names = ("samples", "seed", "probability", "model", "threads")
     law = partial(
         path_law, model, poses, **{name: options[name] for name in names}, specifications=options["specs"],
@@ -59,7 +59,7 @@ def _refusing(progress: Callable[[int], None], poses: int) -> Callable[[int], No
             f"{poses:,} poses with {SAMPLES:,} robots each take about {minutes:,.0f} minutes here; --samples {SAMPLES // 10} "
             f"takes about {minutes / 10:,.0f}, fewer rows take less, and --samples {SAMPLES} does it all the same"
         )
-        raise InputError([Finding("error", "E_USAGE", message)])
+        raise InputError.of("E_USAGE", message)
 
     return advance
 
@@ -72,7 +72,7 @@ def _probability(text: str) -> float:
         return round(units.parse_probability(text), 12)
     except UnitError as error:
         message = f"--probability {text!r}: {error.findings[0].message}"
-        raise InputError([Finding("error", "E_USAGE", message)]) from None
+        raise InputError.of("E_USAGE", message) from None
 
 
 DECLARATION = Declaration(
