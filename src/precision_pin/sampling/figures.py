@@ -235,10 +235,7 @@ def figure_of_poses(shown: ErrorAtPoses) -> Figure:
         made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         axes = made.subplots()
         _draw_poses(axes, shown)
-        entries, below = figure_style.labelled([axes]), figure_style.wrapped(shown.caption, made)
-        made.suptitle("\n".join(figure_style.wrapped(shown.title, made)))
-        figure_style.legend_below(made, entries, 3, below)
-        figure_style.set_height(made, 80.0 + (len(below) + 1 + len(entries) / 3) * figure_style.LINE_HEIGHT)
+        figure_style.frame(made, [axes], shown.title, shown.caption, 80.0, 3)
     return made
 
 

@@ -31,11 +31,7 @@ def figure(result: ComparisonResult) -> Figure:
         panels[0].set_ylabel("robots within [%]")
         where = f" at {visible(pose.label.name, 40)}" if pose.label.name else ""
         title = f"error of {visible(result.provenance.robot, 60)}{where}: {len(result.names)} sheets, the same robots"
-        made.suptitle("\n".join(figure_style.wrapped(title, made)))
-        entries = figure_style.labelled(panels)
-        below = figure_style.wrapped(f"N = {result.samples:,}, seed {result.provenance.seed}", made)
-        figure_style.legend_below(made, entries, 2, below)
-        figure_style.set_height(made, 75.0 + (len(below) + 1 + len(entries) / 2) * figure_style.LINE_HEIGHT)
+        figure_style.frame(made, panels, title, f"N = {result.samples:,}, seed {result.provenance.seed}", 75.0, 2)
     return made
 
 

@@ -30,11 +30,8 @@ def figure(result: CompensationResult) -> Figure:
             _draw(axes, result, norm)
         goal = "position" if result.mode == "position" else "position and attitude"
         title = f"{goal} corrected: {visible(result.provenance.robot, 60)} at {len(result.poses):,} poses"
-        made.suptitle("\n".join(figure_style.wrapped(title, made)))
         caption = "mean: error with every component at its mean; 95 %: quantile of a normal law, first order"
-        entries, below = figure_style.labelled(panels), figure_style.wrapped(caption, made)
-        figure_style.legend_below(made, entries, 4, below)
-        figure_style.set_height(made, 75.0 + (len(below) + 1 + len(entries) / 4) * figure_style.LINE_HEIGHT)
+        figure_style.frame(made, panels, title, caption, 75.0)
     return made
 
 

@@ -23,8 +23,7 @@ def figure(result: MomentsResult, which: int = 0) -> Figure:
         for column, (rows, unit) in enumerate(((range(3), "mm"), (range(3, 6), "mrad"))):
             _draw(panels[0, column], pose, rows, "mean", f"mean [{unit}]")
             _draw(panels[1, column], pose, rows, "std", f"standard deviation [{unit}]")
-        figure_style.legend_below(drawn, figure_style.labelled(panels.flat), 2, lines)
-        figure_style.set_height(drawn, 92 + figure_style.LINE_HEIGHT * (len(lines) + 1))
+        figure_style.end_figure(drawn, panels.flat, lines, 92 + figure_style.LINE_HEIGHT * (len(lines) + 1))
     return drawn
 
 
