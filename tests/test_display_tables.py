@@ -13,7 +13,7 @@ import pytest
 import xarray
 
 import precision_pin as pp
-from precision_pin.analyses.exact_law.exact_law_result import LEVELS
+from precision_pin.analyses.exact_law.exact_law import LEVELS
 from precision_pin.render.tables import joint_text, milli, percent, plus_minus, pose_labels, quantity_label
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.statistics import QUANTITIES

@@ -19,7 +19,7 @@ import numpy as np
 import precision_pin as pp
 from benchmarks.coverage.row import Coverage
 from precision_pin.analyses.budget.budget_result import Estimate
-from precision_pin.analyses.exact_law.exact_law_result import LEVELS
+from precision_pin.analyses.exact_law.exact_law import LEVELS
 from precision_pin.analyses.moments.moments import Measured, Method
 from precision_pin.analyses.worst_case.convex_bodies import Supports
 from precision_pin.base.arrays import Array

@@ -14,7 +14,7 @@ from scipy import optimize, stats
 
 import precision_pin as pp
 from precision_pin.analyses.allocation import problem
-from precision_pin.analyses.allocation.allocation_result import MEAN
+from precision_pin.analyses.allocation.allocate import MEAN
 from precision_pin.analyses.allocation.problem import beside, read_problem
 from precision_pin.analyses.allocation.scaling import NoScaleError, contributions
 from precision_pin.analyses.allocation.table import allocation_table

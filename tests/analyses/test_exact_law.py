@@ -12,8 +12,7 @@ import pytest
 from scipy import integrate, special, stats
 
 import precision_pin as pp
-from precision_pin.analyses.exact_law.exact_law import exact_law
-from precision_pin.analyses.exact_law.exact_law_result import LEVELS
+from precision_pin.analyses.exact_law.exact_law import LEVELS, exact_law
 from precision_pin.analyses.exact_law.figure import figure
 from precision_pin.analyses.exact_law.number_law import ConvolvedLaw, NormalNorm, Summand, certified_series
 from precision_pin.analyses.exact_law.table import table

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from precision_pin.analyses.exact_law.exact_law import exact_law
-from precision_pin.analyses.exact_law.exact_law_result import bound_text, quantile_digits
+from precision_pin.analyses.exact_law.exact_law import bound_text, exact_law, quantile_digits
 from precision_pin.analyses.exact_law.number_law import ConvolvedLaw
 from precision_pin.draws import laws
 from precision_pin.draws.draw import Draw

@@ -11,7 +11,7 @@ from scipy import stats
 import precision_pin as pp
 from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.map import map_poses as map_poses_module
-from precision_pin.analyses.map import map_result
+from precision_pin.analyses.map import map_poses
 from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.map.table import map_table
@@ -228,16 +228,16 @@ def test_the_estimates_of_memory_are_those_of_a_map_and_its_json(monkeypatch):
         moments, beside = held.pop(), sum(array.nbytes for array in frames)
         # the rest by the growth of a process from 8,000 to 24,000 poses: 3,180 bytes a pose (UR5), 2,770 (paper's arm)
         assert 1 / 1.2 < said.pop() / (moments + max(moments, beside) + 60 * 700) < 1.2
-        monkeypatch.setattr(map_result, "LARGEST_FILE", np.inf)
-        monkeypatch.setattr(map_result, "check_memory", lambda needed, *_: said.append(needed))
+        monkeypatch.setattr(map_poses, "LARGEST_FILE", np.inf)
+        monkeypatch.setattr(map_poses, "check_memory", lambda needed, *_: said.append(needed))
         tracemalloc.start()
         text = made.to_json()
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert 1 / 1.5 < said.pop() / peak < 1.5
-        monkeypatch.setattr(map_result, "LARGEST_FILE", 1.5 * len(text))
+        monkeypatch.setattr(map_poses, "LARGEST_FILE", 1.5 * len(text))
         made.to_json()
         said.clear()
-        monkeypatch.setattr(map_result, "LARGEST_FILE", len(text) / 1.5)
+        monkeypatch.setattr(map_poses, "LARGEST_FILE", len(text) / 1.5)
         with pytest.raises(InputError, match=r"JSON of a map of 60 poses is about 0\.0 GB long.*netCDF.* fewer poses"):
             made.to_json()

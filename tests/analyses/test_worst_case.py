@@ -14,8 +14,7 @@ from scipy import stats
 import precision_pin as pp
 from precision_pin.analyses.worst_case.convex_bodies import Supports
 from precision_pin.analyses.worst_case.table import table
-from precision_pin.analyses.worst_case.worst_case import farthest_error
-from precision_pin.analyses.worst_case.worst_case_result import bound_milli
+from precision_pin.analyses.worst_case.worst_case import bound_milli, farthest_error
 from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw

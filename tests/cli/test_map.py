@@ -113,7 +113,7 @@ def test_wrong_input_is_one_line(run, new_files, options, message):
 
 @pytest.mark.parametrize("options", [("--json", "map.json"), ("--json", "-"), ("--out", "plots")])
 def test_a_json_that_is_too_large_is_refused_before_the_work(run, folder, new_files, monkeypatch, options):
-    monkeypatch.setattr("precision_pin.analyses.map.map_result.LARGEST_FILE", 1000)
+    monkeypatch.setattr("precision_pin.analyses.map.map_poses.LARGEST_FILE", 1000)
     monkeypatch.setattr("precision_pin.analyses.map.map_poses.first_order", None)
     refused = run("map", SHEET, *options)
     assert (refused.code, refused.out) == (2, "")

@@ -9,7 +9,7 @@ import pytest
 
 import precision_pin as pp
 from outputs.report_cases import Reader, paper
-from precision_pin.analyses.map.section import map_chapter
+from precision_pin.analyses.map.figure import map_chapter
 from precision_pin.pages.report.page import page
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")]

@@ -7,8 +7,7 @@ import pytest
 
 import precision_pin as pp
 from outputs.view_cases import arm_text, data_block, nodes_of, pages
-from precision_pin.analyses.compensation.layer import CompensationLayer, _displaced, _joints
-from precision_pin.analyses.compensation.section import compensation_chapter
+from precision_pin.analyses.compensation.figure import CompensationLayer, _displaced, _joints, compensation_chapter
 from precision_pin.base import se3
 from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Space

@@ -10,7 +10,7 @@ import pytest
 
 import precision_pin as pp
 from outputs.view_cases import Node, data_block, nodes_of, pages
-from precision_pin.analyses.map.layer import PlacesData
+from precision_pin.analyses.map.figure import PlacesData
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.pages.view import ViewPose
 from precision_pin.robot.examples import PAPER_SHEET

@@ -9,7 +9,7 @@ import pytest
 
 import precision_pin as pp
 from outputs.view_cases import data_block, nodes_of, pages
-from precision_pin.analyses.path.layer import PathLayer
+from precision_pin.analyses.path.figure import PathLayer
 from precision_pin.pages.view import ViewPose
 from precision_pin.robot.examples import PAPER_SHEET
 from support.browser import chromium, complaints, needs_chromium, visited

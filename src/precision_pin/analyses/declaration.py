@@ -146,8 +146,8 @@ class Job(NamedTuple):
 class Declaration(NamedTuple):
     """Declaration of an analysis.
 
-    The folder of the function has the modules ``table``, ``figure`` and ``section``: ``table.table(result, …)`` returns text,
-    ``figure.figure(result, k)`` the figure of pose k, ``section.content(result, results)`` the parts of the report's section,
+    The folder of the function has the modules ``table`` and ``figure``: ``table.table(result, …)`` returns text,
+    ``figure.figure(result, k)`` the figure of pose k, ``figure.content(result, results)`` the parts of the report's section,
     and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
 
     Attributes:
@@ -239,4 +239,4 @@ class Declaration(NamedTuple):
 
     def content(self, result: Any, results: Any) -> Any:
         """Return the parts of a result's section in a report."""
-        return load(f"{self.outputs}.section:content")(result, results)
+        return load(f"{self.outputs}.figure:content")(result, results)

@@ -81,13 +81,13 @@ def command(samples: int, seed: int, specs: tuple[str, ...], is_allocated: bool,
     if is_allocated:
         _check_allocation(sheet)
     from precision_pin.analyses.allocation.allocate import allocate
-    from precision_pin.analyses.allocation.section import allocation_chapter
+    from precision_pin.analyses.allocation.figure import allocation_chapter
     from precision_pin.analyses.calibration.section import calibration_chapter
     from precision_pin.analyses.collect import collect_poses, count_steps
-    from precision_pin.analyses.compensation.section import compensation_chapter
-    from precision_pin.analyses.iso9283.section import iso9283_chapter
-    from precision_pin.analyses.map.section import map_chapter
-    from precision_pin.analyses.path.section import path_chapter
+    from precision_pin.analyses.compensation.figure import compensation_chapter
+    from precision_pin.analyses.iso9283.figure import iso9283_chapter
+    from precision_pin.analyses.map.figure import map_chapter
+    from precision_pin.analyses.path.figure import path_chapter
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.pages.report.page import page
 

@@ -132,9 +132,9 @@ def command(
 def _layers(sheet: Sheet, arm: shared.Options) -> list[Layer]:
     """Return what is shown beside the arm."""
     from precision_pin.analyses.calibration.layer import CalibrationLayer
-    from precision_pin.analyses.compensation.layer import CompensationLayer
-    from precision_pin.analyses.map.layer import PlacesData
-    from precision_pin.analyses.path.layer import PathLayer
+    from precision_pin.analyses.compensation.figure import CompensationLayer
+    from precision_pin.analyses.map.figure import PlacesData
+    from precision_pin.analyses.path.figure import PathLayer
     from precision_pin.model.error_model import ErrorModel
 
     layers: list[Layer] = []

@@ -22,7 +22,7 @@ def prepare(asked: Asked) -> Job:
         return ("no sheet is written: no tolerances within their bounds keep the limits",) * is_missed
 
     def files(result: Any) -> Files:
-        from precision_pin.analyses.allocation.allocation_result import allocated_sheet
+        from precision_pin.analyses.allocation.allocate import allocated_sheet
         from precision_pin.analyses.allocation.figure import figure
 
         written = {}
@@ -41,7 +41,7 @@ def prepare(asked: Asked) -> Job:
 DECLARATION = Declaration(
     name="allocate",
     function=f"{__name__}.allocate:allocate",
-    result=f"{__name__}.allocation_result:AllocationResult",
+    result=f"{__name__}.allocate:AllocationResult",
     title="Allocation",
     heading="",
     summary="Choose the cheapest tolerances that keep specifications at every pose.",

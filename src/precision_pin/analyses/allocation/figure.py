@@ -9,12 +9,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from precision_pin.analyses.allocation.allocation_result import AllocationResult
-from precision_pin.analyses.allocation.table import pose_count
+from precision_pin.analyses.allocation.allocate import AllocationResult
+from precision_pin.analyses.allocation.table import (
+    front_in_words,
+    front_rows,
+    limit_lines,
+    part_rows,
+    parts_in_words,
+    pose_count,
+    tolerance_rows,
+    verdict_lines,
+)
 from precision_pin.base.text_escape import visible
+from precision_pin.render.chapter import Chapter
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, VERMILION
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
+from precision_pin.render.html import Html, items, section, table
+from precision_pin.render.svg import figure as inline_figure
 from precision_pin.render.tables import symbol
 
 _MOST_BARS: Final = 12
@@ -80,3 +92,32 @@ def _draw_front(axes: Axes, result: AllocationResult) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(6))
     axes.set_xlabel(f"limit of {symbol(one.quantity)} [{unit.name}]")
     axes.set_ylabel("cost")
+
+
+def allocation_chapter(result: AllocationResult) -> Chapter:
+    """Return the allocation as a chapter."""
+    return Chapter("allocation", "Allocation", _section(result), (f"Allocation: {_answer(result)}",))
+
+
+def _answer(result: AllocationResult) -> str:
+    return " ".join(line.strip() for line in verdict_lines(result))
+
+
+def _section(result: AllocationResult) -> Html:
+    picture = inline_figure(
+        figure(result),
+        "allocation",
+        f"Sources before and after: {_answer(result)}",
+        "What causes the error at the worst pose, before and after, and the least cost for other limits.",
+    )
+    listed = [
+        ("Tolerances before and after", tolerance_rows(result), (4,)),
+        (_capital(parts_in_words(result)), part_rows(result), (4,)),
+        *([(_capital(front_in_words(result)), front_rows(result), ())] if result.front else []),
+    ]
+    tables = [table(caption, rows[0], rows[1:], words=words) for caption, rows, words in listed]
+    return section("allocation", "Allocation", items([_answer(result), *limit_lines(result)]), picture, *tables)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -10,10 +11,140 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, Estimate, PoseBudget
+from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, Estimate, PoseBudget, Shares, scaled
+from precision_pin.analyses.budget.table import source_name
+from precision_pin.analyses.causes import Cause, CauseShare, rank_causes
+from precision_pin.analyses.collect import Results
+from precision_pin.analyses.report_cells import MISSING, percent, shown
 from precision_pin.base.text_escape import shortened
+from precision_pin.render import svg
 from precision_pin.render.draw_distribution import BLACK, SKY
 from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, end_figure, new_figure, style
+from precision_pin.render.html import Child, Html, beside, element, items, joined, paragraph, table
+from precision_pin.render.tables import milli, quantity_label, unit
+
+_NAMED: Final = 5
+# causes of less than this share of the variance are folded
+_NOTHING: Final = 1e-3
+_FEW: Final = 4
+
+
+def content(result: BudgetResult, results: Results) -> list[Child]:
+    """Return the chart, a table of the causes for position and one for attitude, and one of sources and places."""
+    pose = result.poses[0]
+    if not pose.draws:
+        return [paragraph("Nothing varies, so there are no shares.")]
+    ranked = {vector: rank_causes(results.causes, pose, vector) for vector in VECTORS}
+    chart = svg.figure(
+        draw_bars(result, 0, {vector: [_bar(one) for one in ranked[vector]] for vector in VECTORS}),
+        f"{results.prefix}budget",
+        f"Shares of the variance: {'; '.join(_largest(ranked[vector], vector) for vector in VECTORS)}",
+        "Share of the variance of each tolerance, to first order; diamonds are the total Sobol index of the exact model.",
+    )
+    tables = [_causes(pose, ranked[vector], vector, result.marked) for vector in VECTORS]
+    explained = paragraph(
+        "Share: of the variance, to first order, in closed form. S1 and ST: first-order and total Sobol index of the exact "
+        f"model from {result.samples:,} points a set, seed {result.provenance.seed}, behind ± half of the interval at "
+        f"{100 * result.confidence:g} % confidence. Halved: what results if this tolerance alone is halved.",
+        class_="note",
+    )
+    return [chart, *tables, explained, beside(*_shares(pose))]
+
+
+def _bar(one: CauseShare) -> Bar:
+    return Bar(one.cause.words, one.cause.tolerance, one.share, one.total)
+
+
+def _largest(ranked: Sequence[CauseShare], vector: str) -> str:
+    named = (f"{one.cause.text} {percent(one.share)} %" for one in ranked[:_NAMED])
+    return f"of the {vector} error " + ", ".join(named)
+
+
+def _causes(pose: PoseBudget, ranked: Sequence[CauseShare], vector: str, marked: float) -> Html:
+    norm = f"{vector}.norm"
+    header = [
+        *("cause", "tolerance", "drawn per", "share %", "S1 %", "ST %", f"halved: std [{unit(norm)}]"),
+        f"change of {100 * marked:g} % of {quantity_label(norm)}",
+    ]
+    large = [one for one in ranked if one.rank >= _NOTHING]
+    small = [one for one in ranked if one.rank < _NOTHING]
+    if len(small) <= _FEW:
+        large, small = [*large, *small], []
+    rows = [_row(pose, one, vector) for one in large]
+    empty: list[Child] = [""] * (len(header) - 4)
+    if small:
+        rows.append([f"{len(small)} more, below", "", "", percent(_sum(small)), *empty])
+    for group in pose.groups:
+        if len(group.draws) > 1:
+            indices = [shown(scaled(group.first[vector], 100, 2)), shown(scaled(group.total[vector], 100, 2))]
+            rows.append(
+                [f"correlated: {' + '.join(group.draws)}", "", "", percent(group.share.get(vector)), *indices, "", ""]
+            )
+    sums = pose.sums[vector]
+    rows.append(["sum", "", "", percent(sums.closed), shown(scaled(sums.first, 100, 2)), *empty[1:]])
+    now = f"std {milli(pose.std[vector], 5)} {unit(norm)} now"
+    whole = table(f"Causes of the {vector} error ({now})", header, rows, words=(1, 2), last=True)
+    if not small:
+        return whole
+    total = f"{len(small)} more causes of less than {100 * _NOTHING:g} % each"
+    folded = table(f"{total}, {vector} error", header, [_row(pose, one, vector) for one in small], words=(1, 2))
+    return joined([whole, element("details", element("summary", total), folded)])
+
+
+def _row(pose: PoseBudget, one: CauseShare, vector: str) -> list[Child]:
+    change = MISSING
+    if len(one.cause.parts) == 1:
+        found = pose.draw(one.cause.names[0]).halved.change[f"{vector}.norm"]
+        change = shown(scaled(found, 1e3))
+    cause = one.cause
+    shares = [percent(one.share), *(shown(scaled(index, 100, 2)) for index in (one.first, one.total))]
+    return [_name(cause, pose, vector), cause.tolerance, cause.scope, *shares, shown(milli(one.halved, 5)), change]
+
+
+def _name(cause: Cause, pose: PoseBudget, vector: str) -> Child:
+    """Return the cell of a cause: its name, with its draws, or its components where it has several, folded below."""
+    parts = [(part.words, pose.draw(part.name).share.get(vector)) for part in cause.parts]
+    if len(parts) == 1:
+        components = pose.draw(cause.names[0]).components
+        parts = [(name, shares.get(vector)) for name, shares in components.items()] if len(components) > 1 else []
+    if not parts:
+        return cause.words
+    lines = (f"{words}: {percent(share)} %" for words, share in parts)
+    return element("details", element("summary", cause.words), items(lines, "parts"))
+
+
+def _sum(small: Sequence[CauseShare]) -> float | None:
+    shares = [one.share for one in small]
+    return None if None in shares else math.fsum(share for share in shares if share is not None)
+
+
+def _shares(pose: PoseBudget) -> list[Html]:
+    sources = [(source_name(line), line.share) for line in pose.sources]
+    places = [(place.name, place.share) for place in pose.places]
+    named = "Sources: shares of the variance; a draw that several sources name has its own line"
+    placed = "Joints and links: shares of the variance, negative where one cancels the effect of another's same number"
+    return [_ranked(named, "source", sources), _ranked(placed, "joint or link", places)]
+
+
+def _ranked(caption: str, heading: str, lines: Iterable[tuple[str, Shares]]) -> Html:
+    def size(line: tuple[str, Shares]) -> float:
+        return max(abs(line[1][vector] or 0.0) for vector in VECTORS)
+
+    largest = sorted(lines, key=lambda line: max(line[1][vector] or 0.0 for vector in VECTORS), reverse=True)
+    small = [line for line in largest if size(line) < _NOTHING]
+    large = [line for line in largest if size(line) >= _NOTHING] if len(small) > _FEW else largest
+    header = [heading, *(f"{vector} %" for vector in VECTORS)]
+
+    def rows(some: Iterable[tuple[str, Shares]]) -> list[list[Child]]:
+        return [[name, *(percent(share[vector]) for vector in VECTORS)] for name, share in some]
+
+    whole = table(caption, header, rows(large))
+    if len(large) == len(largest):
+        return whole
+    said = f"{len(small)} more with less than {100 * _NOTHING:g} % each"
+    folded = element("details", element("summary", said), table(f"{said}: {heading}", header, rows(small)))
+    return element("div", whole, folded)
+
 
 MOST_BARS: Final = 12
 MOST_CHARACTERS: Final = 48

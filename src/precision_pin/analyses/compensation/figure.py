@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final, final
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.compensation.compensate import CompensationResult
+from precision_pin.analyses.compensation.table import EXPLANATION, headline, joint_rows, pose_rows, setting_lines
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
 from precision_pin.base.text_escape import visible
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.rigid_part import Part
 from precision_pin.render import figure_style
+from precision_pin.render.chapter import Chapter
+from precision_pin.render.colour_scale import round_number
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLUE, VERMILION
+from precision_pin.render.html import Html, items, paragraph, section, table
+from precision_pin.render.notebook import escaped
+from precision_pin.render.scene import Scene
+from precision_pin.render.svg import figure as inline_figure
 from precision_pin.render.tables import symbol
+from precision_pin.robot.chain import Posture
 
 _MOST_NAMED: Final = 12
 _MOST_LETTERS: Final = 18
@@ -67,3 +82,152 @@ def _draw(axes: Axes, result: CompensationResult, norm: int) -> None:
     else:
         axes.set_xlabel("pose, in the order given")
         axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
+
+
+def compensation_chapter(result: CompensationResult, error_model: ErrorModel) -> Chapter:
+    """Return the compensation of a model as a chapter."""
+    answers = tuple(f"Compensation: {line}" for line in headline(result))
+    layer = CompensationLayer.of(result, error_model)
+    return Chapter("compensation", "Compensation", _section(result), answers, layer)
+
+
+def _section(result: CompensationResult) -> Html:
+    said, rows = headline(result), pose_rows(result)
+    picture = inline_figure(
+        figure(result),
+        "compensation",
+        f"Errors at {len(result.poses):,} poses before and after the correction: {said[0]}",
+        "The error with every component at its mean, and the 95 % quantile of a normal law, first order, before and after.",
+    )
+    notes = [paragraph(line, class_="note") for line in (EXPLANATION, setting_lines(result)[1])]
+    listed = (
+        "The poses" if len(rows) > len(result.poses) else f"The worst {len(rows) - 1} of {len(result.poses):,} poses"
+    )
+    joints = joint_rows(result)
+    values = [table("Corrected joint values", joints[0], joints[1:])] if len(joints) > 1 else []
+    return section(
+        "compensation", "Compensation", items(said), picture, *values, table(listed, rows[0], rows[1:]), *notes
+    )
+
+
+_GREEN: Final = "#009e73"
+_LARGEST: Final = 0.12
+"""Largest displacement at first, in lengths of the arm."""
+_RADIUS: Final = 0.005
+"""Radius of the arms' rods, in lengths of the arm; corrected is the thickest, so that each is seen where they agree."""
+_LINES: Final = (
+    ("deflected", VERMILION, 1.0, "deflected: at the joint values asked for, with its mean errors"),
+    ("commanded", _GREEN, 0.8, "commanded: at the corrected joint values, without errors"),
+    ("corrected", BLUE, 1.2, "corrected: at the corrected joint values, with its mean errors"),
+)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CompensationLayer:
+    """A compensation.
+
+    Attributes:
+        result: The compensation.
+        worst: The corrected pose with the largest error before; ``None`` if no pose is corrected.
+        nominal: Base, joints and tip of the arm without error there, m, ``(3, K)``.
+        arms: Their displacements from there: of the deflected arm, of the arm commanded, without errors, and of the
+            corrected one, m, ``(3, 3, K)``.
+        commanded: Displacement of the tip without errors at each pose, at the corrected joint values, m, ``(3, P)``.
+    """
+
+    result: CompensationResult
+    worst: int | None
+    nominal: Array
+    arms: Array
+    commanded: Array
+
+    @classmethod
+    def of(cls, result: CompensationResult, error_model: ErrorModel) -> CompensationLayer:
+        """Return the layer of a compensation of this model."""
+        made, poses = result.correction, result.poses
+        known = np.flatnonzero([status == "corrected" for status in made.status])
+        commanded = np.full((3, len(poses)), np.nan)
+        if not known.size:
+            return cls(result, None, np.empty((3, 0)), np.empty((3, 3, 0)), commanded)
+        commanded[:, known] = error_model.chain.at_columns(made.q[:, known]).pose[:3, 3] - poses.position[:, known]
+        worst = int(known[np.linalg.norm(made.before[:3, known], axis=0).argmax()])
+        sides = None if poses.approaches is None else poses.approaches[:, [worst, worst]]
+        before, after = error_model.at_columns(np.stack([poses.q[:, worst], made.q[:, worst]], axis=1), sides)
+        nominal = _joints(before.posture)
+        arms = np.stack([_displaced(before), _joints(after.posture), _displaced(after)]) - nominal
+        return cls(result, worst, nominal, arms, commanded)
+
+    @property
+    def name(self) -> str:
+        """Name of the layer."""
+        return "compensation"
+
+    def draw(self, scene: Scene, length: float) -> None:
+        """Add the way of the tip that is wanted, and the arm without error at the worst pose, as thin lines."""
+        del length
+        for name, points in (("wanted", self._seen(self.result.poses.position)), ("nominal", self.nominal)):
+            scene.segments((self.name, name), np.repeat(points, 2, axis=1)[:, 1:-1], (0.1, 0.1, 0.1, 1.0))
+
+    def settings(self, length: float) -> dict[str, Any]:
+        """Return the lines, points and displacements by x, y, z in m, and how many times too large they are drawn at first."""
+        if self.worst is None:
+            return {"times": 1.0, "lines": []}
+        made, wanted = self.result.correction, self.result.poses.position
+        moves = {"deflected": made.before[:3], "commanded": self.commanded, "corrected": made.after[:3]}
+        lines = []
+        for (name, colour, share, _), arm in zip(_LINES, self.arms, strict=True):
+            lines.append(_line(colour, share * _RADIUS * length, self.nominal, arm))
+            lines.append(_line(colour, 0.0, self._seen(wanted), self._seen(moves[name])))
+        largest = float(np.linalg.norm(self.arms, axis=1).max())
+        return {"times": round_number(_LARGEST * length / largest) if largest > 0 else 1.0, "lines": lines}
+
+    def legend(self) -> str:
+        """Return the section of the legend: the answer, the colours, and how much too large it is drawn."""
+        said = "".join(f"<p>{escaped(line[:1].upper() + line[1:])}</p>" for line in headline(self.result))
+        where = "" if self.worst is None else f" at {self.result.poses.labels[self.worst]}"
+        swatches = "".join(
+            f'<li class="row"><i class="line" style="background-image: linear-gradient({to_hex(colour)}, {to_hex(colour)})"></i>'
+            f"<span>{escaped(words)}</span></li>"
+            for _, colour, _, words in _LINES
+        )
+        return (
+            f'<section aria-label="Compensation"><h2>Compensation</h2>{said}<ul class="legend controls"><li><label>'
+            '<input type="checkbox" id="show-compensation" checked><i class="line"></i>'
+            f"<span>{escaped(f'arm without error{where}, and way of its tip')}</span></label></li>{swatches}</ul>"
+            '<p class="fine">Displacements are drawn at <span id="compensation-times"></span> times their size.</p></section>'
+        )
+
+    def _seen(self, points: Array) -> Array:
+        """Return the points at the poses that are corrected."""
+        return points[:, np.isfinite(self.commanded).all(axis=0)]
+
+
+def _joints(posture: Posture) -> Array:
+    """Return base, joints and tip, ``(3, K)``."""
+    return np.column_stack([posture.link_poses[:, :3, 3].T, posture.pose[:3, 3]])
+
+
+def _displaced(at: PoseModel) -> Array:
+    """Return base, joints and tip of the arm with every component at its mean, ``(3, K)``.
+
+    The displacements E of the targets before a point, in their frames T, move it by Π T E T⁻¹.
+    """
+    table = at.table
+    moves = table.displacements(table.products(table.program.evaluate(at.space.mean[:, None])))[:, :, 0]
+    motions = [np.eye(4)]
+    for frame, move in zip(table.frames, moves, strict=True):
+        own = se3.pose(se3.exp_rotation(move[3:]), move[:3])
+        motions.append(motions[-1] @ frame @ own @ np.linalg.inv(frame))
+    points = _joints(at.posture)
+    last = points.shape[1] - 1
+    places = [Part("", link, np.eye(4), 0 if link < last else None) for link in range(last + 1)]
+    moved = [motions[place.targets_before(table.targets)] @ [*points[:, place.link], 1.0] for place in places]
+    return np.column_stack(moved)[:3]
+
+
+def _line(colour: str, radius: float, points: Array, moves: Array) -> dict[str, Any]:
+    def rounded(values: Array) -> list[float]:
+        return [float(f"{value:.7g}") for value in values.T.ravel()]
+
+    return {"colour": to_hex(colour), "radius": radius, "points": rounded(points), "moves": rounded(moves)}

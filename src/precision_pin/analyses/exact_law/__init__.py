@@ -5,7 +5,7 @@ from precision_pin.analyses.declaration import AT_POSES, INPUTS, SAMPLING, Decla
 DECLARATION = Declaration(
     name="exact-law",
     function=f"{__name__}.exact_law:exact_law",
-    result=f"{__name__}.exact_law_result:ExactLawResult",
+    result=f"{__name__}.exact_law:ExactLawResult",
     title="Exact law",
     heading="Exact law against sampling",
     summary="Compute the law of every component of the first-order error, tails included, without sampling.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from precision_pin.analyses.exact_law.exact_law_result import (
+from precision_pin.analyses.exact_law.exact_law import (
     LEVELS_SHOWN,
     ExactLawResult,
     PoseLaws,

@@ -9,10 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from precision_pin.analyses.iso9283.result import Iso9283Result
+from precision_pin.analyses.iso9283.table import angle_rows, answers, distance_rows, position_rows, setting_lines
 from precision_pin.base.text_escape import visible
+from precision_pin.render.chapter import Chapter
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
+from precision_pin.render.html import Html, items, paragraph, section, table
+from precision_pin.render.svg import figure as inline_figure
 
 _BINS: Final = 30
 # half the width of a law on the axis of poses
@@ -81,3 +85,30 @@ def _draw_law(axes: Axes, place: int, values: np.ndarray) -> None:
     density, edges = np.histogram(values, bins=_BINS, density=True)
     half = np.repeat(_HALF_WIDTH * density / density.max(), 2)
     axes.fill_betweenx(np.repeat(edges, 2)[1:-1], place - half, place + half, color=SKY, alpha=0.55, linewidth=0)
+
+
+def iso9283_chapter(result: Iso9283Result) -> Chapter:
+    """Return the forecast as a chapter."""
+    return Chapter("iso9283", "ISO 9283", _section(result), tuple(f"By ISO 9283: {line}" for line in answers(result)))
+
+
+def _section(result: Iso9283Result) -> Html:
+    said = answers(result)
+    tables = [
+        table(caption, rows[0], rows[1:])
+        for caption, rows in (
+            ("Accuracy and repeatability of the position", position_rows(result)),
+            ("Accuracy and repeatability of the orientation", angle_rows(result)),
+            ("Distances, directions, exchange of robots", distance_rows(result)),
+        )
+        if len(rows) > 1
+    ]
+    picture = inline_figure(
+        figure(result),
+        "iso9283",
+        f"AP and RP at the poses: {said[0]}",
+        "Laws of AP and RP over built robots and over tests.",
+    )
+    absent = [f"{name}: none, {why}" for name, why in result.absent.items()]
+    notes = [paragraph(line, class_="note") for line in (*setting_lines(result), *absent)]
+    return section("iso9283", "ISO 9283", items(said), picture, *tables, *notes)

@@ -11,8 +11,7 @@ def prepare(asked: Asked) -> Job:
     poses, options = asked.read_pose_set(), asked.options
     # late: these take as long to import as all before, and the reading of a large file is to be seen soon
     from precision_pin.analyses.budget.shares import source_lines
-    from precision_pin.analyses.map.map_poses import count_steps, map_poses
-    from precision_pin.analyses.map.map_result import check_json
+    from precision_pin.analyses.map.map_poses import check_json, count_steps, map_poses
     from precision_pin.model.error_model import ErrorModel
 
     model = ErrorModel.from_sheet(asked.sheet)
@@ -49,7 +48,7 @@ def prepare(asked: Asked) -> Job:
 DECLARATION = Declaration(
     name="map",
     function=f"{__name__}.map_poses:map_poses",
-    result=f"{__name__}.map_result:MapResult",
+    result=f"{__name__}.map_poses:MapResult",
     title="Map",
     heading="",
     summary="Map the pose error over many poses: quantiles, share in specification, main cause; the worst verified.",

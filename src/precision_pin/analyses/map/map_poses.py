@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,19 +16,25 @@ from scipy import special
 from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.budget.shares import source_lines
 from precision_pin.analyses.map.first_order import FirstOrder, first_order
-from precision_pin.analyses.map.map_result import MapResult, Relative
-from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, Sampled
+from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, MapVerdict, Sampled, map_verdicts
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Pose, Provenance
-from precision_pin.base.arguments import check_whole
+from precision_pin.analyses.result import AnalysisResult
+from precision_pin.base.arguments import check_path, check_whole
+from precision_pin.base.array_checks import Fixed
 from precision_pin.base.arrays import Array
 from precision_pin.base.call_warnings import add, unheard, warns_at_end
 from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.files import write_files
 from precision_pin.base.memory import check_memory
 from precision_pin.base.progress import scaled, steps_to
+from precision_pin.base.record import Keys
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, strained_findings
+from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.result_io import LARGEST_FILE
+from precision_pin.render.tables import data_frame, described, milli, optional, percent
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
@@ -35,8 +42,412 @@ from precision_pin.sampling import Progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.sampling.workers import Submitter
-from precision_pin.statistics import Specification
+from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict
 from precision_pin.statistics.plan import Specifications, listed_specifications
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+    from matplotlib.figure import Figure
+
+
+_COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
+_NAMES: Final = ("position", "attitude")
+_MOST_ROWS: Final = 20
+# bytes of a number in the JSON, and of memory while that is made
+_WRITTEN, _ENCODING = 40, 250
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Relative(Fixed):
+    """Error of each robot minus its error at a reference pose, first order, base axes, m and rad.
+
+    Attributes:
+        q: Joint values of the reference, ``(n,)``.
+        mean, covariance: ``(6, P)`` and ``(6, 6, P)``.
+        quantile: Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
+    """
+
+    q: Array
+    mean: Array
+    covariance: Array
+    quantile: Array
+
+    def arrays(self) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Return what is known at each pose by name: dimensions, and values with the pose as the last axis."""
+        return {
+            "mean": (("component",), self.mean),
+            "covariance": (("component", "component_2"), self.covariance),
+            **{f"rms_{name}": ((), one) for name, one in zip(_NAMES, _rms(self.mean, self.covariance), strict=True)},
+            **{f"quantile_{name}": (("level",), self.quantile[:, norm]) for norm, name in enumerate(_NAMES)},
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class MapResult(AnalysisResult):
+    """Law of the pose error at P poses, base axes, m and rad; NaN where no joint values are known.
+
+    Moments, quantiles and shares are those of the first-order model, its error taken as normal; their bounds hold for the exact
+    model, whatever the laws. What was sampled with it is in ``judged`` and ``sampled``.
+
+    Attributes:
+        joints, poses: Joints in chain order, and the poses.
+        mean, covariance: ``(6, P)`` and ``(6, 6, P)``.
+        quantile: Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
+        quantile_bounds: Limits between which these quantiles of the exact error lie, the lower ones first, ``(3, 2, 2,
+            P)``.
+        specifications, probability: Specifications, and the share of robots inside each, ``(S, P)``.
+        probability_bounds: Limits of these shares, the lower ones first, ``(S, 2, P)``.
+        judged: What sampled robots say of each specification at each pose.
+        sources, shares: Names of the sources, or of what several share, and their shares in the variance of the
+            position, ``(lines, P)``.
+        relative: Errors relative to a reference pose; ``None`` without one.
+        sampled: The poses that were sampled: all whose joint values are known, or the worst ones to verify the closed
+            form.
+        confidence: Confidence of the intervals of what was sampled.
+        grounds: What keeps specifications from being judged, and what is taken as exact.
+    """
+
+    schema: ClassVar[str] = "precision-pin/map/1"
+
+    KEYS: ClassVar[Keys] = (
+        *("*head", "samples", "confidence", "relative_to", "assumptions", "warnings", "findings", "levels", "joints"),
+        *("sources", "met", "spec=specification_entries", "left_out", "poses=entries", "sampled=sampled_entry"),
+    )
+    levels: ClassVar = LEVELS
+
+    joints: tuple[str, ...]
+    poses: PoseSet
+    mean: Array
+    covariance: Array
+    quantile: Array
+    quantile_bounds: Array
+    specifications: tuple[Specification, ...]
+    probability: Array
+    probability_bounds: Array
+    judged: Judged
+    sources: tuple[str, ...]
+    shares: Array
+    relative: Relative | None = None
+    sampled: Sampled | None = None
+    grounds: Grounds = NO_GROUNDS
+    confidence: float = 0.95
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of |d| and |δ|, ``(2, P)``."""
+        return _rms(self.mean, self.covariance)
+
+    @cached_property
+    def dominant_source(self) -> tuple[str, ...]:
+        """Name of the source with the largest share in the variance of the position; empty where it does not vary."""
+        if not self.sources:
+            return ("",) * len(self.poses)
+        shares = np.nan_to_num(self.shares)
+        largest = shares.argmax(axis=0)
+        return tuple(self.sources[line] if shares[line, pose] > 0 else "" for pose, line in enumerate(largest.tolist()))
+
+    @property
+    def worst_first(self) -> list[int]:
+        """Numbers of the poses whose joint values are known, the worst first.
+
+        The poses that were sampled to verify them come first. By the verdict, then by the smallest margin of the sampled share
+        inside over what is required, or of that in closed form; without specifications by the 95 % quantile of |d|, sampled
+        or, where a pose was not sampled, the upper limit of that in closed form.
+        """
+        return self._worst_first(range(len(self.specifications)))
+
+    def _worst_first(self, ranks: Sequence[int]) -> list[int]:
+        """Return the poses in this order by some of the specifications."""
+        chosen = list(ranks)
+        verified, size = np.zeros(len(self.poses), dtype=bool), self.quantile_bounds[LEVELS.index(0.95), 0, 1].copy()
+        if self.sampled is not None:
+            verified[self.sampled.poses] = True
+            within = self.sampled.result.quantile[LEVELS.index(0.95), 0]
+            size[self.sampled.poses] = np.where(np.isnan(within), size[self.sampled.poses], within)
+        keys = [-size]
+        if chosen:
+            required = np.array([self.specifications[rank].required for rank in chosen])[:, None]
+            sampled = (self.judged.probability[chosen] - required).min(axis=0)
+            keys += [(self.probability[chosen] - required).min(axis=0), sampled, self.judged.order[chosen].min(axis=0)]
+        known = self.poses.known
+        order = np.lexsort((*keys, ~verified))
+        return order[known[order]].tolist()
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """How many poses, or draws of random ones, are left out since the arm hits something, by status."""
+        return self.poses.obstructed
+
+    @property
+    def unknown(self) -> int:
+        """Number of poses without joint values, of which nothing is known."""
+        return int((~self.poses.known).sum())
+
+    @property
+    def met(self) -> bool | None:
+        """Whether every specification is met at every pose whose joint values are known; true without specifications.
+
+        By sampled robots at every pose; ``None`` if nothing was sampled. False where a pose is outside joint limits, unless
+        the model is judged ``beyond_limits``. See :attr:`verdicts`.
+        """
+        met = [self._met(verdict) for verdict in self.verdicts]
+        return None if None in met else all(met)
+
+    def _met(self, verdict: MapVerdict) -> bool | None:
+        return verdict.met if self.verdict_of(verdict) == verdict.verdict else False
+
+    def verdict_of(self, verdict: MapVerdict) -> Verdict:
+        """Return a verdict with what all of them rest on: none is given where a pose is outside joint limits."""
+        return "not judged" if self.grounds.not_judged else verdict.verdict
+
+    @property
+    def verdicts(self) -> tuple[MapVerdict, ...]:
+        """Verdict on each specification over the poses."""
+        orders = [self._worst_first([rank]) for rank in range(len(self.specifications))]
+        return map_verdicts(
+            self.specifications, self.probability, self.probability_bounds, self.judged, orders, self.sampled
+        )
+
+    def plot(self, quantity: str = "position", level: float = 0.95) -> Figure:
+        """Draw a quantile over the poses: a plane of nodes as a heat map, a box in 3-D, a path or a list as a curve.
+
+        Args:
+            quantity: ``"position"`` or ``"attitude"``, for |d| or |δ|.
+            level: One of `LEVELS`.
+
+        Raises:
+            UnknownNameError: Another quantity.
+            InputError: Another level.
+        """
+        return self._output("figure:figure")(self, quantity, level)
+
+    @property
+    def samples(self) -> int | None:
+        """Number of robots sampled at the worst pose; ``None`` where nothing was sampled."""
+        return None if self.sampled is None else self.sampled.result.samples
+
+    @property
+    def relative_to(self) -> dict[str, float] | None:
+        """Joint values of the reference pose; ``None`` without one."""
+        return None if self.relative is None else dict(zip(self.joints, self.relative.q.tolist(), strict=True))
+
+    @property
+    def specification_entries(self) -> list[dict[str, Any]]:
+        """Verdicts as in the JSON."""
+        return [
+            {
+                **verdict.entry(self.poses.labels),
+                "met": self._met(verdict),
+                "verdict": self.verdict_of(verdict),
+                "why_not_judged": self.grounds.not_judged or None,
+                "taken_as_exact": list(self.grounds.exact),
+            }
+            for verdict in self.verdicts
+        ]
+
+    @property
+    def sampled_entry(self) -> dict[str, Any] | None:
+        """What was sampled, as in the JSON."""
+        return self.sampled and {"numbers": self.sampled.poses, **self.sampled.result.to_dict()}
+
+    @property
+    def entries(self) -> list[dict[str, Any]]:
+        """The poses as in the JSON."""
+        of, arrays, dominant = self.poses, self._arrays(), self.dominant_source
+        shares = arrays.pop("shares")[1]
+        other = {} if self.relative is None else self.relative.arrays()
+        entries = []
+        for pose, known in enumerate(of.entries(self.joints)):
+            time = {"time": known.pop("time")} if "time" in known else {}
+            entry: dict[str, Any] = known | {
+                "q": of.q[:, pose],
+                "position": of.position[:, pose],
+                "status": of.status[pose],
+                "branch": int(of.branch[pose]),
+                **time,
+                **{name: values[..., pose] for name, (_, values) in arrays.items()},
+                "judged": self.judged.to_dict(pose),
+                "dominant_source": dominant[pose] or None,
+                "shares": shares[:, pose],
+            }
+            if other:
+                shown = (name for name in other if not name.startswith("rms"))
+                entry["relative"] = {name: other[name][1][..., pose] for name in shown}
+            entries.append(entry)
+        return entries
+
+    def _arrays(self) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Return what is known at each pose by name: dimensions, and values with the pose as the last axis."""
+        rms, level, norms = self.rms, ("level",), dict(enumerate(_NAMES))
+        return {
+            "mean": (("component",), self.mean),
+            "covariance": (("component", "component_2"), self.covariance),
+            **{f"rms_{name}": ((), rms[norm]) for norm, name in norms.items()},
+            **{f"quantile_{name}": (level, self.quantile[:, norm]) for norm, name in norms.items()},
+            **{f"quantile_{name}_bounds": ((*level, "end"), self.quantile_bounds[:, k]) for k, name in norms.items()},
+            "probability": (("specification",), self.probability),
+            "probability_bounds": (("specification", "end"), self.probability_bounds),
+            "shares": (("source",), self.shares),
+        }
+
+    def to_json(self) -> str:
+        """Return the JSON as text.
+
+        Raises:
+            InputError: It would take more memory than there is, or be too large to be read again.
+        """
+        check_json(
+            len(self.poses), len(self.joints), len(self.sources), len(self.specifications), self.relative is not None
+        )
+        return super().to_json()
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the map as a data frame, m and rad: a row for each pose."""
+        of, rms, dominant = self.poses, self.rms, self.dominant_source
+        specified = [f"inside {one.quantity} {one.limit:g}" for one in self.specifications]
+        rows = []
+        for pose, label in enumerate(of.labels):
+            columns: dict[str, Any] = dict(zip(self.joints, of.q[:, pose].tolist(), strict=True))
+            columns |= dict(zip("xyz", of.position[:, pose].tolist(), strict=True))
+            columns |= {"status": of.status[pose], "branch": int(of.branch[pose])}
+            columns |= {f"mean {name}": float(self.mean[row, pose]) for row, name in enumerate(_COMPONENTS)}
+            for norm, name in enumerate(_NAMES):
+                columns[f"rms {name}"] = float(rms[norm, pose])
+                levels = [f"{name} {level:g}" for level in LEVELS]
+                columns |= dict(zip(levels, self.quantile[:, norm, pose].tolist(), strict=True))
+            columns |= dict(zip(specified, self.probability[:, pose].tolist(), strict=True))
+            rows.append(((label,), columns | {"dominant source": dominant[pose]}))
+        return data_frame(["pose"], rows, self.settings())
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the map as a dataset with the dimension ``pose``, m and rad, NaN where nothing is known.
+
+        Coordinates: ``pose_name``, ``q`` (pose, joint), ``position`` (pose, axis), ``status``, ``branch`` and, of a path,
+        ``time``. Variables: ``mean`` (pose, component), ``covariance`` (pose, component, component_2), ``rms_position``,
+        ``rms_attitude``, ``quantile_position`` and ``quantile_attitude`` (pose, level), ``probability`` (pose, specification),
+        these three with ``…_bounds`` of the further dimension ``end``; ``shares`` (pose, source), ``dominant_source``; with a
+        reference the same of the relative error as ``relative_…``; of what was sampled ``sampled_quantile_position`` and
+        ``…_attitude`` with ``_lower`` and ``_upper``, and of what was judged ``sampled_inside`` alike.
+        """
+        of, variables = self.poses, _over_poses(self._arrays())
+        variables["dominant_source"] = ("pose", list(self.dominant_source))
+        if self.relative is not None:
+            variables |= {f"relative_{name}": one for name, one in _over_poses(self.relative.arrays()).items()}
+        variables |= self._sampled_variables()
+        coordinates: dict[str, Any] = {
+            "pose": np.arange(len(of)),
+            "pose_name": ("pose", of.labels),
+            "q": (("pose", "joint"), of.q.T),
+            "position": (("pose", "axis"), of.position.T),
+            "status": ("pose", list(of.status)),
+            "branch": ("pose", of.branch.astype(np.int32)),
+            "joint": list(self.joints),
+            "axis": list("xyz"),
+            "component": list(_COMPONENTS),
+            "component_2": list(_COMPONENTS),
+            "level": list(LEVELS),
+            "end": ["lower", "upper"],
+            "specification": [f"{one.quantity} {one.limit:g} @ {one.required:g}" for one in self.specifications],
+            "source": list(self.sources),
+            **({} if of.times is None else {"time": ("pose", of.times)}),
+        }
+        return optional("xarray").Dataset(variables, coordinates, described(self.settings()))
+
+    def _sampled_variables(self) -> dict[str, Any]:
+        if self.sampled is None:
+            return {}
+        result, chosen = self.sampled.result, self.sampled.poses
+        made: dict[str, Any] = {}
+
+        def spread(array: Array) -> Array:
+            full = np.full((len(self.poses), *array.shape[:-1]), np.nan)
+            full[chosen] = np.moveaxis(array, -1, 0)
+            return full
+
+        for norm, name in enumerate(_NAMES):
+            low, high = result.quantile_interval[:, norm, 0], result.quantile_interval[:, norm, 1]
+            for suffix, array in (("", result.quantile[:, norm]), ("_lower", low), ("_upper", high)):
+                made[f"sampled_quantile_{name}{suffix}"] = (("pose", "level"), spread(array))
+        of = self.judged
+        for suffix, array in (("", of.probability), ("_lower", of.interval[:, 0]), ("_upper", of.interval[:, 1])):
+            made[f"sampled_inside{suffix}"] = (("pose", "specification"), array.T)
+        return made
+
+    def to_netcdf(self, path: str | os.PathLike[str]) -> None:
+        """Write :meth:`to_xarray` as a netCDF file, whole or not at all.
+
+        Raises:
+            InputError: xarray is not installed.
+            OutputError: The file cannot be written.
+        """
+        write_files({check_path("the path of the map", path): bytes(self.to_xarray().to_netcdf())})
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Assumptions of the numbers, one sentence each."""
+        return (
+            "mean, covariance, quantiles and shares inside are those of the first-order model with a normal error; their bounds "
+            "hold for the exact model with the laws of the sheet",
+            "a verdict is that of sampled robots of the exact model, with its confidence at each pose by itself",
+            "shares of sources are Cov(e_k, e) of their part of the position's error; of correlated numbers that are those of "
+            "several sources, Shapley effects",
+            "the sampled numbers are those of the exact model, the same robots at every pose",
+        )
+
+    @property
+    def summary(self) -> str:
+        """What `repr` says of the result, beside the arm."""
+        worst = float(np.nanmax(self.quantile[LEVELS.index(0.95), 0]))
+        return (
+            f"{len(self.poses):,} poses, {self.unknown:,} of them without joint values, "
+            f"|d| within {1e3 * worst:.4g} mm for 95 % at the worst in closed form"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the notebook view: the worst poses, mm and mrad."""
+        rows = []
+        labels, dominant = self.poses.labels, self.dominant_source
+        for pose in self.worst_first[:_MOST_ROWS]:
+            numbers = [milli(float(self.quantile[rank, norm, pose])) for norm in (0, 1) for rank in range(len(LEVELS))]
+            shares = [percent(float(share)) for share in self.probability[:, pose]]
+            rows.append([labels[pose], *numbers, *shares, dominant[pose]])
+        within = [f"{100 * level:g} %" for level in LEVELS[1:]]
+        inside = [f"spec {rank}" for rank in range(1, len(self.specifications) + 1)]
+        columns = ["pose", "median |d| [mm]", *within, "median |δ| [mrad]", *within, *inside, "dominant source"]
+        of = self.provenance
+        title = f"Map of {of.robot}: {of.base} to {of.tip}, {len(self.poses):,} poses, the worst first"
+        notes = [f"first order, statics {of.statics}; base axes", *self.warnings]
+        return rendered(title, [Table(columns, rows)], notes)
+
+
+def _over_poses(arrays: Mapping[str, tuple[tuple[str, ...], Array]]) -> dict[str, Any]:
+    """Return arrays as the variables of a dataset, with the pose as the first axis."""
+    return {name: (("pose", *dims), np.moveaxis(values, -1, 0)) for name, (dims, values) in arrays.items()}
+
+
+def check_json(poses: int, joints: int, sources: int, specifications: int, is_relative: bool) -> None:
+    """Refuse a map whose JSON is too large to be made or to be read again.
+
+    Raises:
+        InputError: It is.
+    """
+    numbers = poses * (71 + joints + sources + 8 * specifications + 54 * is_relative)
+    what = f"the JSON of a map of {poses:,} poses"
+    instead = "write it as netCDF (--netcdf, to_netcdf), or map fewer poses"
+    if _WRITTEN * numbers > LARGEST_FILE:
+        size = f"{_WRITTEN * numbers / 1e9:,.1f} GB long; up to {LARGEST_FILE / 1e9:,.1f} GB are read again"
+        raise InputError(f"{what} is about {size}; {instead}")
+    check_memory(float(_ENCODING * numbers), what, instead)
+
+
+def _rms(mean: Array, covariance: Array) -> Array:
+    """Return the root mean squares of position and attitude, ``(2, P)``."""
+    squares = mean**2 + np.einsum("iip->ip", covariance)
+    return np.sqrt(np.maximum(squares.reshape(2, 3, -1).sum(axis=1), 0.0))
+
 
 VERIFIED: Final = 5
 """Poses that are verified with fresh samples, the worst ones of the closed form."""

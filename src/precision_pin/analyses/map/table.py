@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.map.map_result import MapResult
+from precision_pin.analyses.map.map_poses import MapResult
 from precision_pin.analyses.map.map_verdicts import MapVerdict
 from precision_pin.analyses.monte_carlo.table import demanded
 from precision_pin.base.text_escape import shortened, shown, visible

@@ -78,7 +78,7 @@ def _probability(text: str) -> float:
 DECLARATION = Declaration(
     name="path",
     function=f"{__name__}.path_law:path_law",
-    result=f"{__name__}.path_result:PathResult",
+    result=f"{__name__}.path_law:PathResult",
     title="Path",
     heading="",
     summary="Sample the law of the largest error along a path, with bands that hold whole error curves.",

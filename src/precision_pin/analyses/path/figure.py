@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final, final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from precision_pin.analyses.path.path_result import PathResult
+from precision_pin.analyses.path.path_law import PathResult
+from precision_pin.analyses.path.table import band_lines, headline, maximum_rows, pose_rows, verdict_lines, where_line
+from precision_pin.base.arrays import Array
 from precision_pin.base.text_escape import visible
+from precision_pin.render.chapter import Chapter
+from precision_pin.render.colour_scale import ColourScale, round_number
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, LIMIT_COLOURS, PURPLE, SKY
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
+from precision_pin.render.html import Html, items, paragraph, section, table
+from precision_pin.render.notebook import escaped
+from precision_pin.render.scene import Scene
+from precision_pin.render.svg import figure as inline_figure
 from precision_pin.render.tables import symbol
+from precision_pin.statistics.digits import format_inside, format_interval
 
 _MOST_NAMED: Final = 12
 _MOST_LETTERS: Final = 16
@@ -76,3 +86,113 @@ def _draw(axes: Axes, result: PathResult, norm: int) -> None:
     # room for the markers of single poses
     room = 0.03 * float(np.ptp(places)) if marker else 0.0
     axes.set_xlim(float(places.min()) - room, (float(places.max()) + room) if np.ptp(places) > 0 else None)
+
+
+def path_chapter(result: PathResult) -> Chapter:
+    """Return the path as a chapter."""
+    answers = tuple(f"Along the path: {line}" for line in (headline(result), *verdict_lines(result)))
+    return Chapter("path", "Path", _section(result), answers, PathLayer.of(result))
+
+
+def _section(result: PathResult) -> Html:
+    share = f"{100 * result.probability:.6g} %"
+    picture = inline_figure(
+        figure(result),
+        "path",
+        f"Errors along a path of {len(result.poses):,} poses: {headline(result)}",
+        "The quantile at each pose, and the band that holds the whole error curve of that share of the robots or more.",
+    )
+    maxima, listed = maximum_rows(result), pose_rows(result)
+    poses = f"The largest errors of the path at {len(listed) - 1} of its poses"
+    note = f"|d|, |δ|: {share} quantile at the pose; largest here: share of robots with their largest error of the path there."
+    return section(
+        "path",
+        "Path",
+        items([headline(result), where_line(result), *verdict_lines(result), *band_lines(result)]),
+        picture,
+        table("Largest error of the path", maxima[0], maxima[1:]),
+        table(poses, listed[0], listed[1:]),
+        paragraph(note, class_="note"),
+    )
+
+
+# largest lower end of the colours, of their upper end
+_LEAST_SPAN: Final = 0.9
+# largest radius of the outer tube at first, in lengths of the arm
+_WIDEST: Final = 0.025
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PathLayer:
+    """A path and its band.
+
+    Attributes:
+        result: Law of the errors along the path.
+        scale: Colours of the quantile of |d| at each pose.
+    """
+
+    result: PathResult
+    scale: ColourScale
+
+    @classmethod
+    def of(cls, result: PathResult) -> PathLayer:
+        """Return the layer of a path."""
+        sizes = result.curve[0]
+        # the quantiles are sampled: a scale of less than their scatter would colour nothing else
+        return cls(result, ColourScale.of(np.append(sizes, min(sizes.min(), _LEAST_SPAN * sizes.max()))))
+
+    @property
+    def name(self) -> str:
+        """Name of the layer."""
+        return "path"
+
+    def draw(self, scene: Scene, length: float) -> None:
+        """Add the line of the nominal path; the scripts add the tubes, which the factor widens."""
+        del length
+        points = self.result.poses.position
+        scene.segments(("path", "line"), np.repeat(points, 2, axis=1)[:, 1:-1], (0.1, 0.1, 0.1, 1.0))
+
+    def settings(self, length: float) -> dict[str, Any]:
+        """Return the points, m by x, y, z, the radii of both tubes, m, the colours' ends and the worst point.
+
+        ``times`` is how many times too large the radii are drawn at first: errors of whole robots would fill the picture.
+        """
+        result = self.result
+        widest = float(result.band[0].max())
+        return {
+            "times": round_number(_WIDEST * length / widest) if widest > 0 else 1.0,
+            "points": _rounded(result.poses.position.T.ravel()),
+            "band": _rounded(result.band[0]),
+            "quantile": _rounded(result.curve[0]),
+            "colours": [self.scale.smallest, self.scale.largest],
+            "worst": result.worst_pose(0),
+        }
+
+    def legend(self) -> str:
+        """Return the section of the legend: the answer, the colours, and what the tubes are."""
+        result = self.result
+        share = f"{100 * result.probability:.6g} %"
+        largest = result.maximum_quantile(0, result.probability)
+        label = result.poses.labels[result.worst_pose(0)]
+        assert largest.value is not None
+        assert largest.interval is not None
+        low, high = format_interval(*largest.interval, 1e3)
+        value = format_inside(1e3 * largest.value, (1e3 * largest.interval[0], 1e3 * largest.interval[1]))
+        answer = (
+            f"{share} of robots stay within {value} mm all along the path of {len(result.poses):,} points, "
+            f"interval {low} to {high} mm at {100 * result.confidence:.4g} % confidence; most have their largest error at {label}"
+        )
+        words = f"inner tube: {share} of robots at each point; outer tube: {share} or more along the whole path; cone: {label}"
+        return (
+            f'<section aria-label="Path"><h2>Path: {share} of robots within |d|, {self.scale.unit.name}</h2>'
+            f'<p id="path-answer">{escaped(answer)}</p>{self.scale.bar()}'
+            '<ul class="legend controls"><li><label><input type="checkbox" id="show-path" checked>'
+            f'<i class="line"></i><span>{escaped(words)}</span></label></li></ul>'
+            '<p class="fine">The radii of the tubes are drawn at <span id="path-times"></span> times their size.</p></section>'
+        )
+
+
+def _rounded(values: Array) -> list[float]:
+    """Return numbers with the digits that a picture can show."""
+    return [float(f"{value:.7g}") for value in values]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from precision_pin.analyses.monte_carlo.table import demanded, verdict_line
-from precision_pin.analyses.path.path_result import PathResult
+from precision_pin.analyses.path.path_law import PathResult
 from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import resting_on, symbol
 from precision_pin.render.text_table import aligned

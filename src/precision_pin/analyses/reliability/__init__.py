@@ -5,7 +5,7 @@ from precision_pin.analyses.declaration import AT_POSES, INPUTS, SAMPLING, Decla
 DECLARATION = Declaration(
     name="reliability",
     function=f"{__name__}.reliability:reliability",
-    result=f"{__name__}.reliability_result:ReliabilityResult",
+    result=f"{__name__}.reliability:ReliabilityResult",
     title="Reliability",
     heading="Reliability",
     summary="Probability that a limit is exceeded, by several methods, down to one in ten million and below.",

@@ -5,7 +5,7 @@ from precision_pin.analyses.declaration import AT_POSES, INPUTS, SAMPLING, Decla
 DECLARATION = Declaration(
     name="worst-case",
     function=f"{__name__}.worst_case:worst_case",
-    result=f"{__name__}.worst_case_result:WorstCaseResult",
+    result=f"{__name__}.worst_case:WorstCaseResult",
     title="Worst case",
     heading="Worst case",
     summary="Bound the pose error if every tolerance does its worst at once.",

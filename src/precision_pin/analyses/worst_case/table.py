@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from precision_pin.analyses.exact_law.exact_law_result import bound_text
+from precision_pin.analyses.exact_law.exact_law import bound_text
 from precision_pin.analyses.monte_carlo.table import answer_of, statistic, subject
-from precision_pin.analyses.worst_case.worst_case_result import (
+from precision_pin.analyses.worst_case.worst_case import (
     SEEN_LEVEL,
     NormBound,
     PoseWorstCase,
