@@ -14,7 +14,7 @@ from benchmarks.timing import Work, nanoseconds
 from precision_pin.kernel import sampler
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.statistics import QUANTITIES, finish, quantity_values, start
-from precision_pin.statistics.sketch import COLUMNS
+from precision_pin.statistics.accumulate import COLUMNS
 
 __all__ = ["measure"]
 

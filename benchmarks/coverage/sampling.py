@@ -23,7 +23,7 @@ from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.sampling.histogram_plan import planned
+from precision_pin.sampling.blocks import planned
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import (
     Distribution,

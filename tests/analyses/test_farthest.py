@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import ortho_group
 
-from precision_pin.analyses.worst_case.largest_norm import TOLERANCE, farthest, quadratic_bound
+from precision_pin.analyses.worst_case.convex_bodies import TOLERANCE, farthest, quadratic_bound
 
 
 class Body:

@@ -10,8 +10,8 @@ from scipy import stats
 
 import precision_pin as pp
 from precision_pin.analyses.exact_law.number_law import NormalNorm
-from precision_pin.analyses.map import map_poses as map_poses_module
 from precision_pin.analyses.map import map_poses
+from precision_pin.analyses.map import map_poses as map_poses_module
 from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.map.table import map_table

@@ -43,7 +43,7 @@ from typing import ClassVar
 
 from precision_pin.analyses.provenance import PoseLabel, Provenance, listed_poses
 from precision_pin.analyses.result import Result, list_warnings
-from precision_pin.render.notebook import Table
+from precision_pin.render.html import Table
 from precision_pin.render.tables import data_frame
 
 

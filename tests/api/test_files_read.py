@@ -9,7 +9,7 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.base import csv_columns
-from precision_pin.base.input_files import UnreadableFileError, read_regular_file, read_text_file
+from precision_pin.base.files import UnreadableFileError, read_regular_file, read_text_file
 from precision_pin.render import result_io as stored
 from precision_pin.render.result_io import JsonResult
 from precision_pin.robot import urdf

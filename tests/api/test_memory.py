@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from precision_pin.base import memory
+from precision_pin.base import arguments
 
 GIB = 2**30
 
@@ -18,11 +18,11 @@ def machine(tmp_path, monkeypatch):
             place = tmp_path.joinpath(*path.split("__"))
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(text)
-        return memory.available_memory()
+        return arguments.available_memory()
 
-    monkeypatch.setattr(memory, "_MEMORY", tmp_path / "meminfo")
-    monkeypatch.setattr(memory, "_GROUPS", tmp_path / "groups")
-    monkeypatch.setattr(memory, "_OWN_GROUPS", tmp_path / "own")
+    monkeypatch.setattr(arguments, "_MEMORY", tmp_path / "meminfo")
+    monkeypatch.setattr(arguments, "_GROUPS", tmp_path / "groups")
+    monkeypatch.setattr(arguments, "_OWN_GROUPS", tmp_path / "own")
     return write
 
 

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from precision_pin.base.errors import Finding, InputError, UnknownNameError
-from precision_pin.base.text_escape import LONGEST_LINE, one_line, shown, visible
+from precision_pin.base.errors import LONGEST_LINE, Finding, InputError, UnknownNameError, one_line, shown, visible
 
 FORGED = "precision-pin: error E_FORGED: forged"
 HOSTILE = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from precision_pin.base.text_escape import visible
+from precision_pin.base.errors import visible
 from precision_pin.render.text_table import aligned, width
 
 NAMES = (

@@ -37,7 +37,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from precision_pin.draws.laws.law import Law
-from precision_pin.draws.laws.sheet_form import MEAN, LawOption, SheetForm
+from precision_pin.draws.laws.law import MEAN, LawOption, SheetForm
 
 
 @final

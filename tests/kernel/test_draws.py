@@ -18,7 +18,7 @@ from precision_pin.draws.space import Space
 from precision_pin.kernel import loops as loops
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.statistics import sketch
+from precision_pin.statistics import accumulate
 from precision_pin.statistics.accumulate import LARGEST
 
 ALPHA = 1e-6
@@ -50,7 +50,7 @@ def row_of(function, uniforms, *arguments, rows=1):
 
 def test_numbers_repeated_in_the_compiled_file_are_those_of_their_owners() -> None:
     assert loops.LARGEST == LARGEST
-    assert (loops._SHIFT, loops._OFFSET, loops._BINS) == (sketch.SHIFT, sketch.OFFSET, sketch.BINS)
+    assert (loops._SHIFT, loops._OFFSET, loops._BINS) == (accumulate.SHIFT, accumulate.OFFSET, accumulate.BINS)
     named = {
         "ADD": loops._ADD, "SUBTRACT": loops._SUBTRACT, "MULTIPLY": loops._MULTIPLY, "DIVIDE": loops._DIVIDE,
         "POWER": loops._POWER, "SQRT": loops._SQRT, "SIN": loops._SIN, "COS": loops._COS, "SIGN": loops._SIGNUM,

@@ -23,7 +23,7 @@ from nbformat.v4 import new_code_cell, new_notebook
 import precision_pin as pp
 from precision_pin.base import se3
 from precision_pin.base.progress import progress
-from precision_pin.render.notebook import MOST_ROWS, Table, rendered
+from precision_pin.render.html import MOST_ROWS, Table, rendered
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.statistics import QUANTITIES

@@ -34,10 +34,9 @@ from precision_pin.analyses.monte_carlo.section import distributions, specificat
 from precision_pin.analyses.worst_case.worst_case import worst_case
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import origin_shares
-from precision_pin.pages.report.changes import changes
 from precision_pin.pages.report.page import _opened, page
 from precision_pin.pages.report.sections import assumptions
-from precision_pin.pages.report.summary import summary
+from precision_pin.pages.report.summary import changes, summary
 from precision_pin.pages.view import script_hashes
 from precision_pin.render.html import element, section
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from outputs.report_cases import Reader, paper
-from precision_pin.analyses.report_cells import bracketed
+from precision_pin.analyses.collect import bracketed
 from precision_pin.base import units
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import (

@@ -13,7 +13,7 @@ from precision_pin.draws.laws import Empirical, Law, Lognormal, Normal, Rows, Tw
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.sampling.histogram_plan import first_order_skewness, planned
+from precision_pin.sampling.blocks import first_order_skewness, planned
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import QUANTITIES, Plan, finish, observe, quantity_values, start
 from sampling.cases import AT, MODEL

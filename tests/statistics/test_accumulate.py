@@ -7,8 +7,7 @@ import pytest
 
 from precision_pin.base.errors import InputError, InternalError, UnknownNameError
 from precision_pin.statistics import QUANTITIES, Plan, Specification, finish, observe, quantity_values, start
-from precision_pin.statistics.accumulate import LARGEST, lane_sums, merge
-from precision_pin.statistics.sketch import COLUMNS
+from precision_pin.statistics.accumulate import COLUMNS, LARGEST, lane_sums, merge
 
 SPECIFICATIONS = (
     Specification("position.norm", 1.5e-3, 0.5),

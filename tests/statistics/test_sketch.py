@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from precision_pin.statistics import Plan, finish, observe, start
-from precision_pin.statistics.sketch import BINS, COLUMNS, sketch_columns, sketch_edges
+from precision_pin.statistics.accumulate import BINS, COLUMNS, sketch_columns, sketch_edges
 
 
 def column_by_logarithm(value: float) -> int:

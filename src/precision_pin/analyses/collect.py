@@ -14,21 +14,24 @@ from typing import Any, Final, Literal, TypeVar, final
 import numpy as np
 
 from precision_pin.analyses.causes import Cause, find_causes
+from precision_pin.analyses.monte_carlo import table
 from precision_pin.analyses.provenance import Pose
 from precision_pin.analyses.registry import declarations
 from precision_pin.analyses.result import Result
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError
-from precision_pin.base.text_escape import visible
+from precision_pin.base.errors import InputError, visible
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.render import tables
+from precision_pin.render.tables import ROUNDING
 from precision_pin.robot import mcpc
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet import Sheet
-from precision_pin.statistics import Specification
+from precision_pin.statistics import Distribution, Specification
+from precision_pin.statistics.digits import format_interval
 
 Found = TypeVar("Found")
 Step = Callable[[str, int], AbstractContextManager[Progress]]
@@ -226,3 +229,39 @@ def _digest(file: str) -> tuple[str, str]:
     except OSError as error:
         raise InputError(f"{file} cannot be read any more: {error.strerror or error}") from None
     return os.path.basename(file), hashlib.sha256(content).hexdigest()
+
+
+MISSING: Final = "–"
+
+
+def outward(low: float, high: float, per_si: float = 1e3) -> tuple[str, str]:
+    """Return the ends of an interval as text, rounded outwards; an interval of rounding errors is 0."""
+    if max(abs(low), abs(high)) < ROUNDING:
+        return "0", "0"
+    return format_interval(low, high, per_si)
+
+
+def bracketed(low: float, high: float, per_si: float = 1e3) -> str:
+    """Return an interval as ``[low, high]``, rounded outwards."""
+    return "[{}, {}]".format(*outward(low, high, per_si))
+
+
+def milli_interval(distribution: Distribution, level: float) -> str:
+    """Return the interval of a quantile in mm or mrad."""
+    interval = distribution.quantile_interval(level)
+    return MISSING if interval is None else bracketed(*interval)
+
+
+def statistic(distribution: Distribution, which: str | float) -> str:
+    """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad, as far as it is resolved."""
+    return shown(table.statistic(distribution, which))
+
+
+def percent(share: float | None) -> str:
+    """Return a share in per cent."""
+    return shown(tables.percent(share))
+
+
+def shown(cell: str) -> str:
+    """Return a cell of a table for a terminal as the report has it."""
+    return MISSING if cell == "-" else cell

@@ -10,12 +10,16 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.base.errors import InputError
+from precision_pin.base.arguments import check_instance, check_items
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.versions import versions
+from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import OriginShares, PoseModel, origin_shares
 from precision_pin.render.tables import origins_entry
 from precision_pin.robot.approach import ApproachedPose, approach_entry, written_approach
+from precision_pin.sampling import Progress, check_progress
+from precision_pin.statistics.intervals import check_confidence
 
 Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 """Name of a pose, or joint values in chain order or by name, with an approach or without; ``None`` for the first pose."""
@@ -127,3 +131,33 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
     if not several:
         raise InputError("0 poses are given; give at least one, or none for the model's first pose")
     return several
+
+
+def check_common(
+    error_model: ErrorModel,
+    *,
+    seed: int,
+    findings: Sequence[Finding],
+    progress: Progress | bool | None,
+    confidence: float = 0.95,
+) -> tuple[Finding, ...]:
+    """Check the arguments that all analyses have in common before any work is done; return the findings."""
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_seed(seed)
+    check_confidence(confidence)
+    known = check_items("findings", findings, Finding)
+    check_progress(progress)
+    return known
+
+
+def check_request(
+    error_model: ErrorModel, poses: tuple[Poses, Poses, Poses], **common: Any
+) -> tuple[list[Pose], tuple[Finding, ...]]:
+    """Check the arguments of an analysis at poses; return a list of these, and the findings.
+
+    Args:
+        error_model, common: Arguments of :func:`check_common`.
+        poses: The arguments ``poses``, ``q`` and ``pose``, which are synonyms.
+    """
+    known = check_common(error_model, **common)
+    return listed_poses(*poses), known

@@ -9,17 +9,77 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.base.array_checks import fix_copy
-from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, UnknownNameError
-from precision_pin.base.memory import check_memory
-from precision_pin.base.text_escape import visible
+from precision_pin.base.arrays import Array, fix_copy
+from precision_pin.base.errors import InputError, UnitError, UnknownNameError, visible
+from precision_pin.base.units import Quantity, parse_vector
+
+_UNCHECKED: Final = 2**28
+"""Requests below this many bytes are not checked, because the check takes longer than it is worth."""
+
+_MEMORY: Final = Path("/proc/meminfo")
+_GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+
+
+def available_memory() -> int | None:
+    """Return the bytes that this process can still allocate without swapping; ``None`` if the system does not say."""
+    found = []
+    with suppress(OSError, ValueError, StopIteration):
+        line = next(line for line in _MEMORY.read_text("ascii").splitlines() if line.startswith("MemAvailable:"))
+        found.append(1024 * int(line.split()[1]))
+    if not found:
+        with suppress(OSError, ValueError):  # not Linux: all physical memory
+            found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    for limit, used in _group_files():
+        with suppress(OSError, ValueError):  # no such group, or one without a limit
+            found.append(max(int(limit.read_text("ascii")) - int(used.read_text("ascii")), 0))
+    return min(found, default=None)
+
+
+def _group_files() -> Iterator[tuple[Path, Path]]:
+    """Yield the files with the limit and the usage of this process's control group and of each group above it."""
+    lines = []
+    with suppress(OSError, ValueError):
+        lines = _OWN_GROUPS.read_text("utf-8").splitlines()
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        home = _GROUPS / "memory" if controllers else _GROUPS
+        names = ("memory.limit_in_bytes", "memory.usage_in_bytes") if controllers else ("memory.max", "memory.current")
+        group = home / path.lstrip("/")
+        for folder in (group, *group.parents):
+            if folder.is_relative_to(home):
+                yield folder / names[0], folder / names[1]
+
+
+def check_memory(needed: float, what: str, instead: str) -> None:
+    """Refuse a request that needs more memory than is free.
+
+    Args:
+        needed: Bytes that the request needs.
+        what: Text for the request, such as "keeping 1,000 samples".
+        instead: Text for the alternative.
+    """
+    available = available_memory() if needed > _UNCHECKED else None
+    if available is not None and needed > available:
+        message = f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"
+        raise InputError(message)
+
+
+def check_kept(samples: int) -> None:
+    """Refuse to keep more pose errors, 48 bytes each, than fit into memory."""
+    instead = f"at most {(available_memory() or 0) // 48:,} can be kept (the statistics do not need them)"
+    check_memory(48.0 * samples, f"keeping {samples:,} samples", instead)
+
 
 Kind = TypeVar("Kind")
 
@@ -207,3 +267,59 @@ def check_path(what: str, value: object) -> str:
     if not isinstance(path, str):
         raise InputError(f"{what} must be the path of a file, got {shown(value)}")
     return path
+
+
+_BEGINS: Final = re.compile(r"\s*[+-]?\.?[0-9]")
+
+
+def check_quantity(
+    what: str,
+    value: object,
+    quantity: Quantity,
+    allowed: str = "finite",
+    within: Callable[[float], bool] | None = None,
+) -> float:
+    """Return one number in SI.
+
+    Args:
+        what, value: The argument, in words, and the given value: a number in SI, or text with a unit.
+        quantity: What it is.
+        allowed, within: As for :func:`~precision_pin.base.arguments.check_number`, without the unit.
+    """
+    number = _in_si(what, value, quantity)
+    shown_unit = f"{allowed}, in {quantity.si} or with a unit"
+    if isinstance(number, list):
+        raise UnitError(f"{what} must be {shown_unit}, got {len(number)} numbers")
+    return check_number(what, number, shown_unit, within)
+
+
+def check_quantities(
+    what: str, values: object, quantity: Quantity, shape: tuple[int | None, ...] | None = None, needs: str = ""
+) -> Array:
+    """Return numbers in SI as a read-only copy.
+
+    Args:
+        what, values: The argument, in words, and the given values: as for
+            :func:`~precision_pin.base.arguments.check_numbers`, or with text in place of a number (``"100 mm"``) or of
+            a row of numbers (``"0 0 100 mm"``).
+        quantity: What they are.
+        shape, needs: As for :func:`~precision_pin.base.arguments.check_numbers`.
+    """
+    return check_numbers(what, _in_si(what, values, quantity), shape, needs)
+
+
+def _in_si(what: str, value: object, quantity: Quantity) -> object:
+    """Return a value with each text in it replaced by its number, or by the list of its numbers; all else as it is.
+
+    Text that does not begin with a number is left, for the check of the numbers to refuse it in words of its own.
+    """
+    if isinstance(value, list | tuple) and any(isinstance(entry, str | list | tuple) for entry in value):
+        return [_in_si(what, entry, quantity) for entry in value]
+    if not isinstance(value, str) or not _BEGINS.match(value):
+        return value
+    try:
+        numbers = parse_vector(value, quantity)
+    except UnitError as error:
+        message = error.findings[0].message
+        raise UnitError(f"{what.rstrip(',')}: {message}; a plain number is in {quantity.si}") from None
+    return numbers if len(numbers) > 1 else numbers[0]

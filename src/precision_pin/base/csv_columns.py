@@ -23,9 +23,8 @@ import numpy as np
 
 from precision_pin.base import units
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, UnitError, UnknownNameError, nearest
-from precision_pin.base.input_files import UnreadableFileError, read_text_file
-from precision_pin.base.text_escape import shown
+from precision_pin.base.errors import InputError, UnitError, UnknownNameError, nearest, shown
+from precision_pin.base.files import UnreadableFileError, read_text_file
 from precision_pin.base.units import QUANTITIES, Quantity
 
 LARGEST_FILE: Final = 16 * 2**20

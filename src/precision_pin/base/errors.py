@@ -20,11 +20,57 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal
+from functools import wraps
+from typing import Final, Literal, ParamSpec, TypeVar
 
-from precision_pin.base.text_escape import one_line, shown, visible
+LONGEST_LINE: Final = 2000
+"""Characters of a message."""
+
+_LONGEST_NAME: Final = 80
+_LONGEST_WORD: Final = 260
+"""As long as a file's name may be."""
+
+_WORD: Final = re.compile(rf"\S{{{_LONGEST_WORD + 1},}}")
+
+
+def shortened(text: str, most: int = _LONGEST_NAME) -> str:
+    """Return a text of at most so many characters; a longer one loses its middle."""
+    if len(text) <= most:
+        return text
+    tail = most // 4
+    return f"{text[: most - tail - 1]}…{text[len(text) - tail :]}"
+
+
+def visible(text: str, most: int = _LONGEST_NAME) -> str:
+    """Return a name shortened, with escapes for control, format and unassigned characters."""
+    text = shortened(text, most)
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+
+
+def shown(text: str, most: int = _LONGEST_NAME) -> str:
+    """Return a name in quotes for a message, as :func:`visible` shows it."""
+    return repr(shortened(text, most))
+
+
+def some(names: Sequence[str], most: int, between: str = ", ") -> str:
+    """Return the first names as text, and how many more there are."""
+    more = f" and {len(names) - most:,} more" if len(names) > most else ""
+    return between.join(names[:most]) + more
+
+
+def one_line(text: str, most: int = LONGEST_LINE) -> str:
+    """Return a message as one line: unprintable characters escaped, long words and long texts cut in the middle."""
+    # cut first, so that no search goes through millions of characters
+    text = visible(shortened(text, 10 * most), 10 * most)
+    return shortened(_WORD.sub(lambda word: shortened(word[0], _LONGEST_WORD // 2), text), most)
+
 
 MOST_COMPARED: Final = 500
 LONGEST_COMPARED: Final = 100
@@ -192,3 +238,46 @@ def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
         return "did you mean " + " or ".join(repr(candidate) for candidate in close) + "?"
     listed = ", ".join(map(visible, names[:most]))
     return f"valid: {listed}" + (f", … ({len(names)} in all)" if len(names) > most else "")
+
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+_added: Final[ContextVar[list[str] | None]] = ContextVar("added", default=None)
+
+
+def add(findings: Iterable[Finding | str]) -> None:
+    """Have the call under way warn of findings; without one, nothing is warned of."""
+    lines = _added.get()
+    if lines is not None:
+        lines.extend(line for line in map(str, findings) if not is_note(line))
+
+
+@contextmanager
+def unheard() -> Iterator[None]:
+    """Drop what is added in a ``with``: of a part of the poses, of which the call under way warns itself."""
+    before = _added.set([])
+    try:
+        yield
+    finally:
+        _added.reset(before)
+
+
+def warns_at_end(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """Make a public function emit its warnings, unless another public call is under way, which then emits them."""
+
+    @wraps(function)
+    def called(*arguments: Given.args, **options: Given.kwargs) -> Result:
+        if _added.get() is not None:
+            return function(*arguments, **options)
+        lines: list[str] = []
+        before = _added.set(lines)
+        try:
+            result = function(*arguments, **options)
+        finally:
+            _added.reset(before)
+        for line in dict.fromkeys(lines):
+            warnings.warn(line, PrecisionPinWarning, stacklevel=2)
+        return result
+
+    return called

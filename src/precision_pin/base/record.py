@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from precision_pin.base.array_checks import Fixed, field_names
+from precision_pin.base.arrays import Fixed, field_names
 
 Keys = tuple[str, ...]
 

@@ -12,10 +12,9 @@ import click
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli import EXIT_INPUT
 from precision_pin.cli.inputs import find_inputs, read_inputs
-from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.options import Command, Options, chain_options, inputs_argument, output_option, quiet_option
 from precision_pin.cli.streams import echo_data, wrapped
-from precision_pin.cli.terminal import echo_table
+from precision_pin.cli.terminal import echo_note, echo_table, echo_warnings
 from precision_pin.robot.examples import named_briefly
 
 if TYPE_CHECKING:

@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from precision_pin.base.errors import Finding, InputError, OutputError
+from precision_pin.base.errors import Finding, InputError, OutputError, visible
 from precision_pin.base.files import csv_text, whole_folder, write_text
-from precision_pin.base.text_escape import visible
 from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
-from precision_pin.cli.notes import echo_note
-from precision_pin.cli.options import Command, one_pose_options, output_option, seed_option
+from precision_pin.cli.options import Command, one_pose_options, output_option, progress_bar, seed_option
 from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
 from precision_pin.cli.targets import Outputs
-from precision_pin.cli.workers import progress_bar
+from precision_pin.cli.terminal import echo_note
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

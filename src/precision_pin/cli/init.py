@@ -8,14 +8,12 @@ from pathlib import Path
 
 import click
 
-from precision_pin.base.errors import Finding, InputError, OutputError
-from precision_pin.base.files import write_files, write_text
-from precision_pin.base.input_files import noted_inputs
-from precision_pin.base.text_escape import shown, some
-from precision_pin.cli.notes import echo_note, echo_warnings
+from precision_pin.base.errors import Finding, InputError, OutputError, shown, some
+from precision_pin.base.files import noted_inputs, write_files, write_text
 from precision_pin.cli.options import Command, output_option, quiet_option, robot_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
+from precision_pin.cli.terminal import echo_note, echo_warnings
 
 
 @click.command("init", cls=Command)

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, final
 
 from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.input_files import noted_inputs
-from precision_pin.cli.notes import echo_note, echo_warning_lines, echo_warnings
+from precision_pin.base.files import noted_inputs
 from precision_pin.cli.options import Options, describe_excess
+from precision_pin.cli.terminal import echo_note, echo_warning_lines, echo_warnings
 from precision_pin.robot.examples import PAPER_SHEET, ROBOTS, resolve_robot, shipped_sheet, similar_file, starting_sheet
 
 if TYPE_CHECKING:

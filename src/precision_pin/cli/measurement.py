@@ -9,8 +9,8 @@ import click
 
 from precision_pin.base import units
 from precision_pin.base.errors import InputError
-from precision_pin.cli.notes import echo_warnings
 from precision_pin.cli.options import Options, headed_option, together
+from precision_pin.cli.terminal import echo_warnings
 
 if TYPE_CHECKING:
     from precision_pin.analyses.calibration.calibrate import CalibrationResult

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Final, final
 
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.cli.inputs import chosen_pose
-from precision_pin.cli.notes import echo_note, echo_warnings
-from precision_pin.cli.options import Options
-from precision_pin.cli.workers import progress_bar
+from precision_pin.cli.options import Options, progress_bar
+from precision_pin.cli.terminal import echo_note, echo_warnings
 
 if TYPE_CHECKING:
     import numpy as np

@@ -8,8 +8,7 @@ import traceback
 import click
 
 from precision_pin.base import interrupts
-from precision_pin.base.errors import InputError, InternalError, nearest
-from precision_pin.base.text_escape import one_line, shown
+from precision_pin.base.errors import InputError, InternalError, nearest, one_line, shown
 from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL
 from precision_pin.cli.commands import list_commands, list_groups, load_command
 from precision_pin.cli.resources import shortage

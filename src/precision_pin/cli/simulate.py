@@ -13,9 +13,9 @@ from precision_pin.base.files import write_text
 from precision_pin.cli import options as shared
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import measurement_of, measurement_options
-from precision_pin.cli.notes import echo_note
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.targets import Outputs
+from precision_pin.cli.terminal import echo_note
 
 _MOST: Final = 100_000
 """Readings in a file."""
@@ -52,7 +52,7 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     from precision_pin.analyses.calibration.design import stations_of
     from precision_pin.analyses.calibration.forecast import as_measured, simulate_readings
     from precision_pin.base.arguments import check_whole
-    from precision_pin.base.text_escape import visible
+    from precision_pin.base.errors import visible
     from precision_pin.draws.draw import MOST_VISITS
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel

@@ -18,8 +18,7 @@ from typing import Any, Final, TextIO
 
 import click
 
-from precision_pin.base.errors import OutputError
-from precision_pin.base.text_escape import one_line
+from precision_pin.base.errors import OutputError, one_line
 
 _USUAL_COLUMNS: Final = 80
 _USUAL_ROWS: Final = 24

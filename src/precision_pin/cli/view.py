@@ -17,14 +17,14 @@ from precision_pin.cli import options as shared
 from precision_pin.cli.analyses import analysis_of
 from precision_pin.cli.inputs import echo_findings, read_sheet
 from precision_pin.cli.measurement import calibration_of
-from precision_pin.cli.notes import echo_note
+from precision_pin.cli.options import compile_sampler, progress_bar
 from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_path, read_poses
 from precision_pin.cli.targets import PageOutput
-from precision_pin.cli.workers import compile_sampler, progress_bar
+from precision_pin.cli.terminal import echo_note
 
 if TYPE_CHECKING:
     from precision_pin.pages.view import ViewPose
-    from precision_pin.render.layers import Layer
+    from precision_pin.render.chapter import Layer
     from precision_pin.sheet import Sheet
 
 CHUNK = 2**14

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_items, check_number, check_numbers, check_text, shown
-from precision_pin.base.array_checks import Fixed, returns_read_only
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed, returns_read_only
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws import lazy_special
 from precision_pin.draws.draw import Draw

@@ -16,11 +16,9 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.base.arguments import check_items, check_name, check_number, check_numbers, check_whole
-from precision_pin.base.array_checks import returns_read_only
-from precision_pin.base.arrays import Array
+from precision_pin.base.arguments import check_items, check_memory, check_name, check_number, check_numbers, check_whole
+from precision_pin.base.arrays import Array, returns_read_only
 from precision_pin.base.errors import InputError
-from precision_pin.base.memory import check_memory
 from precision_pin.draws import lazy_special, philox
 from precision_pin.draws.correlation import BlockCovariance, Correlation, check_correlations, covariance_of
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS, Draw, Scope, Setting, occasion

@@ -41,8 +41,8 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.places import ORDER_FRAME, Place
 from precision_pin.robot.urdf import Joint, Limits, Robot, parse, rpy_of
 from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
-from precision_pin.robot.urdf.findings import Findings, read_regular_file
 from precision_pin.robot.urdf.transforms import to_vector
+from precision_pin.robot.urdf.xmltree import Findings, read_regular_file
 from precision_pin.terms.term import JointValue
 
 BLOCK: Final = 1000

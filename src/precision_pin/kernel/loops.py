@@ -201,7 +201,7 @@ _LONG_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(20, -1, -1))
 # constants of other files are repeated here, not imported, because numba would not notice a change; a test compares them
 # precision_pin.draws.expressions.Operator
 _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS, _SIGNUM = range(9)
-_SHIFT, _OFFSET, _BINS = 43, 1011 << 9, 10_241  # precision_pin.statistics.sketch
+_SHIFT, _OFFSET, _BINS = 43, 1011 << 9, 10_241  # precision_pin.statistics.accumulate
 _FARTHEST = 8.6  # precision_pin.draws.laws.FARTHEST_NORMAL
 
 _NORM_SHIFT = _U(52 - NORM_MANTISSA)

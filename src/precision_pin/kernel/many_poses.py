@@ -6,7 +6,7 @@ the shared draws does not grow with the number of poses.
 `observe_norms` keeps only the statistics for a map, in 4 kB per pose instead of the 656 of one pose alone: the moments of all
 six components, counts inside specifications, and a small sketch of |d| and |δ|.
 
-The small sketch is that of :mod:`precision_pin.statistics.sketch` with 32 bins per octave, from 1/16 to 16 of the planned
+The small sketch is that of :mod:`precision_pin.statistics.accumulate` with 32 bins per octave, from 1/16 to 16 of the planned
 spread on each side of the planned mean (`norm_edges`). With v the distance from the mean in units of the spread, the bin
 that contains v is at most ``max(1/16, |v|/32)`` wide up to 16. The outermost bins are open and end at the smallest and
 largest value.

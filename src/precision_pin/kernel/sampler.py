@@ -21,18 +21,16 @@ from typing import Any, Final, Literal, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.arguments import check_choice
+from precision_pin.base.arguments import check_choice, check_memory
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.jit import call, is_kept
-from precision_pin.base.memory import check_memory
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import SamplerArrays, convert_table, convert_tables, empty_table, rare_laws
 from precision_pin.kernel.parts import compile_parts
 from precision_pin.statistics import Plan, State
-from precision_pin.statistics.accumulate import LARGEST, largest_of
-from precision_pin.statistics.sketch import COLUMNS
+from precision_pin.statistics.accumulate import COLUMNS, LARGEST, largest_of
 from precision_pin.terms.table import TermTable
 
 BLOCK: Final = loops.ATOM
@@ -69,7 +67,7 @@ class Blocks:
         sums: ``(blocks, 31)`` sums of each block: of (value - centre) of the eight quantities, of the products of two
             components' (value - centre) (upper triangle of 6 × 6, by rows), and of the squared (value - centre) of the
             norms.
-        sketch: ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.sketch`.
+        sketch: ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.accumulate`.
         inside: ``(S,)`` samples inside each specification.
         largest, largest_units: ``(2, LARGEST)`` largest |d| and |δ|, and the units with these errors, see
             :class:`precision_pin.statistics.State`.

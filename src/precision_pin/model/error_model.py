@@ -15,15 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_mapping, check_path
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.base.errors import Finding, InputError, UnknownNameError, add, warns_at_end
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.equilibrium import settle, terms_about_rest
 from precision_pin.model.pose_model import PoseModel, joint_value, origins_of_numbers
 from precision_pin.model.statics_findings import statics_findings
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.html import Table, rendered
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.chain import Chain, Posture, pose_findings
 from precision_pin.sheet import Sheet, read_data

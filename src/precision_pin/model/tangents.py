@@ -14,8 +14,7 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin.base import se3
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.text_escape import visible
+from precision_pin.base.errors import Finding, InputError, visible
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.statics_findings import turnover_findings

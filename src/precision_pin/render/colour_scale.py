@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.render.display_units import WrittenUnit
-from precision_pin.render.notebook import escaped
+from precision_pin.render.html import escaped
 
 _SMALLEST_UNIT: Final = 1e-6
 _STOPS: Final = 17

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from precision_pin.base.text_escape import visible
+from precision_pin.base.errors import visible
 
 SINGLE_COLUMN: Final = 85.0
 """Width of a figure of one quantity, mm."""

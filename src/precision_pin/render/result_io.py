@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 from precision_pin.base.arguments import check_path, shown
 from precision_pin.base.errors import InputError
-from precision_pin.base.files import write_text
-from precision_pin.base.input_files import UnreadableFileError, read_text_file
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.base.files import UnreadableFileError, read_text_file, write_text
+from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, dataset, pose_labels
 
 if TYPE_CHECKING:

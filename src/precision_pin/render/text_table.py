@@ -7,7 +7,7 @@ import unicodedata
 from itertools import groupby, pairwise
 from typing import Final
 
-from precision_pin.base.text_escape import visible
+from precision_pin.base.errors import visible
 
 _GAP: Final = re.compile(r"\S {2,}\S")
 _LEAST_NAME: Final = 24

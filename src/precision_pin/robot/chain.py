@@ -28,17 +28,15 @@ from precision_pin.base.arguments import (
     check_number,
     check_numbers,
     check_path,
+    check_quantities,
+    check_quantity,
     check_text,
     check_whole,
 )
-from precision_pin.base.array_checks import Fixed, read_only, returns_read_only
-from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.quantity_arguments import check_quantities, check_quantity
-from precision_pin.base.text_escape import shown
+from precision_pin.base.arrays import Array, Fixed, read_only, returns_read_only
+from precision_pin.base.errors import Finding, InputError, add, shown, warns_at_end
 from precision_pin.base.units import ACCELERATION, LENGTH, MASS
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.html import Table, rendered
 from precision_pin.robot.approach import Approach
 from precision_pin.robot.configurations import Configurations
 from precision_pin.robot.examples import ELSEWHERE, resolve_robot

@@ -11,11 +11,9 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.arguments import check_mapping, check_name, check_numbers
-from precision_pin.base.array_checks import fix_copy, returns_read_only
-from precision_pin.base.arrays import Array
+from precision_pin.base.arguments import check_mapping, check_name, check_numbers, check_quantities, check_quantity
+from precision_pin.base.arrays import Array, fix_copy, returns_read_only
 from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.base.units import ANGLE, LENGTH, Quantity
 from precision_pin.robot.urdf import Joint
 

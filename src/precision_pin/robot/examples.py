@@ -17,8 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from precision_pin.base.errors import InputError, UnknownNameError
-from precision_pin.base.text_escape import one_line
+from precision_pin.base.errors import InputError, UnknownNameError, one_line
 
 PREFIX: Final = "example:"
 DESCRIPTIONS: Final = "robot_descriptions:"

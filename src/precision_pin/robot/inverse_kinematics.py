@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_numbers
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_numbers
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.draws.expressions import Expression
 from precision_pin.robot.places import LinkFrame
 from precision_pin.robot.urdf import Robot

@@ -35,7 +35,7 @@ from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_numbers, check_whole, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.html import Table, rendered
 
 X_AXIS = (1.0, 0.0, 0.0)
 Y_AXIS = (0.0, 1.0, 0.0)

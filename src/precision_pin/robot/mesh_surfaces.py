@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.arrays import Array
-from precision_pin.base.text_escape import shown
+from precision_pin.base.errors import shown
 from precision_pin.render.scene import Colour
 from precision_pin.robot.urdf import Mesh, locate_mesh
-from precision_pin.robot.urdf.findings import Findings
 from precision_pin.robot.urdf.meshes import BrokenMeshError, MeshFile, MeshFiles, check_numbers, read_mesh
+from precision_pin.robot.urdf.xmltree import Findings
 
 MOST_FACES: Final = 120_000
 """The most triangles a page holds, about 2.5 MB."""

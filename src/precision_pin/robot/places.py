@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base.arguments import check_numbers
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.robot.urdf import Joint, Robot
 

@@ -18,14 +18,13 @@ from precision_pin.base.arguments import (
     check_mapping,
     check_name,
     check_numbers,
+    check_quantities,
     check_text,
     check_whole,
 )
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError
 from precision_pin.base.progress import steps_to
-from precision_pin.base.quantity_arguments import check_quantities
 from precision_pin.base.units import LENGTH, Quantity
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.configurations import joint_quantity

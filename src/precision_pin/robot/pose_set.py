@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_number
-from precision_pin.base.array_checks import fix_fields
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, fix_fields
 from precision_pin.base.errors import InputError
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.approach import approach_entry, written_approach

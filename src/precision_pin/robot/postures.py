@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.array_checks import read_only, returns_read_only
-from precision_pin.base.arrays import Array
-from precision_pin.base.memory import check_memory
+from precision_pin.base.arguments import check_memory
+from precision_pin.base.arrays import Array, read_only, returns_read_only
 from precision_pin.robot.loads import Load
 
 

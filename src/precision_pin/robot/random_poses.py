@@ -10,12 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.arguments import check_instance, check_whole
+from precision_pin.base.arguments import check_instance, check_quantities, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to
-from precision_pin.base.quantity_arguments import check_quantities
 from precision_pin.base.units import LENGTH
 from precision_pin.draws.philox import Units, stream_of
 from precision_pin.draws.space import check_seed

@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from precision_pin.base import units
 from precision_pin.base.arguments import check_instance, check_number, check_path, check_whole
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.csv_columns import NUMBER, numbers
-from precision_pin.base.errors import InputError, UnitError, nearest
-from precision_pin.base.input_files import UnreadableFileError, decode, read_regular_file
-from precision_pin.base.text_escape import shown
+from precision_pin.base.errors import InputError, UnitError, nearest, shown
+from precision_pin.base.files import UnreadableFileError, decode, read_regular_file
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_grids import MOST_POSES
 from precision_pin.robot.pose_set import PoseSet

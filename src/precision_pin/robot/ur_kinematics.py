@@ -24,7 +24,7 @@ from ruamel.yaml.error import YAMLError
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
-from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
+from precision_pin.base.files import UnreadableFileError, note_input, read_text_file
 
 MODELS: Final = {
     "UR3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),

@@ -11,12 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
-from precision_pin.base.arguments import check_instance, check_items, check_whole
-from precision_pin.base.array_checks import Fixed, returns_read_only
-from precision_pin.base.arrays import Array
+from precision_pin.base.arguments import check_instance, check_items, check_memory, check_quantities, check_whole
+from precision_pin.base.arrays import Array, Fixed, returns_read_only
 from precision_pin.base.errors import InputError
-from precision_pin.base.memory import check_memory
-from precision_pin.base.quantity_arguments import check_quantities
 from precision_pin.base.units import LENGTH
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.space import check_seed

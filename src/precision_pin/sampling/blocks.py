@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
+import math
 import pickle
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final, Literal, final
 
@@ -13,12 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_whole
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.versions import versions
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.laws import Law
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import BLOCK, Blocks
-from precision_pin.statistics import Plan
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.statistics import COMPONENTS, NORMS, Plan, Specification, quantity_values
 
 MOST_SAMPLES: Final = 10**12
 
@@ -109,3 +114,95 @@ class _Pickler(pickle.Pickler):
 def _make_read_only(array: NDArray[Any]) -> NDArray[Any]:
     array.flags.writeable = False
     return array
+
+
+PILOT: Final = 512
+"""Number of samples for planning: the first of the seed, even in a shorter run."""
+
+_FARTHEST: Final = 1e100
+"""Largest error planned for, m or rad."""
+
+
+def planned(
+    at: PoseModel,
+    layout: SamplerArrays,
+    model: Literal["exact", "linear"],
+    seed: int,
+    specifications: Sequence[Specification] = (),
+) -> Plan:
+    """Return the plan of a run at a pose."""
+    _, slopes = at.tangent
+    skewness = first_order_skewness(at.space.draws, slopes)
+    try:
+        pilot = quantity_values(sampler.errors(layout, model, seed, 0, PILOT))
+    except InputError:
+        # the run reports the invalid sample itself, unless it ends before it
+        return replace(Plan.from_moments(at.error_at_means, at.covariance, tuple(specifications)), skewness=skewness)
+    plan = Plan.from_pilot(pilot, reach(at, layout, slopes), tuple(specifications))
+    return replace(plan, skewness=skewness)
+
+
+def reach(at: PoseModel, layout: SamplerArrays, slopes: Array) -> Array:
+    """Return the approximate largest deviation of each component ``(6,)`` for slopes ``(6, d)`` of the error."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        farthest = np.maximum(layout.highest - at.space.mean, at.space.mean - layout.lowest)
+        largest = (np.abs(slopes) * np.minimum(farthest, _FARTHEST)).sum(axis=1)
+    return np.minimum(np.nan_to_num(largest), _FARTHEST)
+
+
+_NO_SLOPE = 1e-3
+"""Share of its vector's first-order spread below which a component is dominated by higher orders."""
+_NORMAL_SQUARE = math.sqrt(8)
+"""Skewness of the square of a normal variable."""
+
+
+def first_order_skewness(draws: Sequence[Draw], slopes: Array) -> Array:
+    """Return the skewness of the eight quantities and of their squared deviations, ``(8, 2)``.
+
+    Args:
+        draws: The draws, independent of each other.
+        slopes: ``(6, d)`` slopes of the error's components.
+
+    The skewness of a norm, and of a component that the draws do not move to first order, is taken from the squares of the
+    components of its vector, minus the skewness of a normal variable's square.
+    """
+    found = np.zeros((8, 2))
+    skewed = [_cumulants(draw.law) for draw in draws]
+    if all(cumulants is None for cumulants in skewed):
+        # only normal-like laws: components are not skewed, their squares as those of normal variables
+        found[:, 1] = _NORMAL_SQUARE
+        found[list(COMPONENTS), 1] *= (slopes != 0).any(axis=1)
+        return found
+    known = [_normal_cumulants(draw.law) if own is None else own for draw, own in zip(draws, skewed, strict=True)]
+    cumulants = np.concatenate([np.zeros((4, 0)), *known], axis=1)
+    second, third, fourth, sixth = (
+        (slopes**power * cumulant).sum(axis=1) for power, cumulant in zip((2, 3, 4, 6), cumulants, strict=True)
+    )
+    moves = second > 0
+    variance = np.where(moves, second, 1.0)
+    skewness = np.where(moves, third / variance**1.5, 0.0)
+    k4, k6 = np.where(moves, fourth / variance**2, 0.0), np.where(moves, sixth / variance**3, 0.0)
+    # central moments of a standardised variable from its cumulants, then those of its square
+    m4, m6 = k4 + 3, k6 + 15 * k4 + 10 * skewness**2 + 15
+    square = (m6 - 3 * m4 + 2) / np.maximum(m4 - 1, 1e-9) ** 1.5
+    found[list(COMPONENTS), 0], found[list(COMPONENTS), 1] = np.abs(skewness), np.where(moves, np.abs(square), 0.0)
+    for norm, part in zip(NORMS, (slice(0, 3), slice(3, 6)), strict=True):
+        rows = slice(norm + 1, norm + 4)
+        spread = np.sqrt(second[part])
+        heaviest = float(found[rows, 1].max())
+        beyond = max(heaviest - _NORMAL_SQUARE, 0.0)
+        found[norm] = beyond, heaviest
+        bent = spread <= _NO_SLOPE * spread.max()
+        found[rows] = np.where(bent[:, None], (beyond, heaviest if beyond else 0.0), found[rows])
+    return found
+
+
+@lru_cache(maxsize=4096)
+def _cumulants(law: Law) -> Array | None:
+    return law.cumulants()
+
+
+def _normal_cumulants(law: Law) -> Array:
+    normal = np.zeros((4, law.size))
+    normal[0] = np.diagonal(law.covariance)
+    return normal

@@ -21,9 +21,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.errors import InputError, UnknownNameError, visible
 from precision_pin.base.files import write_files
-from precision_pin.base.text_escape import visible
 from precision_pin.render import draw_distribution, figure_style
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.tables import symbol

@@ -19,11 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import progress as progress_bar
-from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.arguments import check_instance, check_items, check_memory, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.memory import check_memory
+from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.draws.draw import MOST_POSES, Scope
 from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler

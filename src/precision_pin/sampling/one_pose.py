@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import arguments
 from precision_pin.base import progress as progress_bar
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError, OutputError
-from precision_pin.base.memory import check_kept
+from precision_pin.base.arguments import check_kept
+from precision_pin.base.errors import Finding, InputError, OutputError, add, warns_at_end
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
@@ -24,8 +23,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel, origin_shares
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
-from precision_pin.sampling.blocks import Work, check_samples, packages
-from precision_pin.sampling.histogram_plan import planned
+from precision_pin.sampling.blocks import Work, check_samples, packages, planned
 from precision_pin.sampling.journal import SAMPLES, Journal, identity, opened
 from precision_pin.sampling.result import Correlated, MonteCarloResult, Until
 from precision_pin.sampling.workers import Submitter, Workers, chosen

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_name, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, UnknownNameError
+from precision_pin.base.errors import Finding, UnknownNameError, visible
 from precision_pin.base.record import Keys, Record
-from precision_pin.base.text_escape import visible
 from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import grounds_at_each
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels, symbol
 from precision_pin.robot.approach import approach_entry, written_approach

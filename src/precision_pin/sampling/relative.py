@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import progress as progress_bar
-from precision_pin.base.arguments import check_flag, check_instance, check_items, check_whole
+from precision_pin.base.arguments import check_flag, check_instance, check_items, check_kept, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.memory import check_kept
+from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.draws.draw import Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
@@ -28,7 +26,7 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling import Progress, available_cores, check_progress, one_pose
-from precision_pin.sampling.histogram_plan import PILOT, first_order_skewness, reach
+from precision_pin.sampling.blocks import PILOT, first_order_skewness, reach
 from precision_pin.sampling.result import MonteCarloResult, RelativeTo
 from precision_pin.statistics import Plan, finish, observe, quantity_values, start
 from precision_pin.statistics.plan import Specifications

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, visible
 from precision_pin.base.record import Keys, Record
-from precision_pin.base.text_escape import visible
 from precision_pin.base.versions import versions
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import OriginShares
 from precision_pin.render import tables
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.approach import approach_entry
 from precision_pin.statistics import (

@@ -13,8 +13,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin.base import units
-from precision_pin.base.errors import InputError, SheetError, UnknownNameError
-from precision_pin.base.text_escape import shown
+from precision_pin.base.errors import InputError, SheetError, UnknownNameError, shown
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, StatedNumber, source_model, stated_numbers
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.terms.bound_source import labels

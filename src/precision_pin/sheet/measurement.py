@@ -29,11 +29,19 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from precision_pin.base import se3, units
-from precision_pin.base.arguments import check_choice, check_flag, check_instance, check_items, check_numbers, shown
+from precision_pin.base.arguments import (
+    check_choice,
+    check_flag,
+    check_instance,
+    check_items,
+    check_numbers,
+    check_quantities,
+    check_quantity,
+    shown,
+)
 from precision_pin.base.arrays import Array
 from precision_pin.base.csv_columns import ColumnNames
 from precision_pin.base.errors import InputError
-from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.base.record import encode
 from precision_pin.base.units import ANGLE, LENGTH
 from precision_pin.robot.chain import Chain

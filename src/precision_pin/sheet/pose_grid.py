@@ -13,9 +13,8 @@ import numpy as np
 
 from precision_pin.base import units
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, nearest
-from precision_pin.base.input_files import UnreadableFileError, read_text_file
-from precision_pin.base.text_escape import shown
+from precision_pin.base.errors import InputError, nearest, shown
+from precision_pin.base.files import UnreadableFileError, read_text_file
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import Branches
 from precision_pin.robot.pose_grids import (

@@ -15,9 +15,8 @@ from pydantic import ValidationError
 
 from precision_pin.base import units
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
-from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
-from precision_pin.base.text_escape import some
+from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest, some
+from precision_pin.base.files import UnreadableFileError, note_input, read_text_file
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.estimates import Estimates

@@ -12,9 +12,39 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InternalError
 from precision_pin.statistics.plan import Plan
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES
-from precision_pin.statistics.sketch import COLUMNS, sketch_columns
 
 Counts = NDArray[np.int64]
+
+MANTISSA_BITS: Final = 9
+LOWEST_EXPONENT: Final = -12
+HIGHEST_EXPONENT: Final = 8
+SHIFT: Final = 52 - MANTISSA_BITS
+"""Shift of a double's bits to the right, leaving exponent and top nine bits of the mantissa."""
+OFFSET: Final = (1023 + LOWEST_EXPONENT) << MANTISSA_BITS
+"""The shifted bits of 2⁻¹²."""
+BINS: Final = 1 + ((HIGHEST_EXPONENT - LOWEST_EXPONENT) << MANTISSA_BITS)
+"""Bins on each side of the centre: 10,241."""
+COLUMNS: Final = 2 * BINS
+"""Columns of a quantity's row of counts."""
+
+
+def sketch_columns(scaled: Array) -> Counts:
+    """Return the column of each centred and scaled value, in an array of the same shape.
+
+    Args:
+        scaled: ``v = (value − centre) / scale``, finite.
+    """
+    shifted = np.abs(scaled).view(np.int64) >> SHIFT
+    magnitude_bin = np.minimum(np.maximum(shifted - (OFFSET - 1), 0), BINS - 1)
+    return np.where(scaled < 0, BINS - 1 - magnitude_bin, BINS + magnitude_bin)
+
+
+def sketch_edges() -> Array:
+    """Return the ``COLUMNS + 1`` ascending edges of the columns in v; the outermost are infinite."""
+    inner = (np.arange(BINS - 1, dtype=np.int64) + OFFSET) << SHIFT
+    magnitude = np.concatenate(([0.0], inner.view(np.float64), [np.inf]))
+    return np.concatenate((-magnitude[::-1], magnitude[1:]))
+
 
 LARGEST: Final = 10
 """Number of largest errors kept."""
@@ -37,7 +67,7 @@ class State:
         sums: ``(8,)`` sums of value − centre.
         products: ``(6, 6)`` sums of products of two components' (value − centre), symmetric.
         norm_squares: ``(2,)`` sums of (norm − centre)², position and attitude.
-        sketch: ``(8, COLUMNS)`` counts, see `precision_pin.statistics.sketch`.
+        sketch: ``(8, COLUMNS)`` counts, see `precision_pin.statistics.accumulate`.
         inside: ``(S,)`` samples inside each specification of the plan.
         largest, largest_units: ``(2, LARGEST)`` the largest |d| and |δ| in descending order, and the indices of their
             samples, counted from the first observed. Of equal values the earlier sample comes first. Unused entries are

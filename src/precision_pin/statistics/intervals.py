@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr, betainc, betaincinv, stdtrit
 
 from precision_pin.base.arguments import check_number
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 
 
 def check_confidence(confidence: float) -> None:

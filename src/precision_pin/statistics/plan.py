@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base import units
-from precision_pin.base.arguments import check_number, check_text, shown
+from precision_pin.base.arguments import check_number, check_quantity, check_text, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError, UnitError, UnknownNameError
-from precision_pin.base.quantity_arguments import check_quantity
 from precision_pin.statistics import quantities
 
 _RELATIVE_SCALE_WITHOUT_SPREAD = 2.0**-10

@@ -12,16 +12,14 @@ from typing import ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.array_checks import returns_read_only
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, returns_read_only
 from precision_pin.base.errors import InternalError
 from precision_pin.base.record import Keys, Record
-from precision_pin.statistics.accumulate import State
+from precision_pin.statistics.accumulate import State, sketch_edges
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import Moments, check_confidence, clopper_pearson
 from precision_pin.statistics.plan import Plan
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
-from precision_pin.statistics.sketch import sketch_edges
 from precision_pin.statistics.verdicts import Grounds, SpecificationResult
 
 NO_SPREAD: Final = 1e-12

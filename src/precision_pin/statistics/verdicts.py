@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from statistics import NormalDist
 from typing import ClassVar, Final, Literal, final
 
+from precision_pin.base.errors import visible
 from precision_pin.base.record import Keys, Record
-from precision_pin.base.text_escape import visible
 
 Verdict = Literal["met", "not met", "not judged", "undecided", "nothing to judge"]
 

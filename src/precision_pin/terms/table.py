@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.array_checks import Fixed, returns_read_only
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed, returns_read_only
 from precision_pin.base.errors import InputError, InternalError
 from precision_pin.draws.expressions import Expression, Program
 from precision_pin.draws.space import Space

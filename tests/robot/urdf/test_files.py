@@ -8,13 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from precision_pin.base.errors import UrdfError
-from precision_pin.base.text_escape import LONGEST_LINE
+from precision_pin.base.errors import LONGEST_LINE, UrdfError
 from precision_pin.robot.mesh_surfaces import MOST_FACES
 from precision_pin.robot.urdf import Limits, Mesh, check, locate_mesh, read
-from precision_pin.robot.urdf.findings import MOST_FINDINGS
 from precision_pin.robot.urdf.meshes import MOST_BYTES, MOST_DEPTH, MOST_TEXT_BYTES, MOST_TRIANGLES
-from precision_pin.robot.urdf.xmltree import ENCODINGS
+from precision_pin.robot.urdf.xmltree import ENCODINGS, MOST_FINDINGS
 
 CYLINDER = '<cylinder radius="0.05" length="0.4"/>'
 

@@ -25,19 +25,17 @@ from precision_pin.analyses.allocation.scaling import (
     contributions,
     in_deviations,
 )
-from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.budget.shares import by_draw, reaches
-from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.provenance import Provenance, check_common
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_number, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import warns_at_end
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
-from precision_pin.render.notebook import preformatted
+from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import pose_findings
 from precision_pin.statistics import COMPONENTS, NO_GROUNDS, QUANTITIES, Grounds, Specification
 from precision_pin.statistics.verdicts import Verdict, judge

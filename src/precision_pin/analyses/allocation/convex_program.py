@@ -24,8 +24,7 @@ from precision_pin.analyses.map.normal_norms import (
     norm_quantiles,
     principal_axes,
 )
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 
 ROUNDING: Final = 1e-9
 """Excess of a limit, relative, that is rounding."""

@@ -12,8 +12,7 @@ import numpy as np
 
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError, UnknownNameError
 
 # unit of each number of a cost, of the tolerance's units; empty for a pure number

@@ -20,7 +20,7 @@ from precision_pin.analyses.allocation.table import (
     tolerance_rows,
     verdict_lines,
 )
-from precision_pin.base.text_escape import visible
+from precision_pin.base.errors import visible
 from precision_pin.render.chapter import Chapter
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, VERMILION

@@ -15,8 +15,7 @@ from precision_pin.analyses.allocation.scaling import NoScaleError, contribution
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import unheard
-from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.errors import InputError, UnknownNameError, unheard
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.changes import source_of

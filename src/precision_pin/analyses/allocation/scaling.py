@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.costs import Tolerance
 from precision_pin.analyses.worst_case.convex_bodies import Supports
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.space import Space

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from precision_pin.analyses.allocation.allocate import MEAN, AllocatedLimit, AllocationResult, SourcePart
-from precision_pin.base.text_escape import shortened, visible
+from precision_pin.base.errors import shortened, visible
 from precision_pin.base.units import LENGTH
 from precision_pin.render.tables import resting_on, unit
 from precision_pin.render.text_table import aligned

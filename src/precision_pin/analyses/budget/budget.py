@@ -11,7 +11,6 @@ from typing import Final, final
 
 import numpy as np
 
-from precision_pin.analyses.arguments import check_request
 from precision_pin.analyses.budget import sobol
 from precision_pin.analyses.budget.budget_result import (
     VECTORS,
@@ -40,14 +39,12 @@ from precision_pin.analyses.budget.shares import (
     source_shares,
     worst_case_shares,
 )
-from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, law_breaks
 from precision_pin.analyses.result import list_warnings
-from precision_pin.base.arguments import check_number, shown
+from precision_pin.base.arguments import check_memory, check_number, shown
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import warns_at_end
-from precision_pin.base.errors import Finding, InputError, UnknownNameError
-from precision_pin.base.memory import check_memory
+from precision_pin.base.errors import Finding, InputError, UnknownNameError, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler

@@ -14,9 +14,8 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, Estimate, PoseBudget, Shares, scaled
 from precision_pin.analyses.budget.table import source_name
 from precision_pin.analyses.causes import Cause, CauseShare, rank_causes
-from precision_pin.analyses.collect import Results
-from precision_pin.analyses.report_cells import MISSING, percent, shown
-from precision_pin.base.text_escape import shortened
+from precision_pin.analyses.collect import MISSING, Results, percent, shown
+from precision_pin.base.errors import shortened
 from precision_pin.render import svg
 from precision_pin.render.draw_distribution import BLACK, SKY
 from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, end_figure, new_figure, style

@@ -32,8 +32,7 @@ from precision_pin.base import se3
 from precision_pin.base.arguments import check_flag, check_items, check_name, check_number, check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, SheetError
-from precision_pin.base.files import write_files
-from precision_pin.base.input_files import UnreadableFileError, read_text_file
+from precision_pin.base.files import UnreadableFileError, read_text_file, write_files
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.estimates import Estimates, held_at_mean

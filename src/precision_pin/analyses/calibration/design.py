@@ -33,9 +33,8 @@ from scipy.sparse.csgraph import connected_components
 
 from precision_pin.base.arguments import check_instance
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, some
 from precision_pin.base.record import Keys, Record
-from precision_pin.base.text_escape import some
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel

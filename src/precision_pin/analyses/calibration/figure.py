@@ -15,7 +15,7 @@ from precision_pin.analyses.calibration.forecast import CalibrationForecast, Cur
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
 from precision_pin.analyses.calibration.table import VERDICTS, describe_measurement, measured_text, verdict_text
-from precision_pin.base.text_escape import visible
+from precision_pin.base.errors import visible
 from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY, VERMILION
 

@@ -11,7 +11,7 @@ from precision_pin.analyses.calibration.calibrate import CalibrationResult, Wors
 from precision_pin.analyses.calibration.table import MOST_READINGS, deviations_text, headline
 from precision_pin.base.arrays import Array
 from precision_pin.render.colour_scale import ColourScale, round_number
-from precision_pin.render.notebook import escaped
+from precision_pin.render.html import escaped
 from precision_pin.render.scene import Scene
 from precision_pin.render.tables import milli
 

@@ -23,11 +23,10 @@ from precision_pin.analyses.result import Outcome
 from precision_pin.base import units
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_number
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError, UnitError
-from precision_pin.base.input_files import UnreadableFileError, note_input, read_text_file
+from precision_pin.base.errors import Finding, InputError, UnitError, some, visible
+from precision_pin.base.files import UnreadableFileError, note_input, read_text_file
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record
-from precision_pin.base.text_escape import some, visible
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel

@@ -21,7 +21,7 @@ from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.render.notebook import preformatted
+from precision_pin.render.html import preformatted
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import quantile_ranks
 

@@ -19,7 +19,7 @@ from precision_pin.analyses.calibration.population import Population
 from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, PosesOutcome, Posterior
 from precision_pin.analyses.calibration.residuals import EstimatedStd
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.base.text_escape import shortened, shown, some, visible
+from precision_pin.base.errors import shortened, shown, some, visible
 from precision_pin.render.tables import milli, resting_on
 from precision_pin.render.text_table import aligned
 from precision_pin.sheet.measurement import Measurement

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from precision_pin.analyses.compare.compare import ComparisonResult, PoseComparison
-from precision_pin.base.text_escape import visible
+from precision_pin.base.errors import visible
 from precision_pin.render import figure_style
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.analyses.compare.compare import LEVELS, ComparisonResult, PoseComparison
-from precision_pin.analyses.compare.paired import Difference
+from precision_pin.analyses.compare.compare import LEVELS, ComparisonResult, Difference, PoseComparison
 from precision_pin.analyses.monte_carlo.table import demanded, verdict_line
-from precision_pin.base.text_escape import shortened, shown, visible
+from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.render.tables import milli, resting_on, symbol
 from precision_pin.render.text_table import aligned
 from precision_pin.sampling.result import MonteCarloResult

@@ -18,13 +18,12 @@ from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import AnalysisResult, list_warnings
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_numbers
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import strained_findings
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, milli
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.chain import pose_findings

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Chain

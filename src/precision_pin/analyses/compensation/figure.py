@@ -15,17 +15,15 @@ from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.analyses.compensation.table import EXPLANATION, headline, joint_rows, pose_rows, setting_lines
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
-from precision_pin.base.text_escape import visible
+from precision_pin.base.errors import visible
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.rigid_part import Part
+from precision_pin.model.pose_model import Part, PoseModel
 from precision_pin.render import figure_style
 from precision_pin.render.chapter import Chapter
 from precision_pin.render.colour_scale import round_number
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLUE, VERMILION
-from precision_pin.render.html import Html, items, paragraph, section, table
-from precision_pin.render.notebook import escaped
+from precision_pin.render.html import Html, escaped, items, paragraph, section, table
 from precision_pin.render.scene import Scene
 from precision_pin.render.svg import figure as inline_figure
 from precision_pin.render.tables import symbol

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.compensation.compensate import CompensationResult
+from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.base.files import csv_text
-from precision_pin.base.text_escape import shortened, shown, visible
 from precision_pin.render.tables import resting_on
 from precision_pin.render.text_table import aligned
 from precision_pin.robot.trajectory import Column, joint_columns

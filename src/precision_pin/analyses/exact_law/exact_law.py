@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.arguments import check_request
 from precision_pin.analyses.exact_law.number_law import (
     MOST_PIECES,
     MOST_TERMS,
@@ -28,13 +27,11 @@ from precision_pin.analyses.exact_law.number_law import (
     certified_series,
     quantile_bounds,
 )
-from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.result import Result, list_warnings, name_pose
-from precision_pin.base.arguments import check_whole
+from precision_pin.base.arguments import check_memory, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.memory import check_memory
+from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record, encode
 from precision_pin.draws.laws import Law
@@ -44,7 +41,7 @@ from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.statics_findings import turnover_findings
-from precision_pin.render.notebook import Table
+from precision_pin.render.html import Table
 from precision_pin.render.tables import MOST_POSES, milli, number, symbol, unit
 from precision_pin.sampling import Progress
 from precision_pin.statistics import QUANTITIES, quantity_values

@@ -46,8 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws.projection import Lines, Projection
 

@@ -13,7 +13,7 @@ from precision_pin.analyses.exact_law.exact_law import (
     missing,
 )
 from precision_pin.analyses.monte_carlo.table import answer_of, subject
-from precision_pin.base.text_escape import one_line
+from precision_pin.base.errors import one_line
 from precision_pin.render.tables import ROUNDING, symbol, unit
 from precision_pin.render.text_table import aligned
 

@@ -35,13 +35,11 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 from scipy.special import elliprg
 
-from precision_pin.base import csv_columns, se3, text_escape, units
+from precision_pin.base import csv_columns, errors, se3, units
 from precision_pin.base.arguments import check_name, check_numbers, shown
-from precision_pin.base.array_checks import field_names
-from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
+from precision_pin.base.arrays import Array, field_names
 from precision_pin.base.csv_columns import Measured
-from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.base.errors import Finding, InputError, UnknownNameError, add, warns_at_end
 from precision_pin.base.record import Record
 
 
@@ -406,7 +404,7 @@ def read_cycles(path: str | os.PathLike[str], names: Mapping[str, str]) -> dict[
         if name not in ("cycle", *_POSITION, *turn):
             other = "; a, b, c and rx, ry, rz exclude each other" if turn and name in sum(_TURNS, ()) else ""
             raise InputError(
-                f"{found.file}: the column {text_escape.shown(name, _LONGEST)} has no meaning; columns are pose, cycle, "
+                f"{found.file}: the column {errors.shown(name, _LONGEST)} has no meaning; columns are pose, cycle, "
                 f"x, y, z and a, b, c or rx, ry, rz{other}"
             )
     cycles = found.column("cycle", units.RATIO)
@@ -417,9 +415,7 @@ def read_cycles(path: str | os.PathLike[str], names: Mapping[str, str]) -> dict[
             raise UnknownNameError(f"pose in {found.file}", given, names)
         of_pose = rows[names[given]]
         if cycle in of_pose:
-            raise InputError(
-                f"{found.file}: the pose {text_escape.shown(given, _LONGEST)} has the cycle {cycle:g} twice"
-            )
+            raise InputError(f"{found.file}: the pose {errors.shown(given, _LONGEST)} has the cycle {cycle:g} twice")
         of_pose[cycle] = row
     counted = {pose: sorted(of_pose) for pose, of_pose in rows.items()}
     first, wanted = next(iter(counted.items()))

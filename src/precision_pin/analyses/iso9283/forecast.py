@@ -10,7 +10,6 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.iso9283.cube import standard_poses
 from precision_pin.analyses.iso9283.result import OF_ANGLES, OF_POSE, SINGLE, FigureLaw, Iso9283Result, PoseForecast
 from precision_pin.analyses.iso9283.simulation import (
@@ -23,14 +22,19 @@ from precision_pin.analyses.iso9283.simulation import (
     simulate_tests,
     visit_root,
 )
-from precision_pin.analyses.provenance import PoseLabel, Provenance
-from precision_pin.base.arguments import check_flag, check_text, check_whole, shown
+from precision_pin.analyses.provenance import PoseLabel, Provenance, check_common
+from precision_pin.base.arguments import (
+    check_flag,
+    check_memory,
+    check_quantities,
+    check_quantity,
+    check_text,
+    check_whole,
+    shown,
+)
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError, UnknownNameError
-from precision_pin.base.memory import check_memory
+from precision_pin.base.errors import Finding, InputError, UnknownNameError, add, warns_at_end
 from precision_pin.base.progress import steps_to
-from precision_pin.base.quantity_arguments import check_quantities, check_quantity
 from precision_pin.base.units import LENGTH, MASS
 from precision_pin.draws.draw import MOST_VISITS, Scope
 from precision_pin.kernel import sampler

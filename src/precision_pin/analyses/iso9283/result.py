@@ -28,12 +28,10 @@ from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_mapping, check_number, check_numbers
-from precision_pin.base.array_checks import returns_read_only
-from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import warns_at_end
-from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.arrays import Array, returns_read_only
+from precision_pin.base.errors import InputError, UnknownNameError, warns_at_end
 from precision_pin.base.record import Keys, Record
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, number
 from precision_pin.statistics import SpecificationResult
 

@@ -11,11 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.analyses.budget.shares import SourceLine
 from precision_pin.analyses.map.law_bounds import LawShapes, Vectors, times_each
-from precision_pin.base.arguments import check_instance
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.memory import check_memory
+from precision_pin.base.arguments import check_instance, check_memory
+from precision_pin.base.arrays import Array, Fixed
+from precision_pin.base.errors import add, warns_at_end
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space

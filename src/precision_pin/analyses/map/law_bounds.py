@@ -41,8 +41,7 @@ from precision_pin.analyses.map.normal_norms import (
     norm_tail_quantiles,
     principal_axes,
 )
-from precision_pin.base.array_checks import Fixed, field_names
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed, field_names
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
 from precision_pin.draws.space import Space

@@ -13,26 +13,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.budget.shares import source_lines
 from precision_pin.analyses.map.first_order import FirstOrder, first_order
 from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, MapVerdict, Sampled, map_verdicts
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
-from precision_pin.analyses.provenance import Pose, Provenance
+from precision_pin.analyses.provenance import Pose, Provenance, check_common
 from precision_pin.analyses.result import AnalysisResult
-from precision_pin.base.arguments import check_path, check_whole
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, unheard, warns_at_end
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.arguments import check_memory, check_path, check_whole
+from precision_pin.base.arrays import Array, Fixed
+from precision_pin.base.errors import Finding, InputError, add, unheard, warns_at_end
 from precision_pin.base.files import write_files
-from precision_pin.base.memory import check_memory
 from precision_pin.base.progress import scaled, steps_to
 from precision_pin.base.record import Keys
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, strained_findings
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import LARGEST_FILE
 from precision_pin.render.tables import data_frame, described, milli, optional, percent
 from precision_pin.robot.approach import ApproachedPose

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.progress import scaled
 from precision_pin.base.record import Keys, Record
 from precision_pin.sampling import Progress

@@ -8,10 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.analyses.collect import Results
+from precision_pin.analyses.collect import Results, shown
 from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments
 from precision_pin.analyses.moments.table import moment_rows
-from precision_pin.analyses.report_cells import shown
 from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY
 from precision_pin.render.html import Child, Html, paragraph, table

@@ -43,15 +43,13 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, cast, final, get_arg
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.arguments import check_request
 from precision_pin.analyses.moments.moments_control import STEP, Control, ErrorAround, Uncorrelated, thin
-from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.replicates import REPLICATES, Marginals, jackknife, law_breaks
 from precision_pin.analyses.result import Result, list_warnings, name_pose
 from precision_pin.base.arguments import check_name, shown
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import warns_at_end
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.space import Space
@@ -60,7 +58,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.statics_findings import fixed_sides, turnover_findings
 from precision_pin.model.verdict_grounds import exact_findings_at
-from precision_pin.render.notebook import Table
+from precision_pin.render.html import Table
 from precision_pin.render.tables import data_frame, interval_columns, plus_minus, symbol, unit
 from precision_pin.sampling import Progress
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Plan

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from precision_pin.analyses.collect import Results
+from precision_pin.analyses.collect import MISSING, Results, bracketed, milli_interval, shown, statistic
 from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES, tolerance_bounds
-from precision_pin.analyses.report_cells import MISSING, bracketed, milli_interval, shown, statistic
 from precision_pin.render.html import Child, Html, element, joined, paragraph, section, table
 from precision_pin.render.svg import figure
 from precision_pin.render.tables import absolute, milli, quantity_label, symbol, unit

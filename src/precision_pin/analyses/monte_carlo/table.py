@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from precision_pin.base.text_escape import shown, visible
+from precision_pin.base.errors import shown, visible
 from precision_pin.model.pose_model import origin_shares
 from precision_pin.render.tables import ROUNDING, absolute, joint_text, plain, pose_labels, resting_on, symbol, unit
 from precision_pin.render.text_table import aligned

@@ -16,16 +16,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.arguments import check_common
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
-from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.provenance import Provenance, check_common
 from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
-from precision_pin.base.arguments import check_number, check_whole
+from precision_pin.base.arguments import check_memory, check_number, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import add, warns_at_end
-from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.memory import check_memory
+from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import MOST_POSES, Scope
@@ -34,7 +31,7 @@ from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, speed_findings, strained_findings
-from precision_pin.render.notebook import Table, rendered
+from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, quantity_label
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet

@@ -6,7 +6,7 @@ from typing import Final
 
 from precision_pin.analyses.monte_carlo.table import demanded, verdict_line
 from precision_pin.analyses.path.path_law import PathResult
-from precision_pin.base.text_escape import shortened, shown, visible
+from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.render.tables import resting_on, symbol
 from precision_pin.render.text_table import aligned
 from precision_pin.statistics import format_inside, format_share

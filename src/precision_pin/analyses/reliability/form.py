@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.reliability.strata import FARTHEST, Jump
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 
 Margin = Callable[[Array], Array]
 """Margin to failure ``(N,)`` as a function of standard normal numbers ``(d, N)``; negative at failures."""

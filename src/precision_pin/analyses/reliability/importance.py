@@ -23,8 +23,7 @@ from precision_pin.analyses.reliability.estimates import (
 )
 from precision_pin.analyses.reliability.form import DesignPoint, Margin, towards_surface
 from precision_pin.analyses.reliability.strata import Jump
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.statistics import clopper_pearson
 
 METHOD: Final = "importance sampling"

@@ -12,22 +12,20 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 import numpy as np
 
-from precision_pin.analyses.arguments import check_request
-from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance
+from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.reliability.estimates import Estimate, in_words, plain_estimate
 from precision_pin.analyses.reliability.form import DesignPoint
 from precision_pin.analyses.reliability.rare_events import RareEvents, rare_events
 from precision_pin.analyses.reliability.strata import Stratum
 from precision_pin.analyses.result import Result, list_warnings, name_pose
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import warns_at_end
-from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.base.errors import Finding, InputError, UnknownNameError, warns_at_end
 from precision_pin.base.record import Keys, Record
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.render.notebook import Table
+from precision_pin.render.html import Table
 from precision_pin.render.tables import absolute, data_frame, interval_columns, number, resting_on, unit
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.statistics import (

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Space

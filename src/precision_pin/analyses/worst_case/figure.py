@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.causes import sum_by_cause
-from precision_pin.analyses.collect import Results
-from precision_pin.analyses.report_cells import milli_interval, statistic
+from precision_pin.analyses.collect import Results, milli_interval, statistic
 from precision_pin.analyses.worst_case.table import listed_contributions
 from precision_pin.analyses.worst_case.worst_case import (
     SEEN_LEVEL,

@@ -13,14 +13,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.arguments import check_request
-from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.result import Result, list_warnings, name_pose
-from precision_pin.analyses.worst_case.convex_bodies import Supports
-from precision_pin.analyses.worst_case.largest_norm import Farthest, farthest, quadratic_bound
+from precision_pin.analyses.worst_case.convex_bodies import Farthest, Supports, farthest, quadratic_bound
 from precision_pin.base.arrays import Array
-from precision_pin.base.call_warnings import warns_at_end
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, warns_at_end
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
@@ -29,7 +26,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.statics_findings import side_variants, turnover_findings
 from precision_pin.render.display_units import WrittenUnit
-from precision_pin.render.notebook import Table
+from precision_pin.render.html import Table
 from precision_pin.render.tables import milli, symbol, unit
 from precision_pin.sampling import Progress, check_samples, monte_carlo
 from precision_pin.statistics import QUANTITIES, Distribution
@@ -329,7 +326,7 @@ def worst_case(
 
     A component i lies within e0ᵢ ± h(± Jᵀeᵢ), with h the sum of the draws' support functions. The norm is at most the
     largest u·e0 + h(Jᵀu) over unit vectors u, found globally by branch and bound; see
-    :mod:`precision_pin.analyses.worst_case.largest_norm`. Where the load of each robot decides on which side a play is taken
+    :mod:`precision_pin.analyses.worst_case.convex_bodies`. Where the load of each robot decides on which side a play is taken
     up, the bound is the largest over all sides, possible for one robot or not.
 
     Args:

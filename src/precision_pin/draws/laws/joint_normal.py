@@ -15,9 +15,17 @@ from precision_pin.base.arguments import check_numbers, check_whole, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import Quantity
-from precision_pin.draws.laws.law import KernelRow, Law, take_rows
+from precision_pin.draws.laws.law import (
+    DEVIATIONS,
+    KernelRow,
+    Law,
+    LawOption,
+    SheetForm,
+    SheetReader,
+    deviations,
+    take_rows,
+)
 from precision_pin.draws.laws.projection import FARTHEST_NORMAL, NORMAL_MOMENTS, Moments, triangular_root
-from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader, deviations
 
 
 @final

@@ -25,9 +25,17 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.law import KernelRow, Law, take_size
+from precision_pin.draws.laws.law import (
+    DEVIATIONS,
+    KernelRow,
+    Law,
+    LawOption,
+    SheetForm,
+    SheetReader,
+    take_size,
+    write_number,
+)
 from precision_pin.draws.laws.projection import FARTHEST_NORMAL, Projection, in_chunks, power_bound
-from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader, write_number
 
 WIDEST_LOGNORMAL: Final = 1e3
 """Largest standard deviation of a lognormal law, in means."""

@@ -12,22 +12,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import units
-from precision_pin.base.arguments import check_items, check_number, check_numbers, shown
-from precision_pin.base.array_checks import returns_read_only
-from precision_pin.base.arrays import Array
+from precision_pin.base.arguments import check_items, check_memory, check_number, check_numbers, shown
+from precision_pin.base.arrays import Array, returns_read_only
 from precision_pin.base.csv_columns import Measured
 from precision_pin.base.errors import InputError
-from precision_pin.base.memory import check_memory
 from precision_pin.base.units import Quantity
-from precision_pin.draws.laws import sheet_form
-from precision_pin.draws.laws.law import KernelRow, Law, take_number, take_rows, take_size
+from precision_pin.draws.laws.law import (
+    KernelRow,
+    Law,
+    LawOption,
+    Place,
+    SheetForm,
+    SheetReader,
+    deviations,
+    object_schema,
+    spread,
+    take_number,
+    take_rows,
+    take_size,
+)
 from precision_pin.draws.laws.projection import Lines, Moments, cumulants_of, in_chunks, moments_of
 from precision_pin.render.display_units import WrittenUnit
 
 _BYTES: Final = 300.0
 """Memory for each sample, as tuples and as arrays."""
 
-_COLUMN_FILE: Final = sheet_form.object_schema({"file": {"type": "string"}, "column": {"type": "string"}}, "file")
+_COLUMN_FILE: Final = object_schema({"file": {"type": "string"}, "column": {"type": "string"}}, "file")
 _EMPIRICAL_SCHEMA: Final[Mapping[str, Any]] = {
     "type": "object",
     "properties": {
@@ -67,7 +77,7 @@ class Empirical(BoundedLaw):
         InputError: A table that does not begin at p = 0, end at p = 1 or rise.
     """
 
-    form: ClassVar = sheet_form.SheetForm(
+    form: ClassVar = SheetForm(
         "empirical",
         {"empirical": {"samples": "0.11 0.13 0.12 mm"}},
         "a measured distribution: `samples` or `quantiles`, in the sheet or from a file",
@@ -92,7 +102,7 @@ class Empirical(BoundedLaw):
                     )
 
     @classmethod
-    def from_sheet(cls, reader: sheet_form.SheetReader) -> Empirical:
+    def from_sheet(cls, reader: SheetReader) -> Empirical:
         value = reader.settings["empirical"]
         if not isinstance(value, Mapping) or len(value) != 1 or not set(value) <= {"samples", "quantiles"}:
             raise reader.error(
@@ -101,7 +111,7 @@ class Empirical(BoundedLaw):
                 "(empirical: {quantiles: [[0, -0.1 mm], [1, 0.2 mm]]}), in the sheet or as {file: gauge.csv, column: gap}",
             )
         what, given = next(iter(value.items()))
-        where: sheet_form.Place = ("empirical", what)
+        where: Place = ("empirical", what)
         table = None
         if isinstance(given, Mapping):
             reader.only(where, "file", "column")
@@ -206,7 +216,7 @@ class Empirical(BoundedLaw):
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         low, high = self.ends
         unit = WrittenUnit.suiting(quantities[0], self.ends)
-        far = sheet_form.spread(self.mean_vector, self.covariance, quantities[0])
+        far = spread(self.mean_vector, self.covariance, quantities[0])
         return f"measured: {len(self.quantiles)} quantiles from {unit(low)} to {unit(high)}{far}"
 
     def kernel_row(self) -> KernelRow:
@@ -233,9 +243,7 @@ class Empirical(BoundedLaw):
         return np.diff(np.append(self.segments[:, 0], 1.0))
 
 
-def _column(
-    reader: sheet_form.SheetReader, table: Measured, where: sheet_form.Place, *others: str
-) -> tuple[float, ...]:
+def _column(reader: SheetReader, table: Measured, where: Place, *others: str) -> tuple[float, ...]:
     """Return the named column, or the only one besides ``others``."""
     rest = [name for name in table.names if name not in others]
     name = reader.value(*where).get("column")
@@ -244,7 +252,7 @@ def _column(
     return reader.column(table, rest[0] if name is None else str(name), where)
 
 
-def _pairs(reader: sheet_form.SheetReader, where: sheet_form.Place) -> tuple[tuple[float, float], ...]:
+def _pairs(reader: SheetReader, where: Place) -> tuple[tuple[float, float], ...]:
     rows = reader.value(*where)
     if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == 2 for row in rows):
         raise reader.error(where, "quantiles must be pairs of a probability and a value: [[0, -0.1 mm], [1, 0.2 mm]]")
@@ -266,13 +274,13 @@ class TwoPoint(BoundedLaw):
         probability: Probability of the upper one.
     """
 
-    form: ClassVar = sheet_form.SheetForm(
+    form: ClassVar = SheetForm(
         "two_point",
         {"two_point": "0.05 mm"},
         "centre - t or centre + t, nothing between; `probability` of the upper one, default 0.5; `centre`, default 0",
         (
-            sheet_form.LawOption("centre", "two_point: halfway between the two, default 0", "1 mm"),
-            sheet_form.LawOption("probability", "two_point: of the upper one, default 0.5", "0.3"),
+            LawOption("centre", "two_point: halfway between the two, default 0", "1 mm"),
+            LawOption("probability", "two_point: of the upper one, default 0.5", "0.3"),
         ),
     )
     half_width: float
@@ -288,7 +296,7 @@ class TwoPoint(BoundedLaw):
         object.__setattr__(self, "probability", probability)
 
     @classmethod
-    def from_sheet(cls, reader: sheet_form.SheetReader) -> TwoPoint:
+    def from_sheet(cls, reader: SheetReader) -> TwoPoint:
         half_width = reader.half_width("two_point")
         centre = reader.number("centre") if "centre" in reader.settings else 0.0
         probability = reader.ratio("probability") if "probability" in reader.settings else 0.5
@@ -352,7 +360,7 @@ class TwoPoint(BoundedLaw):
         return np.exp(1j * t * self.centre) * swing
 
 
-_ROWS_FILE: Final = sheet_form.object_schema({"file": {"type": "string"}, "columns": {"type": "array"}}, "file")
+_ROWS_FILE: Final = object_schema({"file": {"type": "string"}, "columns": {"type": "array"}}, "file")
 _ROWS_SCHEMA: Final[Mapping[str, Any]] = {"anyOf": [{"type": "array", "minItems": 1}, _ROWS_FILE]}
 
 
@@ -369,7 +377,7 @@ class Rows(Law):
         InputError: No rows, rows of different lengths, a number that is not finite, or names that do not fit.
     """
 
-    form: ClassVar = sheet_form.SheetForm(
+    form: ClassVar = SheetForm(
         "rows",
         {"rows": [["0.1 mm", "0.2 mm"], ["0 mm", "-0.1 mm"]]},
         "several numbers `.0`, `.1`, … that were measured together: one of the rows, all equally likely",
@@ -388,7 +396,7 @@ class Rows(Law):
         object.__setattr__(self, "names", names)
 
     @classmethod
-    def from_sheet(cls, reader: sheet_form.SheetReader) -> Rows:
+    def from_sheet(cls, reader: SheetReader) -> Rows:
         value = reader.settings["rows"]
         if isinstance(value, Mapping):
             reader.only(("rows",), "file", "columns")
@@ -468,7 +476,7 @@ class Rows(Law):
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         rows = len(self.table)
-        stds = sheet_form.deviations(self.components, self.covariance, quantities)
+        stds = deviations(self.components, self.covariance, quantities)
         return f"{rows} measured row{'s' if rows > 1 else ''}, all equally likely, {stds}"
 
     def kernel_row(self) -> KernelRow:

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.base.arrays import Array
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.law import Branch, KernelRow, Law, cumulative
+from precision_pin.draws.laws.law import Branch, KernelRow, Law, SheetForm, cumulative, write_number
 from precision_pin.draws.laws.projection import Moments, SymmetricProjection, power_bound
-from precision_pin.draws.laws.sheet_form import SheetForm, write_number
 from precision_pin.draws.laws.symmetric import ArcsineProjection, SineProjection
 from precision_pin.draws.philox import direction
 

@@ -16,8 +16,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.base.array_checks import Fixed
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.draws import lazy_special
 
 

@@ -15,8 +15,22 @@ from precision_pin.base.arguments import check_number
 from precision_pin.base.arrays import Array
 from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws import sheet_form
-from precision_pin.draws.laws.law import Branch, KernelRow, Law, take_number, take_size
+from precision_pin.draws.laws.law import (
+    DEVIATIONS,
+    MEAN,
+    NUMBER,
+    Branch,
+    KernelRow,
+    Law,
+    LawOption,
+    SheetForm,
+    SheetReader,
+    about,
+    mean_beside,
+    take_number,
+    take_size,
+    write_number,
+)
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.render.display_units import WrittenUnit
 
@@ -77,7 +91,7 @@ class HalfWidthLaw(SymmetricLaw):
         return self.half_width
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        return f"{self.words} within {sheet_form.about(self.half_width, self.mean, quantities[0])}"
+        return f"{self.words} within {about(self.half_width, self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
         return KernelRow(cast("Branch", self.form.key), np.array([self.mean, self.half_width]))
@@ -95,7 +109,7 @@ class Fixed(SymmetricLaw):
     """A number that does not vary; it is a parameter, so that derivatives with respect to it exist."""
 
     is_normal: ClassVar[bool] = True
-    form: ClassVar = sheet_form.SheetForm(
+    form: ClassVar = SheetForm(
         "fixed", {"fixed": "85 mm"}, "a number that does not vary, but has a name and a derivative"
     )
     variance: ClassVar = 0.0
@@ -107,14 +121,14 @@ class Fixed(SymmetricLaw):
         take_number(self, "mean", "the value of a fixed law")
 
     @classmethod
-    def from_sheet(cls, reader: sheet_form.SheetReader) -> Fixed:
+    def from_sheet(cls, reader: SheetReader) -> Fixed:
         return cls(reader.number("fixed"))
 
     def sample(self, variates: Array) -> Array:
         return np.full_like(variates, self.mean)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        return f"fixed at {sheet_form.write_number(self.mean, quantities[0])}"
+        return f"fixed at {write_number(self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
         return KernelRow("fixed", np.array([self.mean]))
@@ -160,8 +174,8 @@ class _UniformProjection(_StraightProjection):
 class Uniform(HalfWidthLaw):
     """Uniform on mean ± half_width."""
 
-    form: ClassVar = sheet_form.SheetForm(
-        "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (sheet_form.MEAN,)
+    form: ClassVar = SheetForm(
+        "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (MEAN,)
     )
     along: ClassVar = _UniformProjection
     divisor: ClassVar = 3
@@ -210,8 +224,8 @@ class _TriangularProjection(_StraightProjection):
 class Triangular(HalfWidthLaw):
     """Symmetric triangle on mean ± half_width."""
 
-    form: ClassVar = sheet_form.SheetForm(
-        "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (sheet_form.MEAN,)
+    form: ClassVar = SheetForm(
+        "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (MEAN,)
     )
     along: ClassVar = _TriangularProjection
     divisor: ClassVar = 6
@@ -267,8 +281,8 @@ class ArcsineProjection(SineProjection):
 class Arcsine(HalfWidthLaw):
     """Arcsine (U-shaped) on mean ± half_width: a sine wave at a random phase (JCGM 101:2008, 6.4.6)."""
 
-    form: ClassVar = sheet_form.SheetForm(
-        "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t at a random phase; σ = t/√2", (sheet_form.MEAN,)
+    form: ClassVar = SheetForm(
+        "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t at a random phase; σ = t/√2", (MEAN,)
     )
     along: ClassVar = ArcsineProjection
     divisor: ClassVar = 2
@@ -321,7 +335,7 @@ class TruncatedNormal(SymmetricLaw):
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         (quantity,) = quantities
         unit = WrittenUnit.suiting(quantity, [self.std])
-        cut = f"cut off at ±{unit(self.k * self.std)}{sheet_form.mean_beside(self.mean, quantity)}"
+        cut = f"cut off at ±{unit(self.k * self.std)}{mean_beside(self.mean, quantity)}"
         return f"normal, standard deviation {unit(self.std)}, {cut}"
 
     def kernel_row(self) -> KernelRow:
@@ -408,18 +422,16 @@ class Normal(SymmetricLaw):
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
     is_normal: ClassVar[bool] = True
-    form: ClassVar = sheet_form.SheetForm(
+    form: ClassVar = SheetForm(
         "normal",
         {"normal": "0.06 mm"},
         "t is k standard deviations, σ = t/k; `normal: {std: 0.02 mm}` gives σ itself",
         (
-            sheet_form.MEAN,
-            sheet_form.LawOption("k", "normal: t has the standard deviation t/k; default 3", "2"),
-            sheet_form.LawOption(
-                "truncated", "cut a normal law off at its half-width, mean ± k standard deviations", "true"
-            ),
+            MEAN,
+            LawOption("k", "normal: t has the standard deviation t/k; default 3", "2"),
+            LawOption("truncated", "cut a normal law off at its half-width, mean ± k standard deviations", "true"),
         ),
-        {"anyOf": [sheet_form.NUMBER, sheet_form.DEVIATIONS]},
+        {"anyOf": [NUMBER, DEVIATIONS]},
     )
     std: float
     mean: float = 0.0
@@ -430,7 +442,7 @@ class Normal(SymmetricLaw):
         take_number(self, "mean", "the mean of a normal law")
 
     @classmethod
-    def from_sheet(cls, reader: sheet_form.SheetReader) -> Normal | TruncatedNormal:
+    def from_sheet(cls, reader: SheetReader) -> Normal | TruncatedNormal:
         value, k = reader.settings["normal"], _read_k(reader)
         if isinstance(value, Mapping):
             if set(value) != {"std"}:
@@ -479,8 +491,8 @@ class Normal(SymmetricLaw):
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         (quantity,) = quantities
-        mean = sheet_form.mean_beside(self.mean, quantity)
-        return f"normal, standard deviation {sheet_form.write_number(self.std, quantity)}{mean}"
+        mean = mean_beside(self.mean, quantity)
+        return f"normal, standard deviation {write_number(self.std, quantity)}{mean}"
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
         """Return the half-width with the standard deviation, ``±0.01° (σ 0.0033°)``; without a half-width ``σ 0.1 mm``."""
@@ -498,14 +510,14 @@ class Normal(SymmetricLaw):
         return np.exp(-((self.std * frequency) ** 2) / 2)
 
 
-def _read_k(reader: sheet_form.SheetReader) -> float:
+def _read_k(reader: SheetReader) -> float:
     k = reader.ratio("k") if "k" in reader.settings else 3.0
     if not k > 0:
         raise reader.error(("k",), f"k must be positive, got {reader.settings['k']}")
     return k
 
 
-def _read_truncated(reader: sheet_form.SheetReader) -> bool:
+def _read_truncated(reader: SheetReader) -> bool:
     value = str(reader.settings.get("truncated", "false")).lower()
     if value not in ("true", "false"):
         raise reader.error(("truncated",), f"truncated must be true or false, got {reader.settings['truncated']!r}")

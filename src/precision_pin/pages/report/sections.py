@@ -15,9 +15,19 @@ from precision_pin.analyses.registry import declarations
 from precision_pin.base.units import Quantity
 from precision_pin.base.versions import versions
 from precision_pin.pages.view import ViewPose, page
-from precision_pin.render.html import Child, Html, definitions, element, items, joined, paragraph, section, table
-from precision_pin.render.layers import Layer
-from precision_pin.render.notebook import escaped
+from precision_pin.render.chapter import Layer
+from precision_pin.render.html import (
+    Child,
+    Html,
+    definitions,
+    element,
+    escaped,
+    items,
+    joined,
+    paragraph,
+    section,
+    table,
+)
 from precision_pin.render.tables import milli, plain, resting_on
 
 # an absolute path's folders; not the slash of a unit, of package:// or of a relative path

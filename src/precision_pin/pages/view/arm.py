@@ -10,7 +10,7 @@ import numpy as np
 
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
-from precision_pin.model.rigid_part import Part
+from precision_pin.model.pose_model import Part
 from precision_pin.pages.view.raster import Triangles
 from precision_pin.pages.view.scales import arm_length
 from precision_pin.render.scene import Colour, Scene, rotation_to

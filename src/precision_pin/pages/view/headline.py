@@ -12,7 +12,7 @@ from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES
 from precision_pin.base.arrays import Array
 from precision_pin.pages.view.scales import middle_of
 from precision_pin.render.display_units import WrittenUnit
-from precision_pin.render.notebook import escaped
+from precision_pin.render.html import escaped
 from precision_pin.render.tables import symbol, unit
 from precision_pin.statistics import (
     NO_GROUNDS,

@@ -28,7 +28,7 @@ from string import Template
 from typing import Any, Final
 
 from precision_pin.base.errors import InputError, OutputError
-from precision_pin.render.notebook import escaped
+from precision_pin.render.html import escaped
 
 _HOST: Final = "127.0.0.1"
 _PORTS: Final = range(1024, 65536)

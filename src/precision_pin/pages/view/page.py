@@ -30,9 +30,9 @@ from precision_pin.pages.view.poses import (
     mcpc_frames,
 )
 from precision_pin.pages.view.tolerances import choose_groups, share_rows, shown_names
+from precision_pin.render.chapter import Layer
 from precision_pin.render.colour_scale import ColourScale, round_number
-from precision_pin.render.layers import Layer
-from precision_pin.render.notebook import escaped
+from precision_pin.render.html import escaped
 from precision_pin.render.scene import Colour, Scene, viewer_script
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics import Specification

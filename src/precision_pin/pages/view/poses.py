@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
-from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.rigid_part import Part
+from precision_pin.model.pose_model import Part, PoseModel
 from precision_pin.pages.view.headline import CONFIDENCE, LEVELS, Answer, answers, as_data, quantile
 from precision_pin.pages.view.scales import arm_length
 from precision_pin.pages.view.tolerances import Groups, LivePose, link_shares, samples_that_fit, tangent_of
-from precision_pin.render.notebook import escaped
+from precision_pin.render.html import escaped
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, quantile_ranks

@@ -24,7 +24,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.render.notebook import escaped
+from precision_pin.render.html import escaped
 
 MOST_TOLERANCES: Final = 12
 """Number of tolerances with their own slider; all others share one."""

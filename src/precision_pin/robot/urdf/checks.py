@@ -12,10 +12,10 @@ from typing import Final, Literal, TypeVar
 import numpy as np
 
 from precision_pin.base.arrays import Array
-from precision_pin.base.text_escape import shown
-from precision_pin.robot.urdf.findings import Findings, hint
+from precision_pin.base.errors import shown
 from precision_pin.robot.urdf.grammar import LONGEST_REACH, PARTS
 from precision_pin.robot.urdf.robot import Inertial, Joint, Limits, Link, Robot, draft_command, likeliest_tip
+from precision_pin.robot.urdf.xmltree import Findings, hint
 
 Named = TypeVar("Named", Link, Joint)
 

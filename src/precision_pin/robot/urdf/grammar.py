@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, final
 
-from precision_pin.base.text_escape import shown
-from precision_pin.robot.urdf.findings import Findings
+from precision_pin.base.errors import shown
 from precision_pin.robot.urdf.robot import Vector
-from precision_pin.robot.urdf.xmltree import Node
+from precision_pin.robot.urdf.xmltree import Findings, Node
 
 ZERO3: Final = (0.0, 0.0, 0.0)
 LONGEST_REACH: Final = 20.0

@@ -22,9 +22,9 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.input_files import is_regular, note_input
-from precision_pin.base.text_escape import shown
-from precision_pin.robot.urdf.findings import Findings, read_regular_file
+from precision_pin.base.errors import shown
+from precision_pin.base.files import is_regular, note_input
+from precision_pin.robot.urdf.xmltree import Findings, read_regular_file
 
 MOST_BYTES: Final = 64 * 1024 * 1024
 MOST_TEXT_BYTES: Final = 32 * 1024 * 1024

@@ -10,13 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, cast, final
 
-from precision_pin.base import input_files as files
-from precision_pin.base.errors import Finding, UrdfError
-from precision_pin.base.text_escape import shown
+from precision_pin.base import files
+from precision_pin.base.errors import Finding, UrdfError, shown
 from precision_pin.robot.urdf import checks
 from precision_pin.robot.urdf import robot as tree
 from precision_pin.robot.urdf.editing import UrdfText
-from precision_pin.robot.urdf.findings import Findings, read_regular_file
 from precision_pin.robot.urdf.grammar import (
     BEYOND_USE,
     BOUNDS,
@@ -32,7 +30,7 @@ from precision_pin.robot.urdf.grammar import (
     read_name,
 )
 from precision_pin.robot.urdf.meshes import MeshFiles
-from precision_pin.robot.urdf.xmltree import Node, parse_xml
+from precision_pin.robot.urdf.xmltree import Findings, Node, parse_xml, read_regular_file
 
 Paths = Sequence[str | os.PathLike[str]]
 DEFAULT_LIMITS = tree.Limits()
