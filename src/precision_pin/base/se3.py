@@ -6,6 +6,8 @@ Conventions: a pose is ``(4, 4)`` or ``(4, 4, N)``; a rotation ``(3, 3[, N])``; 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -39,9 +41,39 @@ def _trigonometric_series(angle: Array) -> tuple[Array, Array, Array]:
     return sinc, versine, third
 
 
+def _series_of_one(angle: float) -> tuple[float, float, float]:
+    """Return the numbers of :func:`_trigonometric_series` to the same bit for one angle, in a tenth of the time."""
+    if angle < 0.05:
+        square = angle * angle
+        return (
+            1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72))),
+            0.5 - square / 24 * (1 - square / 30 * (1 - square / 56 * (1 - square / 90))),
+            (1 - square / 20 * (1 - square / 42 * (1 - square / 72 * (1 - square / 110)))) / 6,
+        )
+    sine = float(np.sin(angle))
+    half = float(np.sin(angle / 2)) / (angle / 2)
+    return sine / angle, half * half / 2, (angle - sine) / float(np.power(angle, 3.0))
+
+
+def _of_one(v: Array, is_jacobian: bool) -> Array:
+    """Return ``Exp(δ)`` or J_l(δ) of one vector, ``(3,)`` or ``(3, 1)``: calibrations need millions."""
+    x, y, z = v.ravel().tolist()
+    xx, yy, zz = x * x, y * y, z * z
+    series = _series_of_one(math.sqrt(xx + yy + zz))
+    a, b = series[1:] if is_jacobian else series[:2]
+    rows = (
+        (1 - b * (zz + yy), b * (x * y) - a * z, a * y + b * (x * z)),
+        (a * z + b * (x * y), 1 - b * (zz + xx), b * (y * z) - a * x),
+        (b * (x * z) - a * y, a * x + b * (y * z), 1 - b * (yy + xx)),
+    )
+    return np.array(rows).reshape(3, 3, *v.shape[1:])
+
+
 def exp_rotation(vector: ArrayLike) -> Array:
     """Return ``Exp(δ)`` (Rodrigues): rotation vector ``(3[, N])`` in rad → ``(3, 3[, N])``."""
     v = np.asarray(vector, dtype=float)
+    if v.size == 3:
+        return _of_one(v, is_jacobian=False)
     sinc, versine, _ = _trigonometric_series(np.sqrt((v * v).sum(axis=0)))
     cross = skew(v)
     return _eye_like(cross) + sinc * cross + versine * _product(cross, cross)
@@ -80,6 +112,8 @@ def log_rotation(rotation: ArrayLike) -> Array:
 def left_jacobian(vector: ArrayLike) -> Array:
     """Return J_l(δ), with d/dt Exp(δ) = [J_l(δ) δ̇]× Exp(δ): ``(3[, N])`` → ``(3, 3[, N])``."""
     v = np.asarray(vector, dtype=float)
+    if v.size == 3:
+        return _of_one(v, is_jacobian=True)
     _, versine, third = _trigonometric_series(np.sqrt((v * v).sum(axis=0)))
     cross = skew(v)
     return _eye_like(cross) + versine * cross + third * _product(cross, cross)
@@ -109,7 +143,9 @@ def pose(rotation: ArrayLike, position: ArrayLike) -> Array:
     """Return the pose with the given rotation ``(3, 3[, N])`` and position ``(3[, N])``."""
     r = np.asarray(rotation, dtype=float)
     p = np.asarray(position, dtype=float)
-    samples = np.broadcast_shapes(r.shape[2:], p.shape[1:])
+    samples = r.shape[2:]
+    if samples != p.shape[1:]:
+        samples = np.broadcast_shapes(samples, p.shape[1:])
     result = np.zeros((4, 4, *samples))
     result[:3, :3] = r if r.ndim > 2 or not samples else r[:, :, None]
     result[:3, 3] = p if p.ndim > 1 or not samples else p[:, None]

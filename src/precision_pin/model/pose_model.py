@@ -114,12 +114,10 @@ class PoseModel:
     def _multiply_out(self, values: Array) -> Array:
         moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
         motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, values.shape[1]))
-        for frame, displacement in zip(self.table.frames, moved, strict=True):
-            if np.sqrt((displacement[3:] ** 2).sum(axis=0)).max(initial=0.0) >= np.pi:
-                raise InputError(
-                    "an error turns a place by half a turn or more; the tolerances or loads are far too large"
-                )
-            inserted = se3.compose(frame, se3.displacement(displacement), se3.inverse(frame))
+        if np.sqrt((moved[:, 3:] ** 2).sum(axis=1)).max(initial=0.0) >= np.pi:
+            raise InputError("an error turns a place by half a turn or more; the tolerances or loads are far too large")
+        for frame, displacement, back in zip(self.table.frames, moved, self.table.inverse_frames, strict=True):
+            inserted = se3.compose(frame, se3.displacement(displacement), back)
             motion = se3.compose(motion, inserted)
         tip = self.table.pose[:3, 3]
         shift = np.einsum("ijn,j->in", motion[:3, :3], tip) + motion[:3, 3] - tip[:, None]
@@ -164,14 +162,14 @@ class PoseModel:
         turn = se3.left_jacobian_inverse(error[3:])
         parts = []
         motion = np.eye(4)
-        entries = zip(table.frames, moved, table.displacement_slopes(x), strict=True)
-        for frame, displacement, local in entries:
+        entries = zip(table.frames, moved, table.inverse_frames, table.displacement_slopes(x), strict=True)
+        for frame, displacement, back, local in entries:
             turning = se3.left_jacobian(displacement[3:]) @ local.slopes[3:]
             twist = np.concatenate([local.slopes[:3] + se3.skew(displacement[:3]) @ turning, turning])
             spatial = se3.adjoint(motion @ frame) @ twist
             slopes = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], turn @ spatial[3:]])
             parts.append(SlopeColumns(local.columns, slopes))
-            motion = motion @ frame @ se3.displacement(displacement) @ se3.inverse(frame)
+            motion = motion @ frame @ se3.displacement(displacement) @ back
         return tuple(parts)
 
     @property

@@ -54,6 +54,12 @@ class TermTable(Fixed):
 
     @cached_property
     @returns_read_only
+    def inverse_frames(self) -> Array:
+        """Inverses of the frames, ``(K, 4, 4)``."""
+        return np.array([se3.inverse(frame) for frame in self.frames]).reshape(-1, 4, 4)
+
+    @cached_property
+    @returns_read_only
     def sensitivities(self) -> Array:
         """Derivative of the tip's error with respect to each target's displacement, undisplaced chain, ``(K, 6, 6)``."""
         result = np.zeros((len(self.targets), 6, 6))

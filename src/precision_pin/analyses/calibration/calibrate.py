@@ -259,6 +259,7 @@ class CalibrationResult(PosesOutcome):
         )
 
 
+@design.on_one_thread
 def calibrate(
     model: ErrorModel,
     data: object,

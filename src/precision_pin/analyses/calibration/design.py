@@ -18,11 +18,11 @@ of n numbers in a group, some combinations are determined and the rest are not.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, wraps
 from itertools import compress
-from typing import ClassVar, Final, NamedTuple, final
+from typing import ClassVar, Final, NamedTuple, ParamSpec, TypeVar, final
 
 import numpy as np
 import scipy.linalg
@@ -30,6 +30,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
+from threadpoolctl import threadpool_limits
 
 from precision_pin.base.arguments import check_instance
 from precision_pin.base.arrays import Array
@@ -41,6 +42,21 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sheet.measurement import Measurement
+
+Given = ParamSpec("Given")
+Returned = TypeVar("Returned")
+
+
+def on_one_thread(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
+    """Run a function with one thread of BLAS: with more, small matrices take several times as long."""
+
+    @wraps(function)
+    def run(*args: Given.args, **kwargs: Given.kwargs) -> Returned:
+        with threadpool_limits(1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return run
+
 
 NEGLIGIBLE: Final = 1e-9
 """Singular value, relative to the largest, below which a combination of numbers changes no reading."""

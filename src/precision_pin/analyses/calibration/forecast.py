@@ -186,6 +186,7 @@ class CalibrationForecast(PosesOutcome):
         )
 
 
+@design.on_one_thread
 def forecast_calibration(
     model: ErrorModel,
     poses: object,
@@ -318,6 +319,7 @@ class SimulatedCalibrations:
         return np.asarray(np.sqrt((self.errors[:, :3] ** 2).sum(axis=1).mean(axis=1)))
 
 
+@design.on_one_thread
 def simulate_calibrations(
     model: ErrorModel, poses: object, measurement: Measurement, *, at: object = None, robots: int = 1000, seed: int = 0
 ) -> SimulatedCalibrations:

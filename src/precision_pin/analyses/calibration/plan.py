@@ -26,7 +26,6 @@ from typing import Any, ClassVar, Final, Literal, final
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from precision_pin.analyses.calibration import design as linear
 from precision_pin.analyses.calibration.forecast import doubt_contact, seen_poses
@@ -427,6 +426,7 @@ class CalibrationPlan(PosesOutcome):
         )
 
 
+@linear.on_one_thread
 def plan_calibration(
     model: ErrorModel,
     candidates: object,
@@ -497,8 +497,7 @@ def plan_calibration(
     goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
     design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
     generator = np.random.default_rng(seed)
-    # matrices of a few dozen rows: threads of BLAS would wait for each other, five times as long on two cores
-    with threadpool_limits(1, user_api="blas"), steps_to(progress, PLAN_STEPS, "steps") as step:
+    with steps_to(progress, PLAN_STEPS, "steps") as step:
         choices = []
         for _ in range(_STARTS):
             choices.append(design.exchange(generator.permutation(total)[:count]))

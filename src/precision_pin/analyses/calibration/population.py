@@ -107,6 +107,7 @@ class Population(Outcome):
         )
 
 
+@design.on_one_thread
 def population(
     model: ErrorModel,
     robots: Sequence[object],
