@@ -320,7 +320,7 @@ def test_the_papers_arm():
     expected = [position.first_order.upper, position.exact_norm, position.found.norm, position.seen.max]
     assert cells[1:6] == ["mm", *(f"{1e3 * value:.6g}" for value in expected)]
     assert text.startswith(f"at worst, every tolerance at once: |d| {cells[2]} mm, ")
-    assert f"exact\n  model: {cells[4]} mm, " in text
+    assert f"; exact model: {cells[4]} mm, " in text
     # all laws are boxes and discs: each support point is an end or lies on the rim
     for draw, columns in zip(model.space.draws, model.space.slices, strict=True):
         value = np.array([position.parameters[name] for name in model.space.components[columns]])
