@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import optimize, special, stats
+from scipy import optimize, stats
 
 import precision_pin as pp
 from precision_pin.analyses.allocation import problem
@@ -24,7 +24,6 @@ from precision_pin.analyses.allocation.problem import beside, read_problem
 from precision_pin.analyses.allocation.scaling import NoScaleError, contributions
 from precision_pin.analyses.allocation.table import allocation_table
 from precision_pin.analyses.exact_law.number_law import NormalNorm
-from precision_pin.analyses.map.normal_norms import norm_quantile_slopes, norm_quantiles, principal_axes
 from precision_pin.base import units
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets
@@ -397,37 +396,6 @@ def test_worst_case_with_a_bound_and_a_mean(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
-def test_components_at_three_poses(tmp_path: Path) -> None:
-    """At an angle θ the x of the tip is cos θ of the first length and sin θ of the second; z is the third."""
-    angles = {"a": 0.0, "b": 35.0, "c": 80.0}
-    model = slide_model(tmp_path, law="normal", poses={name: f"{angle} deg" for name, angle in angles.items()})
-    specs: list[object] = ["x 0.15 mm @ 95 %", "z 0.1 mm @ 99 %"]
-    result = pp.allocate(model, _problem(MIXED, specs, law="normal"))
-    first, second = (one.aimed for one in result.limits)
-    assert first is not None
-    assert second is not None
-    turns = np.deg2rad(list(angles.values()))
-    ways = np.stack([np.cos(turns), np.sin(turns)])
-
-    def excess(t: np.ndarray, first: float = first, second: float = second) -> np.ndarray:
-        deviations = np.append(np.sqrt((t[:2] ** 2) @ ways**2), t[2]) / 3
-        scores = special.ndtri((1 + np.array([first, first, first, second])) / 2)
-        return deviations * scores / np.array([0.15e-3, 0.15e-3, 0.15e-3, 0.1e-3]) - 1
-
-    bounds = [(half / 100, min(100 * half, 1e-3) if k == 1 else 100 * half) for k, half in enumerate(HALF)]
-    least = _least(MIXED, excess, bounds)
-    assert result.cost == pytest.approx(least, rel=1e-4)
-    assert result.cost <= 1.001 * least
-    assert result.met
-    # the bound is that of the probabilities as stated, less what the samples leave open
-    stated = _least(MIXED, lambda t: excess(t, 0.95, 0.99), bounds)
-    assert result.lower_bound is not None
-    assert 0.97 * stated < result.lower_bound < stated < result.cost
-    assert result.bound_basis == "normal law"
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_several_limits_with_a_group_and_a_lock(tmp_path: Path) -> None:
     specs: list[object] = ["0.3 mm @ 95 %", {"rms": "0.16 mm"}, {"worst_case": "0.25 mm"}]
     group = {0: "g", 2: "g"}
@@ -464,30 +432,6 @@ def test_a_tolerance_without_effect_is_the_widest(tmp_path: Path) -> None:
     assert result.after == pytest.approx(100 * HALF)
     # no robot differs from another in its attitude: there is nothing to judge by samples, and a first order of zero is kept
     assert [one.verdict for one in result.limits] == ["nothing to judge", "met"]
-
-
-@pytest.mark.fast(4)
-@pytest.mark.parametrize("rank", [1, 2, 3])
-@pytest.mark.parametrize("length", [0.0, 0.5, 4.0])
-def test_slopes_of_quantiles_are_differences(rank: int, length: float) -> None:
-    """Along changes within the range of the covariance, and for full rank in any direction."""
-    rng = np.random.default_rng(10 * rank + int(length))
-    root = rng.normal(size=(3, rank))
-    mean = root @ rng.normal(size=rank)
-    mean *= length / np.linalg.norm(mean)
-    covariance = root @ root.T
-    change = rng.normal(size=(rank, rank))
-    change = root @ (change + change.T) @ root.T
-
-    def quantile(step: float) -> float:
-        law = NormalNorm(mean, covariance + step * change)
-        return float(
-            optimize.brentq(lambda r: law.cumulative(np.array([r]))[0] - 0.95, 1e-3, 99, xtol=1e-13, rtol=1e-13)
-        )
-
-    slopes = norm_quantile_slopes(mean[:, None], covariance[:, :, None], np.array([quantile(0)]))[:, :, 0]
-    step = 1e-4
-    assert float((slopes * change).sum()) == pytest.approx((quantile(step) - quantile(-step)) / (2 * step), rel=1e-5)
 
 
 MULTIPLES = {"IT5": 7, "IT6": 10, "IT7": 16, "IT8": 25, "IT9": 40, "IT10": 64, "IT11": 100, "IT12": 160}
@@ -682,19 +626,3 @@ def test_units_of_costs(tmp_path: Path) -> None:
     ):
         problem = _problem([(cost, abs)], [{"rms": "1 mm"}], min={0: "0.1 mm"}, max={0: "0.1 mm"})
         assert pp.allocate(slide_model(tmp_path), problem).cost == pytest.approx(at)
-
-
-@pytest.mark.parametrize(("probability", "is_convex"), [(0.5, False), (0.92, True), (0.95, True), (0.999, True)])
-def test_variances_that_keep_a_quantile_form_a_convex_set(probability: float, is_convex: bool) -> None:
-    """What the lower bound of a quantile rests on, for a norm without mean: between two matrices on the edge all keep it."""
-    rng = np.random.default_rng(5)
-    count = 400
-    columns = rng.normal(size=(2, count, 3, 3)) * 10 ** rng.uniform(-1.5, 0.5, size=(2, count, 1, 3))
-    edges = []
-    for matrices in np.einsum("wnij,wnkj->wikn", columns, columns):
-        radii = norm_quantiles(*principal_axes(np.zeros((3, count)), matrices), probability)
-        edges.append(matrices / radii**2)
-    share = rng.uniform(size=count)
-    between = share * edges[0] + (1 - share) * edges[1]
-    radii = norm_quantiles(*principal_axes(np.zeros((3, count)), between), probability)
-    assert (radii.max() <= 1 + 2e-5) == is_convex

@@ -13,9 +13,7 @@ from scipy.spatial.transform import Rotation
 import precision_pin as pp
 from precision_pin.analyses.iso9283.cube import (
     Cube,
-    ToolPoses,
     largest_cube,
-    lattice_of,
     paths_of_approach,
     standard_poses,
 )
@@ -30,7 +28,11 @@ from sampling.cases import MODEL
 from support import plain_robot
 
 CHAIN = MODEL.chain
+
+
 JOINTS = CHAIN.joint_names
+
+
 Q = np.random.default_rng(5).uniform(-0.6, 0.6, (len(JOINTS), 5)) + MODEL.configuration()[:, None]
 
 
@@ -285,19 +287,6 @@ def test_the_largest_cube_of_the_papers_arm_by_hand():
     _, cube = standard_poses(paper.chain, paper.configuration(), np.zeros(3))
     assert edge == pytest.approx(2.83155, abs=1e-5)
     assert (1 - 1e-3) * edge < cube.side <= edge * (1 + 1e-5)
-
-
-@pytest.mark.slow
-def test_all_of_the_largest_cube_of_the_panda_is_within_reach():
-    """Inverse kinematics in closed form, for angles of joint 7 that were scanned and refined, judges the same points alike.
-
-    Out of reach is a pocket in the middle of a face: joints 2 and 4 are at their limits there. It keeps the edge from 0.4886 m.
-    """
-    panda = ErrorModel.load(shipped_sheets()["panda"])
-    tool = ToolPoses(panda.chain, panda.at("ready").posture.pose[:3, :3], np.zeros(3))
-    assert np.isfinite(tool.solve(lattice_of(0.4868, np.array([0.48157, -0.00028, 0.12271])))).all()
-    larger = np.array([[0.48017], [0.0], [0.12261]]) + 0.24432 * np.array([[-1.0, -0.98], [0.0, 0.0], [0.23, 0.23]])
-    assert np.isfinite(tool.solve(larger)[0]).tolist() == [False, True]
 
 
 @pytest.mark.parametrize("plane", range(4))

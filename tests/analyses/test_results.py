@@ -1,4 +1,4 @@
-"""Common interface of the analyses: arguments, provenance, tables, files and progress of all results; an arm of seven joints."""
+"""Common interface of the analyses: arguments, provenance, tables, files and progress of all results."""
 
 from __future__ import annotations
 
@@ -18,9 +18,7 @@ from precision_pin.analyses.exact_law import exact_law as exact_law_module
 from precision_pin.analyses.result import Result
 from precision_pin.base.errors import Finding
 from precision_pin.render.result_io import JsonResult
-from precision_pin.robot.examples import PAPER_SHEET, resolve_robot
-from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.sources.length import Length
+from precision_pin.robot.examples import PAPER_SHEET
 
 MODEL = pp.ErrorModel.load(PAPER_SHEET)
 
@@ -181,68 +179,3 @@ def test_samples_of_the_exact_law_do_not_depend_on_how_many_are_drawn_at_once(mo
     np.testing.assert_array_equal(whole, MODEL.space.sample(3, 0, 5000) - MODEL.space.mean[:, None])
     monkeypatch.setattr(exact_law_module, "_AT_ONCE", 777)
     np.testing.assert_array_equal(exact_law_module._deviations(MODEL.space, 3, 5000, lambda _: None), whole)
-
-
-SEVEN = (0.2, -0.6, 0.1, -2.2, 0.1, 1.7, 0.8)
-
-
-STD = 3e-4
-
-
-CORRELATION = 0.6
-
-
-@pytest.fixture(scope="module")
-def panda() -> pp.ErrorModel:
-    """Joint errors correlated one with another (a common calibration), one length error shared by two links."""
-    chain = pp.Chain.from_urdf(resolve_robot("example:panda"), tip="panda_hand_tcp")
-    matrix = STD**2 * (np.full((7, 7), CORRELATION) + (1 - CORRELATION) * np.eye(7))
-    zero = pp.Draw("zero", pp.JointNormal(tuple(map(tuple, matrix.tolist()))))
-    cut = pp.Draw("cut", pp.Normal(1e-4))
-    sources = [JointOffset(joint=name, offset=f"zero.{k}") for k, name in enumerate(chain.joint_names)]
-    sources += [Length(joint=name, parameters=("cut",)) for name in ("panda_joint3", "panda_joint5")]
-    return pp.ErrorModel(chain, pp.Space((zero, cut)), sources)
-
-
-@pytest.fixture(scope="module")
-def covariance(panda: pp.ErrorModel) -> np.ndarray:
-    """Return the closed form: the joints' columns of the kinematic Jacobian, and the direction of both lengths."""
-    posture = panda.chain.at(SEVEN)
-    cut = np.zeros(6)
-    for joint in (2, 4):
-        way = posture.link_poses[joint][:3, :3] @ panda.chain.placements[joint][:3, 3]
-        cut[:3] += way / np.linalg.norm(way)
-    joints = posture.joint_jacobian
-    matrix = STD**2 * (CORRELATION * np.ones((7, 7)) + (1 - CORRELATION) * np.eye(7))
-    return joints @ matrix @ joints.T + 1e-8 * np.outer(cut, cut)
-
-
-@pytest.mark.slow
-def test_worst_case_of_seven_joints(panda: pp.ErrorModel) -> None:
-    k, at = 3.0, panda.at(SEVEN)
-    pose = pp.worst_case(panda, [SEVEN], k=k, samples=2000).poses[0]
-    root = panda.space.draws[0].law.root
-    for row, bound in zip(at.jacobian, pose.components, strict=True):
-        by_hand = k * np.linalg.norm(row[:7] @ root) + k * 1e-4 * abs(row[7])
-        assert bound.high == pytest.approx(by_hand, rel=1e-9, abs=1e-15)
-    # along any direction u the bound is k |rootᵀ Jᵀ u| + k σ |u·cut|; a fine set of directions comes close from below
-    directions = np.random.default_rng(1).normal(size=(200_000, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    joints, cut = at.jacobian[:3, :7] @ root, at.jacobian[:3, 7]
-    heights = k * np.linalg.norm(directions @ joints, axis=1) + k * 1e-4 * np.abs(directions @ cut)
-    assert heights.max() <= pose.position.first_order.upper * (1 + 1e-12)
-    assert heights.max() == pytest.approx(pose.position.first_order.lower, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_the_exact_law_of_seven_joints(panda: pp.ErrorModel, covariance: np.ndarray) -> None:
-    pose = pp.exact_law(panda, [SEVEN], samples=50_000).poses[0]
-    law = pose.laws["position.x"].law
-    assert law.quantile(0.975) == pytest.approx(1.959963984540054 * np.sqrt(covariance[0, 0]), rel=1e-9)
-    assert all(entry.agreement is None or entry.agreement.agrees for entry in pose.laws.values())
-    # every draw is normal; the exact model and the first-order law differ by far less than these intervals at errors of 1 mm
-    limit = pose.laws["position.norm"].law.quantile(1 - 1e-4)
-    specification = pp.specification(f"{limit * 1e3!r} mm @ 99.9 %")
-    found = pp.reliability(panda, [specification], [SEVEN], samples=20_000).poses[0].specifications[0]
-    assert found.interval[0] < 1 - 1e-4 < found.interval[1]
-    assert found.met

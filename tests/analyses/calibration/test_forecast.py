@@ -141,18 +141,6 @@ def test_repeating_a_pose_does_not_remove_its_own_error() -> None:
     assert np.trace(left) > 0.3 * pose_scope @ pose_scope
 
 
-@pytest.mark.slow
-def test_a_map_of_the_arm_that_will_be_left_is_the_forecast_at_its_poses() -> None:
-    """`map_poses` of the forecast's model against the error forecast at the same poses."""
-    q = random_poses(4, 5, seed=2)
-    found = pp.forecast_calibration(plain_model(), random_poses(4, 20), SET_UPS[0], at=q)
-    mapped = pp.map_poses(found.model, q)
-    for k, entry in enumerate(found.poses):
-        rms = np.sqrt(np.trace(mapped.covariance[:3, :3, k]) + (mapped.mean[:3, k] ** 2).sum())
-        moved = np.linalg.norm(entry.before[:3])
-        np.testing.assert_allclose(rms, np.hypot(entry.rms("after"), moved), rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("law", "below", "std"),
     [
