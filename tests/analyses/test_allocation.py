@@ -24,6 +24,7 @@ from precision_pin.analyses.allocation.problem import beside, read_problem
 from precision_pin.analyses.allocation.scaling import NoScaleError, contributions
 from precision_pin.analyses.allocation.table import allocation_table
 from precision_pin.analyses.exact_law.number_law import NormalNorm
+from precision_pin.analyses.map.normal_norms import norm_quantile_slopes
 from precision_pin.base import units
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets
@@ -626,3 +627,18 @@ def test_units_of_costs(tmp_path: Path) -> None:
     ):
         problem = _problem([(cost, abs)], [{"rms": "1 mm"}], min={0: "0.1 mm"}, max={0: "0.1 mm"})
         assert pp.allocate(slide_model(tmp_path), problem).cost == pytest.approx(at)
+
+
+@pytest.mark.fast(1)
+@pytest.mark.parametrize(("rank", "length"), [(1, 0.5), (2, 4.0), (3, 0.0), (3, 4.0)])
+def test_slopes_of_quantiles_are_differences(rank: int, length: float) -> None:
+    """Along changes within the range of the covariance, and for full rank in any direction."""
+    rng = np.random.default_rng(10 * rank + int(length))
+    root = rng.normal(size=(3, rank))
+    mean = root @ rng.normal(size=rank)
+    mean *= length / np.linalg.norm(mean)
+    covariance, change, step = root @ root.T, rng.normal(size=(rank, rank)), 1e-4
+    change = root @ (change + change.T) @ root.T
+    least, here, most = (NormalNorm(mean, covariance + by * change).quantile(0.95) for by in (-step, 0, step))
+    slopes = norm_quantile_slopes(mean[:, None], covariance[:, :, None], np.array([here]))[:, :, 0]
+    assert float((slopes * change).sum()) == pytest.approx((most - least) / (2 * step), rel=1e-5)
