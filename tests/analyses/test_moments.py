@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -412,3 +413,17 @@ def test_draws_too_wide_for_a_closed_form():
     assert moments(arm(Draw("a", laws.Normal(2.0))), method="closed").poses[0].remainder.order == 4
     with pytest.raises(InputError, match="one standard deviation from the means the exact error does not exist"):
         moments(arm(Draw("a", laws.Normal(3.2))), method="closed")
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_samples(paper):
+    def peak(samples: int) -> int:
+        tracemalloc.start()
+        moments(paper, method="sobol-control", samples=samples)
+        try:
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    peak(16 * 64)
+    assert peak(16 * 16_384) < 1.2 * peak(16 * 4096)

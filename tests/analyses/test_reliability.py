@@ -426,6 +426,16 @@ def test_rare_values_become_strata_of_known_probability():
     np.testing.assert_array_equal(Stratum(space).values(normals)[3], 0.1 * normals[3])
 
 
+def test_rows_that_leave_least_are_strata_of_tables():
+    rows = tuple((float(k), 0.0) for k in np.random.default_rng(0).permutation(20_000))
+    space = Space((Draw("t", laws.Rows(rows)), Draw("z", laws.Normal(1.0))))
+    parts = stratified(space, lambda x: 2e4 - x[0] - x[2]).parts
+    assert sum(part.probability for part in parts) == pytest.approx(1, abs=1e-12)
+    worst = min(parts, key=lambda part: part.probability)
+    assert worst.values(np.random.default_rng(1).standard_normal((3, 1000)))[0].min() >= 20_000 - 20
+    assert 1 <= len(parts) <= 5
+
+
 @pytest.mark.parametrize(
     "law",
     [

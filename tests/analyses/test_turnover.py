@@ -9,10 +9,10 @@ import pytest
 from scipy.stats import norm
 
 import precision_pin as pp
-from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.laws import Normal, TruncatedNormal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.statics_findings import fixed_sides, side_variants, turnover_findings
+from precision_pin.model.statics_findings import MOST_SIDES, fixed_sides, side_variants, turnover_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.sources.backlash import Backlash
 from precision_pin.sources.joint_offset import JointOffset
@@ -102,3 +102,13 @@ def test_the_map_says_it_of_its_worst_pose() -> None:
     found = pp.map_poses(hinge(96.0), [UP, ApproachedPose([0.05], "hinge +")], verify=0)
     (line,) = (line for line in found.warnings if "W_TURNOVER" in line)
     assert line.count(found.poses.labels[found.worst_first[0]]) == 1
+
+
+def test_with_very_many_sides_the_worst_case_says_that_it_has_one_of_each() -> None:
+    sources = [
+        Payload(at="tool", mass=TruncatedNormal(0.4, mean=10.0, k=3.0)),
+        *(Backlash(joint="hinge", backlash=1e-4, band=98.0 + 0.01 * k) for k in range(MOST_SIDES + 1)),
+    ]
+    model = ErrorModel(one_link(axis=(0, 1, 0)), Space(), sources)
+    assert len(side_variants(model.at(UP))) == 1
+    assert any("W_TURNOVER" in line for line in pp.worst_case(model, UP, samples=500).warnings)

@@ -157,19 +157,19 @@ def test_correlated_normal_draws_are_one_joint_normal_law_and_others_keep_their_
     correlation = Correlation(("b", "a"), ((1.0, -0.8), (-0.8, 1.0)))
     uniforms = Correlation.pair("c", "d", 0.9)
     draws = (Draw("a", Normal(2.0)), Draw("c", Uniform(1.0)), Draw("b", Normal(0.5, mean=7.0)), Draw("d", Uniform(2.0)))
-    supports = Supports.of(Space(draws, (correlation, uniforms)), 3.0)
+    supports = Supports.of(Space(draws, (correlation, uniforms)), 4.0)
     assert supports.cut == ("a", "b")
     assert supports.names == ("c", "d", "b, a")
     jacobian = np.random.default_rng(6).normal(size=(3, 4))
     matrix = np.array([[4.0, -0.8], [-0.8, 0.25]])  # of a and b
-    rim = 3 * np.linalg.cholesky(matrix) @ circle(20_001)
+    rim = 4 * np.linalg.cholesky(matrix) @ circle(20_001)
     boxes = corners(np.array([-1.0, -2.0]), np.array([1.0, 2.0]))
     errors = (jacobian[:, [0, 2]] @ rim)[:, :, None] + (jacobian[:, [1, 3]] @ boxes)[:, None]
     found = farthest_error(np.zeros(3), jacobian, supports)
     assert found.lower == pytest.approx(np.linalg.norm(errors, axis=0).max(), rel=1e-7)
     assert found.certified
     point = supports.points((found.direction @ jacobian)[None])[0]
-    assert point[[0, 2]] @ np.linalg.inv(matrix) @ point[[0, 2]] == pytest.approx(9.0, rel=1e-12)
+    assert point[[0, 2]] @ np.linalg.inv(matrix) @ point[[0, 2]] == pytest.approx(16.0, rel=1e-12)
     space = Space((Draw("u", Normal(1e-4)), Draw("v", Normal(1e-4))), (Correlation.pair("u", "v", -0.5),))
     lengths = Length(joint="joint3", along="x of joint2", parameters=("u", "v"))
     result = pp.worst_case(ErrorModel(still_arm(), space, [lengths]), PAPER_Q, samples=500)

@@ -94,6 +94,8 @@ def test_error_left_is_propagated_to_the_users_poses() -> None:
         entry.covariance_after, slopes @ found.posterior.covariance @ slopes.T + floor, atol=1e-19
     )
     np.testing.assert_allclose(entry.covariance_before, at.covariance, atol=1e-19)
+    # the arm that is left, for other analyses
+    np.testing.assert_allclose(found.model.at("work").covariance, entry.covariance_after, atol=1e-19)
     assert found.rms("floor") < found.rms("after") < found.rms("before")
 
 
