@@ -198,27 +198,6 @@ def three_joints(shoulder: str = "", lift: str = ""):
     )
 
 
-def test_a_joint_at_its_limit_stays_and_the_others_correct():
-    rail = '<limit lower="-1" upper="0" effort="1" velocity="1"/>'
-    four = chain_of(
-        robot(
-            *map(link, ("base", "slide", "column", "upper", "lower", "tool")),
-            joint("rail", "prismatic", "base", "slide", axis=(1, 0, 0), extra=rail),
-            joint("shoulder", "revolute", "slide", "column"),
-            joint("lift", "revolute", "column", "upper", axis=(0, 1, 0)),
-            joint("elbow", "revolute", "upper", "lower", (0.4, 0, 0), axis=(0, 1, 0)),
-            joint("flange", "fixed", "lower", "tool", (0.3, 0, 0)),
-        ),
-        tip="tool",
-    )
-    model = ErrorModel(four, Space(), [Frame(link="base", x=Normal(1e-3, mean=-0.01))])
-    result = pp.compensate(model, [[0.0, 0.2, 0.3, 0.7]])
-    assert result.correction.status == ("corrected",)
-    assert result.corrected[0, 0] == 0.0
-    wanted = four.at(result.poses.q[:, 0]).pose[:3, 3]
-    assert np.linalg.norm(standing(model, result.corrected[:, 0])[:3, 3] - wanted) < 1e-9
-
-
 @pytest.mark.slow
 def test_the_law_that_remains_is_that_of_exact_robots():
     model = ErrorModel.load(shipped_sheets()["ur5"])

@@ -104,7 +104,6 @@ PARTS = {
     "disc": laws.Disc(0.9),
     "circle": laws.Circle(1.1),
     "lognormal": laws.Lognormal(0.3, 1.0),
-    "steep lognormal": laws.Lognormal(0.05, 1.0),
     "two points": laws.TwoPoint(0.4, 0.1, 0.3),
     "empirical": laws.Empirical(((0, -1), (0.3, 0), (0.5, 0.2), (1, 2))),
     "rows": laws.Rows(((0.0, 1.0), (0.5, -1.0), (2.0, 0.25))),
@@ -162,9 +161,7 @@ def test_disc_and_circle_from_the_side():
     np.testing.assert_allclose(circle.cumulative(x), 0.5 + np.arcsin(x) / math.pi, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    "names", [("disc", "circle"), ("arcsine", "lognormal"), ("uniform", "empirical"), ("arcsine", "steep lognormal")]
-)
+@pytest.mark.parametrize("names", [("disc", "circle"), ("arcsine", "lognormal"), ("uniform", "empirical")])
 def test_convolution_either_way_round_and_by_quadrature(names):
     one, other = (part_of(name)[0] for name in names)
     x = np.linspace(one.ends[0] + other.ends[0], min(one.ends[1] + other.ends[1], 3), 23)[1:-1]
@@ -182,6 +179,20 @@ def test_convolution_either_way_round_and_by_quadrature(names):
             integrate.quad(inner, *ends, (value,), epsabs=1e-12, epsrel=1e-12) for ends in itertools.pairwise(pieces)
         ]
         assert found == pytest.approx(sum(part[0] for part in parts), abs=1e-9)
+
+
+@pytest.mark.parametrize("turned", [1.0, -1.0])
+def test_the_convolution_of_a_sine_wave_with_a_steep_lognormal_number(turned):
+    """It was 5e-9 off where 1e-11 was stated; F(x) = E arcsine law of x less the lognormal number."""
+    wave, number = laws.Arcsine(0.7).projection(np.ones(1)), laws.Lognormal(0.05, 1.0).projection(np.array([turned]))
+    law = ConvolvedLaw.of(0.0, wave, number)
+    z, weights = np.polynomial.legendre.leggauss(60)
+    edges = np.linspace(-math.pi / 2, math.pi / 2, 400)
+    half = np.diff(edges)[:, None] / 2
+    angle, x = (edges[:-1, None] + half * (z + 1)).ravel(), np.linspace(-0.8, 0.8, 21)
+    expected = [number.cumulative(v - 0.7 * np.sin(angle)) @ (half * weights).ravel() / math.pi for v in x]
+    np.testing.assert_allclose(law.cumulative(x), expected, atol=1e-11, rtol=0)
+    assert law.error <= 1e-11
 
 
 def test_convolution_and_inversion_agree():
