@@ -403,7 +403,6 @@ def test_several_limits_with_a_group_and_a_lock(tmp_path: Path) -> None:
     problem = _problem(SQUARED, specs, "normal", group=group, min={1: "0.1 mm"}, max={1: "0.1 mm"})
     result = pp.allocate(slide_model(tmp_path, "xyx", law="normal"), problem)
     aimed = result.limits[0].aimed
-    assert aimed is not None
 
     def excess(x: np.ndarray) -> np.ndarray:
         t = np.array([x[0], 0.1e-3, x[0]])
@@ -492,9 +491,7 @@ def _programme(grades: list[Grades], limits: list[Limit]) -> Programme:
 
 
 def _solve(grades: list[Grades], limits: list[Limit], seconds: float = 60.0) -> Solution:
-    found = solve_with_grades(_programme(grades, limits), [one.widths for one in grades], seconds, lambda _: None)
-    assert found is not None
-    return found
+    return solve_with_grades(_programme(grades, limits), [one.widths for one in grades], seconds, lambda _: None)
 
 
 @pytest.mark.fast(4)
@@ -547,7 +544,6 @@ def test_grades_beside_any_tolerance_are_those_of_enumeration(
 
     # what is aimed at is met, and the bound is that of what is asked for
     assert result.cost == pytest.approx(least(aimed or 0.0), rel=1e-6)
-    assert result.lower_bound is not None
     assert (1 - 1e-5 if aimed is None else 0.98) * least(0.95) < result.lower_bound <= least(0.95) * (1 + 1e-9)
     assert result.met
     assert result.bound_basis == ("proof" if aimed is None else "normal law")

@@ -156,8 +156,6 @@ def generator() -> ModuleType:
     """Return the program that makes the tables of the documentation."""
     file = Path(__file__).parent.parent.parent / "docs" / "generate.py"
     spec = importlib.util.spec_from_file_location("generate", file)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -212,7 +212,6 @@ def ranked(sheet: Path, budget: Any) -> list[Tolerance]:
         setting = "radius" if kind == "axis_install" else setting.lstrip(".")
         path = f"{label}].{setting}"
         if path not in found:
-            assert read.contents is not None
             values = list(read.contents.values_at(read, path).values())
             if len(values) != 1:
                 continue

@@ -149,9 +149,7 @@ def runs_of(name: str, files: dict[str, dict[str, str]]) -> list[tuple[str, dict
 
 
 def command_of(name: str) -> click.Command:
-    command = cli.get_command(click.Context(cli), name)
-    assert command is not None
-    return command
+    return cli.get_command(click.Context(cli), name)
 
 
 RUNS = [run for name in list_commands() for run in runs_of(name, files_of(command_of(name)))]
