@@ -1,10 +1,12 @@
-"""Cheapest tolerances against closed forms, another optimiser and fresh samples."""
+"""Cheapest tolerances against closed forms, another optimiser, enumeration of grades, and the table of ISO 286 by its formula."""
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -15,10 +17,15 @@ from scipy import optimize, stats
 import precision_pin as pp
 from precision_pin.analyses.allocation import problem
 from precision_pin.analyses.allocation.allocate import MEAN
+from precision_pin.analyses.allocation.convex_program import Limit, Programme, Solution
+from precision_pin.analyses.allocation.costs import GRADES, SIZES, Grades, grade_width, read_cost
+from precision_pin.analyses.allocation.grades import solve_with_grades, without_solver_lines
 from precision_pin.analyses.allocation.problem import beside, read_problem
 from precision_pin.analyses.allocation.scaling import NoScaleError, contributions
 from precision_pin.analyses.allocation.table import allocation_table
 from precision_pin.analyses.exact_law.number_law import NormalNorm
+from precision_pin.analyses.map.normal_norms import norm_quantile_slopes
+from precision_pin.base import units
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.robot.chain import Chain
@@ -29,7 +36,11 @@ from support.plain_robot import joint, link, robot
 URDF = """<robot name="slide"><link name="base"/><link name="tip"/>
 <joint name="joint1" type="revolute"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>
 <limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
+
+
 HALF = np.array([0.1e-3, 0.2e-3, 0.05e-3])
+
+
 COSTS = np.array([1.0, 4.0, 9.0])
 
 
@@ -56,68 +67,15 @@ def slide_model(
     )
 
 
-def _problem(*specs: object, law: str = "uniform", **bounds: str) -> dict[str, object]:
-    return {
-        "tolerances": [
-            {"path": f"parameters.a{k}.{law}", "cost": {"reciprocal": cost}, **bounds} for k, cost in enumerate(COSTS)
-        ],
-        "specs": list(specs),
-    }
+RECIPROCAL: Costs = [({"reciprocal": cost}, lambda t, cost=cost: cost / t) for cost in COSTS.tolist()]
 
 
-def test_root_mean_square_costs_what_the_closed_form_says(tmp_path: Path) -> None:
-    limit = 0.3e-3
-    result = pp.allocate(slide_model(tmp_path), _problem({"rms": "0.3 mm"}))
-    least = float((COSTS ** (2 / 3) * (1 / 3) ** (1 / 3)).sum() ** 1.5 / limit)
-    assert result.cost == pytest.approx(least, rel=1e-6)
-    assert result.lower_bound == pytest.approx(least, rel=1e-6)
-    assert result.limits[0].shadow_price == pytest.approx(least / limit, rel=1e-5)
-    assert result.met
-
-
-def test_worst_case_costs_what_the_closed_form_says(tmp_path: Path) -> None:
-    result = pp.allocate(slide_model(tmp_path, "xxx"), _problem({"worst_case": "0.3 mm"}))
-    least = float(np.sqrt(COSTS).sum() ** 2 / 0.3e-3)
-    assert result.cost == pytest.approx(least, rel=1e-6)
-    assert result.lower_bound == pytest.approx(least, rel=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
-def test_quantile_is_as_cheap_as_another_optimiser_finds_and_shown_by_fresh_samples(tmp_path: Path) -> None:
-    model = slide_model(tmp_path, law="normal", mean="0.05 mm")
-    result = pp.allocate(model, _problem("0.3 mm @ 95 %", law="normal"))
-    one = result.limits[0]
-    assert one.aimed is not None
-
-    def excess(x: np.ndarray) -> float:
-        law = NormalNorm(np.array([0.05e-3, 0, 0]), np.diag((np.exp(x) / 3) ** 2))
-        return one.aimed - float(law.cumulative(np.array([0.3e-3]))[0])  # type: ignore[operator]
-
-    found = optimize.minimize(
-        lambda x: float((COSTS * np.exp(-x)).sum()) / 1e5,
-        np.log(HALF),
-        constraints=optimize.NonlinearConstraint(excess, -np.inf, 0),
-        method="trust-constr",
-        options={"maxiter": 300, "gtol": 1e-9},
-    )
-    assert excess(found.x) < 1e-6
-    assert result.cost <= 1.001 * 1e5 * found.fun
-    assert one.met
-    again = pp.sample_poses(
-        model.with_(result.changes), ["home"], samples=50_000, seed=77, specifications="0.3 mm @ 95 %"
-    )
-    assert again.probability[0, 0] == pytest.approx(one.probability, abs=0.004)
-
-
-def test_limit_below_what_the_narrowest_tolerances_reach_is_infeasible(tmp_path: Path) -> None:
-    result = pp.allocate(slide_model(tmp_path), _problem({"rms": "0.01 mm"}, min="0.05 mm"))
-    assert not result.feasible
-    assert not result.met
-    assert result.after == pytest.approx([0.05e-3] * 3)
-    assert allocation_table(result).startswith(
-        "no allocation can meet root mean square position.norm 0.01 mm: with every tolerance at its least it is 0.05 mm at home;"
-    )
+def _problem(costs: Costs, specs: list[object], law: str = "uniform", **more: dict[int, str]) -> dict[str, object]:
+    entries = [
+        {"path": f"parameters.a{k}.{law}", "cost": cost, **{key: by[k] for key, by in more.items() if k in by}}
+        for k, (cost, _) in enumerate(costs)
+    ]
+    return {"tolerances": entries, "specs": specs}
 
 
 @pytest.mark.parametrize("worst_case", [False, True])
@@ -127,17 +85,19 @@ def test_what_stands_in_the_way_is_named(tmp_path: Path, worst_case: bool) -> No
     tolerances = [{"path": f"parameters.a{k}.uniform", "cost": {"reciprocal": 1}, "min": "0.03 mm"} for k in (0, 2)]
     model = slide_model(tmp_path, "xxx", mean="0.2 mm")
     result = pp.allocate(model, {"tolerances": tolerances, "specs": [spec]})
-    assert not result.feasible
+    assert (result.feasible, result.met) == (False, False)
+    assert result.after == pytest.approx([0.03e-3] * 2)
     by_name = {one.source: one for one in result.parts.sources}
     root = 1 if worst_case else np.sqrt(3)
-    first, second, third = (by_name[name] for name in (f"length[tip]{k}" for k in ("", "#2", "#3")))
+    own = [by_name[f"length[tip]{k}"] for k in ("", "#2", "#3")]
     assert by_name[MEAN].after == pytest.approx(0.2e-3)
-    assert sorted(one.before for one in (first, second, third)) == pytest.approx(sorted(HALF / root))
-    assert sorted(one.after for one in (first, second, third)) == pytest.approx(
-        np.array([0.03, 0.03, 0.2]) * 1e-3 / root
-    )
+    assert sorted(one.before for one in own) == pytest.approx(sorted(HALF / root))
+    assert sorted(one.after for one in own) == pytest.approx(np.array([0.03, 0.03, 0.2]) * 1e-3 / root)
     assert [one.is_chosen for one in result.parts.sources].count(False) == 2
     table = allocation_table(result)
+    least = 1e3 * (0.2e-3 + 0.26e-3 if worst_case else np.hypot(0.2e-3, np.sqrt((2 * 0.03**2 + 0.2**2) / 3) * 1e-3))
+    limit = "worst case position 0.4" if worst_case else "root mean square position.norm 0.21"
+    assert table.startswith(f"no allocation can meet {limit} mm: with every tolerance at its least it is {least:.3g}")
     assert "in the way: constant part 0.2 mm (no tolerance; compensate or calibrate removes it), length[tip]" in table
     assert "(not chosen)" in table
 
@@ -145,29 +105,45 @@ def test_what_stands_in_the_way_is_named(tmp_path: Path, worst_case: bool) -> No
 @pytest.mark.slow
 def test_tolerances_come_back_to_what_the_samples_need(tmp_path: Path) -> None:
     """Of three uniform errors the quantile is below that of normal ones: the first choice is too dear and is corrected."""
-    result = pp.allocate(slide_model(tmp_path), _problem("0.3 mm @ 95 %"))
+    problem = _problem(RECIPROCAL, ["0.3 mm @ 95 %"])
+    result, bare = (pp.allocate(slide_model(tmp_path), problem, **more) for more in ({}, {"for_samples": 0}))
     one = result.limits[0]
     assert one.met
-    assert one.aimed is not None
     assert one.aimed < 0.95
-    assert one.interval is not None
     # the margin: 100,000 samples need 95.137 % inside, and 95 of 100 such runs of a share of 95.25 % have as many
     least = stats.binom.isf(0.025, 100_000, 0.95) + 1
     wanted = 0.95 + one.margin
     assert stats.binom.sf(least - 1, 100_000, wanted) == pytest.approx(0.95, abs=1e-6)
     assert wanted <= one.interval[0] <= wanted + 0.002
-    bare = pp.allocate(slide_model(tmp_path), _problem("0.3 mm @ 95 %"), for_samples=0)
-    assert bare.limits[0].interval is not None
     assert 0.95 <= bare.limits[0].interval[0] <= 0.952
     # by another way: what the tolerances without a margin cost less
     assert result.margin_cost == pytest.approx(result.cost - bare.cost, abs=0.01 * bare.cost)
     assert bare.margin_cost is None
+    # a second limit that is kept by far is no reason to try again
+    both = pp.allocate(slide_model(tmp_path), _problem(RECIPROCAL, ["0.3 mm @ 95 %", "2 mm @ 99 %"]), for_samples=0)
+    assert both.after == pytest.approx(bare.after)
+    assert both.limits[1].aimed == pytest.approx(0.99)
+    assert both.met
 
 
-def test_mean_is_not_taken_for_a_tolerance(tmp_path: Path) -> None:
+def test_what_no_tolerance_is_and_a_group_without_a_common_value_are_refused(tmp_path: Path) -> None:
     problem = {"tolerances": [{"path": "parameters.a0.mean", "cost": {"reciprocal": 1}}], "specs": ["1 mm"]}
     with pytest.raises(InputError, match="changes the mean"):
         pp.allocate(slide_model(tmp_path, mean="0.05 mm"), problem)
+    bounds = {"max": {0: "0.1 mm"}, "min": {1: "0.2 mm"}}
+    with pytest.raises(InputError, match="group g"):
+        pp.allocate(
+            slide_model(tmp_path), _problem(RECIPROCAL[:2], [{"rms": "1 mm"}], group={0: "g", 1: "g"}, **bounds)
+        )
+    first, second = [["0.1 mm", 5], ["0.2 mm", 2]], [["0.05 mm", 9], ["0.1 mm", 4], ["0.3 mm", 1]]
+    costs: Costs = [({"grades": first}, abs), ({"grades": second}, abs), ({"reciprocal": "1 mm"}, abs)]
+    problem = _problem(costs, [{"rms": "1 mm"}], group=dict.fromkeys(range(3), "g"))
+    result = pp.allocate(slide_model(tmp_path), problem)
+    assert result.after == pytest.approx([1e-4] * 3)
+    assert result.cost == pytest.approx(5 + 4 + 10)
+    second.remove(["0.1 mm", 4])
+    with pytest.raises(InputError, match="group g"):
+        pp.allocate(slide_model(tmp_path), problem)
 
 
 @pytest.mark.slow
@@ -177,72 +153,47 @@ def test_a_calibrated_sheet_leaves_what_differs_from_visit_to_visit_to_be_chosen
     names = ["a0", "a1", "a2"]
     known = {"names": names, "mean": dict.fromkeys(names, 0.0), "covariance": np.diag(left**2).tolist()}
     (tmp_path / "a.json").write_text(json.dumps({"schema": "precision-pin/calibration/1", "posterior": known}))
-    sheet = slide_model(tmp_path).sheet
-    assert sheet is not None
-    assert sheet.contents is not None
-    data = dict(sheet.contents.text.data)
-    visit = {
-        "length": {
-            "frame": "tip",
-            "along": "x of joint1",
-            "parameters": {"normal": {"std": "0.1 mm"}, "scope": "visit"},
-        }
-    }
-    model = pp.ErrorModel.from_dict({**data, "sources": [*data["sources"], visit], "calibrated": "a.json"}, tmp_path)
+    data = dict(slide_model(tmp_path).sheet.contents.text.data)
+    law = {"normal": {"std": "0.1 mm"}, "scope": "visit"}
+    visit = {"length": {"frame": "tip", "along": "x of joint1", "parameters": law}}
+    data |= {"sources": [*data["sources"], visit], "calibrated": "a.json"}
+    model = pp.ErrorModel.from_dict(data, tmp_path)
     chosen = [{"path": "length[tip]#2.parameters.normal.std", "cost": {"reciprocal": 1}}]
     found = pp.allocate(model, {"tolerances": chosen, "rms": "0.05 mm"})
     assert found.after[0] == pytest.approx(np.sqrt(0.05e-3**2 - (left**2).sum()), rel=1e-6)
-    with pytest.raises(
-        pp.InputError, match=r"a0\.uniform is a tolerance of numbers .* --set calibrated=none"
-    ) as caught:
-        pp.allocate(model, _problem({"rms": "0.3 mm"}))
-    assert "\n" not in str(caught.value)
+    others = _problem(RECIPROCAL, [{"rms": "0.3 mm"}])
     # as check says beforehand
-    asked = {**dict(model.sheet.contents.text.data), "allocate": _problem({"rms": "0.3 mm"})}
-    calibrated = pp.ErrorModel.from_dict(asked, tmp_path)
-    task = problem.read_problem(calibrated, None)
-    with pytest.raises(pp.InputError, match=r"a0\.uniform is a tolerance of numbers .* --set calibrated=none"):
-        problem.check_problem(calibrated, task)
+    calibrated = pp.ErrorModel.from_dict({**data, "allocate": others}, tmp_path)
+    for refused in (
+        lambda: pp.allocate(model, others),
+        lambda: problem.check_problem(calibrated, problem.read_problem(calibrated, None)),
+    ):
+        with pytest.raises(pp.InputError, match=r"a0\.uniform is a tolerance of numbers .* --set calibrated=none"):
+            refused()
     # without it they are chosen; nothing is taken as exact by that
-    again = pp.allocate(model.with_({"calibrated": "none"}), _problem({"rms": "0.3 mm"}))
-    least = float((COSTS ** (2 / 3) * (1 / 3) ** (1 / 3)).sum() ** 1.5 / np.sqrt(0.3e-3**2 - 0.1e-3**2))
-    assert again.cost == pytest.approx(least, rel=1e-6)
+    again = pp.allocate(model.with_({"calibrated": "none"}), others)
+    assert again.cost == pytest.approx(least_of_rms(np.sqrt(0.3e-3**2 - 0.1e-3**2)), rel=1e-6)
     assert [one for one in again.findings if one.code == "W_TAKEN_AS_EXACT"] == []
 
 
-def test_group_without_a_common_value_is_refused(tmp_path: Path) -> None:
-    problem = {
-        "tolerances": [
-            {"path": "parameters.a0.uniform", "cost": {"reciprocal": 1}, "group": "g", "max": "0.1 mm"},
-            {"path": "parameters.a1.uniform", "cost": {"reciprocal": 1}, "group": "g", "min": "0.2 mm"},
-        ],
-        "specs": [{"rms": "1 mm"}],
-    }
-    with pytest.raises(InputError, match="group g"):
-        pp.allocate(slide_model(tmp_path), problem)
+def least_of_rms(limit: float) -> float:
+    """Return the least cost of three reciprocal ones under a root mean square: in closed form."""
+    return float((COSTS ** (2 / 3) * (1 / 3) ** (1 / 3)).sum() ** 1.5 / limit)
 
 
 @pytest.mark.slow
 def test_front_is_the_closed_form_at_every_limit(tmp_path: Path) -> None:
     """The least cost under a root mean square is inverse to the limit while no bound is reached."""
-    result = pp.allocate(slide_model(tmp_path), _problem({"rms": "0.3 mm"}), pareto=7)
-    least = float((COSTS ** (2 / 3) * (1 / 3) ** (1 / 3)).sum() ** 1.5 / 0.3e-3)
+    result = pp.allocate(slide_model(tmp_path), _problem(RECIPROCAL, [{"rms": "0.3 mm"}]), pareto=7)
+    least = least_of_rms(0.3e-3)
+    assert (result.cost, result.lower_bound) == pytest.approx((least, least), rel=1e-6)
+    assert result.limits[0].shadow_price == pytest.approx(least / 0.3e-3, rel=1e-5)
+    assert result.met
     assert [one.factor for one in result.front] == pytest.approx(np.geomspace(1 / 3, 3, 7))
     for one in result.front:
-        assert one.cost == pytest.approx(least / one.factor, rel=1e-6)
-        assert one.lower_bound == pytest.approx(least / one.factor, rel=1e-6)
+        assert (one.cost, one.lower_bound) == pytest.approx((least / one.factor, least / one.factor), rel=1e-6)
         assert np.sqrt((one.tolerances**2).sum() / 3) == pytest.approx(0.3e-3 * one.factor, rel=1e-6)
     assert len(result.to_dict()["pareto"]) == 7
-
-
-@pytest.mark.slow
-def test_a_limit_that_holds_nothing_costs_no_rounds(tmp_path: Path) -> None:
-    """The second limit is kept by far, which is no reason to try again."""
-    specs = ["0.3 mm @ 95 %", "2 mm @ 99 %"]
-    one, both = (pp.allocate(slide_model(tmp_path), _problem(*specs[:count]), for_samples=0) for count in (1, 2))
-    assert both.after == pytest.approx(one.after)
-    assert both.limits[1].aimed == pytest.approx(0.99)
-    assert both.met
 
 
 @pytest.mark.slow
@@ -262,7 +213,11 @@ ARM = robot(
     joint("joint1", "revolute", "base", "one", axis=(0, 0, 1)),
     joint("joint2", "revolute", "one", "tip", (0.4, 0, 0), axis=(0, 1, 0)),
 )  # fmt: skip
+
+
 ANGLE = "±0.1 mrad"
+
+
 STATED: list[dict[str, object]] = [
     {"joint_offset": {"joint": "joint2", "offset": ANGLE}},
     {"joint_offset": {"joint": "joint2", "offset": {"normal": {"std": "0.1 mrad"}, "mean": "1 mrad"}}},
@@ -379,3 +334,307 @@ def _refusal(model: pp.ErrorModel, path: str, known: dict[str, str]) -> str:
         except NoScaleError as error:
             known[meant] = f"{error}{beside(model, error.path)}"
     return known[meant]
+
+
+Costs = list[tuple[dict[str, object], Callable[[float], float]]]
+
+
+MIXED: Costs = [
+    ({"exponential": [8, "9 1/mm"]}, lambda t: 8 * np.exp(-9e3 * t)),
+    ({"logarithmic": [3, "1 mm"]}, lambda t: 3 * np.log(1e-3 / t)),
+    ({"power": ["0.02 mm^1.5", 1.5]}, lambda t: 0.02 * (1e-3 / t) ** 1.5),
+]
+
+
+SQUARED: Costs = [
+    ({"squared": "0.01 mm^2"}, lambda t: 0.01 * (1e-3 / t) ** 2),
+    ({"reciprocal": "0.3 mm"}, lambda t: 0.3e-3 / t),
+    ({"exponential": [5, "6 1/mm"]}, lambda t: 5 * np.exp(-6e3 * t)),
+]
+
+
+def _least(costs: Costs, excess: Callable[[np.ndarray], np.ndarray], bounds: list[tuple[float, float]]) -> float:
+    """Return the least cost in tenths of millimetres, by an interior-point method with differences."""
+    found = optimize.minimize(
+        lambda x: float(sum(cost(t) for (_, cost), t in zip(costs, x * 1e-4, strict=True))),
+        0.3 * np.array(bounds).min(axis=1) / 1e-4 + 0.1,
+        bounds=[(low / 1e-4, high / 1e-4) for low, high in bounds],
+        constraints=optimize.NonlinearConstraint(lambda x: excess(x * 1e-4), -np.inf, 0),
+        method="trust-constr",
+        options={"maxiter": 2000, "gtol": 1e-9, "xtol": 1e-11},
+    )
+    assert excess(found.x * 1e-4).max() < 1e-6
+    return float(found.fun)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
+def test_root_mean_square_of_three_kinds_of_cost(tmp_path: Path) -> None:
+    result = pp.allocate(slide_model(tmp_path), _problem(MIXED, [{"rms": "0.12 mm"}]))
+    bounds = [(half / 100, min(100 * half, 1e-3) if k == 1 else 100 * half) for k, half in enumerate(HALF)]
+    least = _least(MIXED, lambda t: np.array([(t**2).sum() / 3 / 0.12e-3**2 - 1]), bounds)
+    assert result.cost == pytest.approx(least, rel=1e-5)
+    assert result.gap < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
+def test_worst_case_with_a_bound_and_a_mean(tmp_path: Path) -> None:
+    model = slide_model(tmp_path, "xxx", mean="0.05 mm")
+    result, wider = (
+        pp.allocate(model, _problem(SQUARED, [{"worst_case": "0.4 mm"}], max={1: f"{most} mm"}))
+        for most in ("0.12", "0.12001")
+    )
+    bounds = [(HALF[0] / 100, 100 * HALF[0]), (HALF[1] / 100, 0.12e-3), (HALF[2] / 100, 100 * HALF[2])]
+    least = _least(SQUARED, lambda t: np.array([(t.sum() + 0.05e-3) / 0.4e-3 - 1]), bounds)
+    assert result.cost == pytest.approx(least, rel=1e-5)
+    assert result.after[1] == pytest.approx(0.12e-3)
+    assert result.shadow_prices[1] > 0
+    assert result.cost - wider.cost == pytest.approx(1e-8 * result.shadow_prices[1], rel=1e-3)
+    assert f"max, {result.shadow_prices[1] / 1e3:.3g} per mm" in allocation_table(result)
+    assert result.gap < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
+def test_several_limits_with_a_group_and_a_lock(tmp_path: Path) -> None:
+    specs: list[object] = ["0.3 mm @ 95 %", {"rms": "0.16 mm"}, {"worst_case": "0.25 mm"}]
+    group = {0: "g", 2: "g"}
+    problem = _problem(SQUARED, specs, "normal", group=group, min={1: "0.1 mm"}, max={1: "0.1 mm"})
+    result = pp.allocate(slide_model(tmp_path, "xyx", law="normal"), problem)
+    aimed = result.limits[0].aimed
+
+    def excess(x: np.ndarray) -> np.ndarray:
+        t = np.array([x[0], 0.1e-3, x[0]])
+        variances = np.array([t[0] ** 2 + t[2] ** 2, t[1] ** 2, 0.0]) / 9
+        inside = NormalNorm(np.zeros(3), np.diag(variances)).cumulative(np.array([0.3e-3]))[0]
+        return np.array([aimed - inside, np.sqrt(variances.sum()) / 0.16e-3 - 1, (t[0] + t[2]) / 0.25e-3 - 1])
+
+    widest = optimize.brentq(lambda t: excess(np.array([t])).max(), 1e-6, 1e-3)
+    least = sum(cost(t) for (_, cost), t in zip(SQUARED, (widest, 0.1e-3, widest), strict=True))
+    assert result.after == pytest.approx([widest, 0.1e-3, widest], rel=1e-5)
+    assert result.cost == pytest.approx(least, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_of_a_low_probability_no_bound_is_claimed(tmp_path: Path) -> None:
+    result = pp.allocate(slide_model(tmp_path, law="normal"), _problem(MIXED, ["0.15 mm @ 60 %"], law="normal"))
+    assert result.lower_bound is None
+    assert result.met
+    assert "how far above the least is not known" in allocation_table(result)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
+def test_a_tolerance_without_effect_is_the_widest(tmp_path: Path) -> None:
+    """Nothing of the sheet turns the tip, so that a limit of the attitude leaves every tolerance at its widest."""
+    result = pp.allocate(slide_model(tmp_path), _problem(SQUARED, ["1 mrad @ 99 %", {"rms": "1 mrad"}]))
+    assert result.after == pytest.approx(100 * HALF)
+    # no robot differs from another in its attitude: there is nothing to judge by samples, and a first order of zero is kept
+    assert [one.verdict for one in result.limits] == ["nothing to judge", "met"]
+
+
+MULTIPLES = {"IT5": 7, "IT6": 10, "IT7": 16, "IT8": 25, "IT9": 40, "IT10": 64, "IT11": 100, "IT12": 160}
+
+
+@pytest.mark.parametrize("grade", GRADES)
+def test_table_is_the_formula_rounded(grade: str) -> None:
+    """ISO 286-1: i = 0.45 D^(1/3) + 0.001 D up to 500 mm, I = 0.004 D + 2.1 above, D the geometric mean of the step."""
+    edges = np.array([1, *SIZES], dtype=float)
+    size = np.sqrt(edges[:-1] * edges[1:])
+    unit = np.where(edges[1:] <= 500, 0.45 * np.cbrt(size) + 0.001 * size, 0.004 * size + 2.1)
+    # rounded to preferred numbers, in the first step upwards by up to 16 %
+    first, *others = np.array(GRADES[grade]) / (MULTIPLES[grade] * unit)
+    assert 1 <= first <= 1.16
+    assert others == pytest.approx(np.ones(len(others)), abs=0.1)
+    # every fifth grade is ten times as wide
+    if grade in ("IT6", "IT7"):
+        assert np.array(GRADES[f"IT{int(grade[2:]) + 5}"]) == pytest.approx(10 * np.array(GRADES[grade]), rel=0.07)
+
+
+def test_steps_end_with_their_size() -> None:
+    assert grade_width("IT7", 0.08) == pytest.approx(30e-6)
+    assert grade_width("IT7", 0.0800001) == pytest.approx(35e-6)
+    assert grade_width("IT6", 0.5) == pytest.approx(40e-6)
+    assert grade_width("IT12", 0.001) == pytest.approx(100e-6)
+    for size in (0.0, 3.2):
+        with pytest.raises(InputError, match="3150 mm"):
+            grade_width("IT7", size)
+    with pytest.raises(InputError, match="did you mean 'IT7'"):
+        grade_width("IT77", 0.1)
+
+
+def _random(seed: int, kind: str, size: int, poses: int, means: float = 0.0) -> tuple[list[Grades], list[Limit]]:
+    """Return grades with prices that fall, and a limit that about half of the choices keep."""
+    rng = np.random.default_rng(seed)
+    grades = []
+    for _ in range(size):
+        widths = np.sort(rng.uniform(0.05, 1.0, 4)) * 1e-3
+        grades.append(
+            Grades(("",) * 4, widths, np.round(rng.uniform(0.5, 2) * (1e-3 / widths) ** rng.uniform(0.5, 1.5), 2))
+        )
+    ways = rng.normal(size=(size, 3, poses))
+    mean = rng.normal(size=(3, poses)) * means * 1e-3
+    if kind == "worst_case":
+        parts, fixed = np.abs(ways)[:, :, None], np.zeros((3, 1, poses))
+    else:
+        parts = np.einsum("nip,njp->nijp", ways, ways) / 3
+        fixed = np.zeros((3, 3, poses)) + np.eye(3)[:, :, None] * 1e-9
+    middle = np.array([one.widths[1:3].mean() for one in grades])
+    open_ended = Limit(kind, 1.0, 0.95, (0, 1, 2), mean, fixed, parts)
+    return grades, [Limit(kind, float(open_ended.measure(middle[:, None]).max()), 0.95, (0, 1, 2), mean, fixed, parts)]
+
+
+def _programme(grades: list[Grades], limits: list[Limit]) -> Programme:
+    ends = (np.array([one.widths[k] for one in grades]) for k in (0, -1))
+    return Programme([[one] for one in grades], *ends, limits)
+
+
+def _solve(grades: list[Grades], limits: list[Limit], seconds: float = 60.0) -> Solution:
+    return solve_with_grades(_programme(grades, limits), [one.widths for one in grades], seconds, lambda _: None)
+
+
+@pytest.mark.fast(4)
+@pytest.mark.parametrize("kinds", [("rms",), ("worst_case",), ("quantile",), ("rms", "worst_case")])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_cheapest_grades_are_those_of_enumeration(kinds: tuple[str, ...], seed: int) -> None:
+    found = [_random(seed, kind, 5, 2, means=0.3) for kind in kinds]
+    grades, limits = found[0][0], [limit for _, (limit,) in found]
+    found = _solve(grades, limits)
+    tried = np.array(list(itertools.product(*(one.widths for one in grades)))).T
+    kept = np.all([one.measure(tried).max(axis=1) <= one.limit for one in limits], axis=0)
+    cost = sum(one.at(t) for one, t in zip(grades, tried, strict=True))
+    least = float(np.asarray(cost)[kept].min())
+    assert 0 < kept.sum() < len(kept)
+    assert found.cost == pytest.approx(least, rel=1e-9)
+    assert found.lower_bound == pytest.approx(least, rel=1e-5)
+    assert found.lower_bound <= least * (1 + 1e-9)  # type: ignore[operator]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("law", "spec", "mean"), [("uniform", {"rms": "0.3 mm"}, 0.0), ("normal", "0.3 mm @ 95 %", 0.25)]
+)
+def test_grades_beside_any_tolerance_are_those_of_enumeration(
+    tmp_path: Path, law: str, spec: object, mean: float
+) -> None:
+    """Two tolerances in grades, of one group with equal ones, and one without; the last is chosen by another optimiser."""
+    rows = [["0.04 mm", 90], ["0.1 mm", 40], ["0.2 mm", 18]]
+    prices = [{float(width.split()[0]) * 1e-3: price for width, price in rows}] * 2
+    costs: Costs = [({"grades": rows}, abs), ({"grades": rows[::-1]}, abs), ({"reciprocal": "9 mm"}, abs)]
+    model, rounds = slide_model(tmp_path, law=law, mean=f"{mean} mm"), []
+    result = pp.allocate(model, _problem(costs, [spec], law), progress=rounds.append)
+    aimed = result.limits[0].aimed
+    # it ends where rounding keeps the bounds apart
+    assert len(rounds) < 60
+
+    def excess(t: tuple[float, ...], probability: float) -> float:
+        if aimed is None:
+            return float(np.sqrt((np.array(t) ** 2).sum() / 3) / 0.3e-3 - 1)
+        law = NormalNorm(np.array([1e-3 * mean, 0, 0]), np.diag((np.array(t) / 3) ** 2))
+        return probability - float(law.cumulative(np.array([0.3e-3]))[0])
+
+    def least(probability: float) -> float:
+        found = np.inf
+        for first, second in itertools.product(prices[0], prices[1]):
+            if excess((first, second, 1e-6), probability) < 0:
+                widest = optimize.brentq(lambda t: excess((first, second, t), probability), 1e-6, 1e-2)  # noqa: B023
+                found = min(found, prices[0][first] + prices[1][second] + 9e-3 / min(widest, 5e-3))
+        return float(found)
+
+    # what is aimed at is met, and the bound is that of what is asked for
+    assert result.cost == pytest.approx(least(aimed or 0.0), rel=1e-6)
+    assert (1 - 1e-5 if aimed is None else 0.98) * least(0.95) < result.lower_bound <= least(0.95) * (1 + 1e-9)
+    assert result.met
+    assert result.bound_basis == ("proof" if aimed is None else "normal law")
+
+
+@pytest.mark.slow
+def test_iso_grades_have_half_of_their_width(tmp_path: Path) -> None:
+    prices = {"IT6": 12, "IT7": 7, "IT9": 3}
+    costs: Costs = [({"iso286": {"size": "80 mm", "prices": prices}}, abs)] * 3
+    # half widths are 9.5, 15 and 37 µm: one of 9.5 is as good as none, so that 9.5 + 9.5 + 9.5 is all that 30 µm hold
+    result = pp.allocate(slide_model(tmp_path, "xxx"), _problem(costs, [{"worst_case": "0.03 mm"}]))
+    assert result.after == pytest.approx([9.5e-6] * 3)
+    assert result.cost == pytest.approx(36)
+    assert [one["grade"] for one in result.to_dict()["tolerances"]] == ["IT6"] * 3
+    result = pp.allocate(slide_model(tmp_path, "xxx"), _problem(costs, [{"worst_case": "0.035 mm"}]))
+    assert sorted(result.after) == pytest.approx([9.5e-6, 9.5e-6, 15e-6])
+    assert result.lower_bound == pytest.approx(31)
+
+
+def test_a_diameter_is_as_wide_as_its_grade_and_a_deviation_is_none() -> None:
+    given = {"iso286": {"size": "80 mm", "prices": {"IT7": 1}}}
+    for key, width in (("diameter", 30e-6), ("radius", 15e-6), ("uniform", 15e-6)):
+        cost = read_cost(given, "here", units.LENGTH, key)
+        assert isinstance(cost, Grades)
+        assert cost.widths == pytest.approx([width])
+    with pytest.raises(InputError, match="standard deviation"):
+        read_cost(given, "here", units.LENGTH, "std")
+
+
+@pytest.mark.slow
+def test_a_choice_that_is_cut_short_is_the_best_so_far_with_its_gap() -> None:
+    grades, limits = _random(7, "quantile", 16, 2)
+    found, whole = (_solve(grades, limits, seconds) for seconds in (1e-9, 60.0))
+    assert _programme(grades, limits).exceeded(found.t).max() <= 0
+    assert found.lower_bound <= whole.lower_bound * (1 + 1e-9)  # type: ignore[operator]
+    assert whole.cost <= found.cost < 1.2 * whole.cost
+
+
+def test_nothing_but_the_line_of_the_solver_is_lost(capfd: pytest.CaptureFixture[str]) -> None:
+    print("before")
+    with without_solver_lines():
+        os.write(1, b"HighsMipSolverData::transformNewIntegerFeasibleSolution tmpSolver.run();\n")
+        print("inside")
+    print("after")
+    assert capfd.readouterr().out == "before\ninside\nafter\n"
+
+
+@pytest.mark.parametrize(
+    ("cost", "words"),
+    [
+        ({"grades": []}, "no grades"),
+        ({"grades": [["0.1 mm"]]}, "list of"),
+        ({"grades": [["0.1 mm", 1], ["100 um", 2]]}, "same tolerance"),
+        ({"grades": [["0.1 mm", -1]]}, "price"),
+        ({"grades": [["0.1 mrad", 1]]}, "unit of length"),
+        ({"grades": [["0 mm", 1]]}, "positive"),
+        ({"iso286": {"size": "80 mm"}}, "size and prices"),
+        ({"iso286": {"size": "4 m", "prices": {"IT7": 1}}}, "3150 mm"),
+        ({"iso286": {"size": "80 mm", "prices": {"IT2": 1}}}, "no ISO 286 grade named 'IT2'"),
+        ({"squared": "1 mm"}, r"unit such as mm\^2"),
+        ({"exponential": ["1 mm", "2 1/mm"]}, "no unit"),
+        ({"power": [1, 1000]}, "at most 100"),
+    ],
+)
+def test_wrong_cost_is_one_line(tmp_path: Path, cost: object, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        pp.allocate(slide_model(tmp_path), _problem([(cost, abs)], [{"rms": "1 mm"}]))
+
+
+def test_units_of_costs(tmp_path: Path) -> None:
+    for cost, at in (
+        ({"squared": "0.01 mm^2"}, 1.0),
+        ({"squared": 1e-8}, 1.0),
+        ({"power": ["0.001 mm^3", 3]}, 1.0),
+        ({"exponential": [5, "10 1/mm"]}, 5 / np.e),
+        ({"logarithmic": [2, "0.2 mm"]}, 2 * np.log(2)),
+    ):
+        problem = _problem([(cost, abs)], [{"rms": "1 mm"}], min={0: "0.1 mm"}, max={0: "0.1 mm"})
+        assert pp.allocate(slide_model(tmp_path), problem).cost == pytest.approx(at)
+
+
+@pytest.mark.fast(1)
+@pytest.mark.parametrize(("rank", "length"), [(1, 0.5), (2, 4.0), (3, 0.0), (3, 4.0)])
+def test_slopes_of_quantiles_are_differences(rank: int, length: float) -> None:
+    """Along changes within the range of the covariance, and for full rank in any direction."""
+    rng = np.random.default_rng(10 * rank + int(length))
+    root = rng.normal(size=(3, rank))
+    mean = root @ rng.normal(size=rank)
+    mean *= length / np.linalg.norm(mean)
+    covariance, change, step = root @ root.T, rng.normal(size=(rank, rank)), 1e-4
+    change = root @ (change + change.T) @ root.T
+    least, here, most = (NormalNorm(mean, covariance + by * change).quantile(0.95) for by in (-step, 0, step))
+    slopes = norm_quantile_slopes(mean[:, None], covariance[:, :, None], np.array([here]))[:, :, 0]
+    assert float((slopes * change).sum()) == pytest.approx((most - least) / (2 * step), rel=1e-5)

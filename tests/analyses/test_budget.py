@@ -1,18 +1,25 @@
-"""Budgets against hand-computed cases, brute force and one another."""
+"""Budgets against hand-computed cases, brute force and closed forms of the literature; Shapley and Sobol indices."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
+import re
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
+from scipy.special import ndtri
+from scipy.stats import binom
 
 import precision_pin as pp
-from analyses.test_shapley import by_orders, conditional
-from precision_pin.analyses.budget import shapley
+from precision_pin.analyses.budget import shapley, sobol
 from precision_pin.analyses.budget.budget_result import VECTORS
+from precision_pin.analyses.budget.figure import figure
 from precision_pin.analyses.budget.shares import by_draw, by_place, correlated_groups
+from precision_pin.analyses.budget.table import table
+from precision_pin.analyses.replicates import Estimates, half_widths, jackknife
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
@@ -24,30 +31,34 @@ from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_offset import JointOffset
 from support.engines import GANTRY
-from support.plain_robot import chain_of
+from support.plain_robot import chain_of, joint, link, robot
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
 
 COMPONENTS = ("position.x", "position.y", "position.z", "attitude.x", "attitude.y", "attitude.z")
+
+
 CLOSED = (*VECTORS, *COMPONENTS)
+
+
 FEW = 1024
 
-SWING = """<robot name="swing"><link name="base"/><link name="carriage"/><link name="arm"/>
-  <joint name="rail" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="0 1 0"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-  <joint name="swivel" type="revolute"><parent link="carriage"/><child link="arm"/><axis xyz="1 0 0"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-  <joint name="bolt" type="fixed"><parent link="arm"/><child link="tool"/><origin xyz="0 0 -0.5"/></joint>
-  <link name="tool"/></robot>"""
+
+SWING = robot(
+    *map(link, ("base", "carriage", "arm", "tool")),
+    joint("rail", "prismatic", "base", "carriage", axis=(0, 1, 0)),
+    joint("swivel", "revolute", "carriage", "arm", axis=(1, 0, 0)),
+    joint("bolt", "fixed", "arm", "tool", (0, 0, -0.5)),
+)
 
 
 @pytest.fixture(scope="module")
-def paper() -> ErrorModel:
-    return ErrorModel.load(PAPER_SHEET)
+def whole():
+    return pp.budget(ErrorModel.load(PAPER_SHEET))
 
 
 @pytest.fixture(scope="module")
-def paper_budget(paper):
-    return pp.budget(paper).poses[0]
+def paper_budget(whole):
+    return whole.poses[0]
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +74,7 @@ def gantry(*sources, space=Space()) -> ErrorModel:  # noqa: B008 - immutable
 
 
 def test_shares_by_hand(swing_budget):
-    """Δy = r + 0.5 s: variances 1e-8/3 and 0.25e-8, shares 4/7 and 3/7."""
+    """Δy = r + 0.5 s: variances 1e-8/3 and 0.25e-8, shares 4/7 and 3/7; the rail reaches 0.1 mm, the swivel 4 σ · 0.5 m."""
     rail, swivel = swing_budget.draws
     assert rail.name == "joint_offset[rail].offset"
     for quantity in ("position", "position.y"):
@@ -72,33 +83,20 @@ def test_shares_by_hand(swing_budget):
     assert (rail.share["attitude"], swivel.share["attitude"]) == (0.0, pytest.approx(1.0, abs=1e-12))
     assert rail.share["position.x"] is swivel.share["position.x"] is rail.share["attitude.z"] is None
     assert swing_budget.std["position.y"] == pytest.approx(math.sqrt(1e-8 / 3 + 0.25e-8), rel=1e-12)
-
-
-def test_reach_and_share_of_the_worst_case_by_hand(swing_budget):
-    """The rail reaches 0.1 mm, the swivel 4 σ · 0.5 m = 0.2 mm."""
-    rail, swivel = swing_budget.draws
     assert (rail.reach["position.y"], swivel.reach["position.y"]) == (pytest.approx(1e-4), pytest.approx(2e-4))
-    assert (rail.worst_case["position.y"], swivel.worst_case["position.y"]) == (
-        pytest.approx(1 / 3, abs=1e-12),
-        pytest.approx(2 / 3, abs=1e-12),
-    )
+    worst = rail.worst_case["position.y"], swivel.worst_case["position.y"]
+    assert worst == pytest.approx((1 / 3, 2 / 3), abs=1e-12)
     assert (rail.unbounded, swivel.unbounded) == (False, True)
     assert swing_budget.reach["position.y"] == pytest.approx(3e-4)
-
-
-def test_halved_tolerance_by_hand(swing_budget):
-    rail, swivel = swing_budget.draws
+    # halved; 1.959964: |normal| stays below it with probability 0.95
     assert rail.halved.std["position"] == pytest.approx(math.sqrt(0.25e-8 / 3 + 0.25e-8), rel=1e-12)
     assert swivel.halved.std["attitude.x"] == pytest.approx(0.5e-4, rel=1e-12)
-    # 1.959964: |normal| stays below it with probability 0.95
-    for halved, value in ((rail, 1.959964e-4), (swivel, 0.979982e-4)):
-        quantile = halved.halved.quantile["attitude.norm"]
+    for one, value in ((rail, 1.959964e-4), (swivel, 0.979982e-4)):
+        quantile = one.halved.quantile["attitude.norm"]
         assert abs(quantile.value - value) <= 2 * quantile.half_width
         assert quantile.half_width < 1e-6
-    change = rail.halved.change["position.norm"]
-    assert change.value == pytest.approx(
-        rail.halved.quantile["position.norm"].value - swing_budget.quantile["position.norm"].value, abs=1e-18
-    )
+    after, before = (one.quantile["position.norm"].value for one in (rail.halved, swing_budget))
+    assert rail.halved.change["position.norm"].value == pytest.approx(after - before, abs=1e-18)
     assert rail.halved.change["attitude.norm"].value == 0
 
 
@@ -114,10 +112,9 @@ def test_what_only_a_higher_order_moves_is_flagged(swing_budget):
     assert swing_budget.sums["position.z"].variance.value == pytest.approx(1e-16 / 8, rel=0.1)
 
 
-@pytest.mark.parametrize("count", [20_000, pytest.param(200_000, marks=pytest.mark.slow)])
-def test_closed_form_sampling_and_freezing_agree_on_the_papers_arm(paper, paper_budget, count):
+def test_closed_form_sampling_and_freezing_agree_on_the_papers_arm(paper_budget):
     """Freezing each draw at its mean, plain random numbers; tolerance of 5 standard errors of the estimate."""
-    at = paper.at()
+    at, count = ErrorModel.load(PAPER_SHEET).at(), 20_000
     layout = sampler.to_arrays(at)
     x = at.space.sample(99, 0, count)
 
@@ -129,9 +126,8 @@ def test_closed_form_sampling_and_freezing_agree_on_the_papers_arm(paper, paper_
     for draw, rows in zip(at.space.draws, at.space.slices, strict=True):
         frozen = x.copy()
         frozen[rows] = at.space.mean[rows, None]
-        freed = 1 - variances(frozen) / whole
         group = paper_budget.group(draw.name)
-        for quantity, brute in zip(CLOSED, freed, strict=True):
+        for quantity, brute in zip(CLOSED, 1 - variances(frozen) / whole, strict=True):
             share, first, total = group.share[quantity], group.first[quantity], group.total[quantity]
             assert abs(first.value - share) <= 2 * first.half_width + 2e-3
             assert abs(total.value - share) <= 2 * total.half_width + 2e-3
@@ -165,44 +161,39 @@ def test_sources_and_places_of_the_papers_arm(paper_budget):
     assert all(joint[quantity] == pytest.approx(install[quantity], abs=1e-12) for quantity in CLOSED)
 
 
-@pytest.mark.slow
-def test_lengths_of_the_papers_arm_by_hand():
-    """Lengths alone, by finite differences of the exact chain, which is linear in them."""
-    paper = ErrorModel.load(PAPER_SHEET)
-    lengths = [source for source in paper.sources if source.kind() == "length"]
-    named = Space(tuple(draw for draw in paper.space.draws if "[" not in draw.name))
-    found = pp.budget(ErrorModel(paper.chain, named, lengths, paper.poses), samples=FEW).poses[0]
-    at = ErrorModel(paper.chain, named, lengths, paper.poses).at()
-    std = np.array([0.05, 0.05, 0.25, 0.05, 0.25, 0.05]) * 1e-3 / math.sqrt(3)
-    steps = np.diag(std)
-    parts = (at.exact(steps) - at.exact(-steps)) / 2
-    np.testing.assert_allclose(
-        [draw.share["position"] for draw in found.draws],
-        (parts[:3] ** 2).sum(axis=0) / (parts[:3] ** 2).sum(),
-        rtol=1e-9,
+def test_a_fixed_draw_has_no_share_and_a_parameter_belongs_to_what_uses_it():
+    draws = (
+        Draw("still", Fixed(2e-3)),
+        Draw("rail", Uniform(1e-3)),
+        Draw("spot", Disc(1e-3)),
+        Draw("idle", Uniform(1.0)),
     )
-    assert all(draw.share["attitude"] is None for draw in found.draws)
-
-
-def test_a_fixed_draw_has_no_share():
-    space = Space((Draw("still", Fixed(2e-3)), Draw("moving", Uniform(1e-3))))
-    model = gantry(JointOffset(joint="rail", offset="still"), JointOffset(joint="lift", offset="moving"), space=space)
+    space = Space(draws)
+    sources = [JointOffset(joint="rail", offset="still"), JointOffset(joint="lift", offset=2 * space.parameter("rail"))]
+    model = gantry(*sources, space=space)
     found = pp.budget(model, [0.1, 0.2], samples=FEW).poses[0]
     still = found.draw("still")
     assert still.share["position"] == still.worst_case["position.z"] == 0.0
-    assert found.draw("moving").share["position"] == 1.0
+    assert found.draw("rail").share["position"] == 1.0
     group = found.group("still")
     assert group.first["position"].value == group.total["position"].value == group.total["position"].half_width == 0
     assert still.halved.std == found.std
     assert still.halved.quantile == found.quantile
     assert all(change.value == 0 for change in still.halved.change.values())
-
-
-def test_a_model_without_draws():
-    found = pp.budget(gantry(), [0.1, 0.2], samples=FEW).poses[0]
-    assert found.draws == found.groups == found.sources == ()
-    assert all(sums.closed is None and sums.first is None for sums in found.sums.values())
-    json.loads(pp.budget(gantry(), [0.1, 0.2], samples=FEW).to_json())
+    # named like a joint, it is not the joint's
+    more = (Frame(link="base", x="spot.x", y="spot.y"), JointOffset(joint="rail", offset=Uniform(1e-4)))
+    owned = gantry(*sources, *more, space=space)
+    assert dict(zip((draw.name for draw in owned.space.draws), owned.owners, strict=True)) == {
+        "still": ("joint_offset[rail]",),
+        "rail": ("joint_offset[lift]",),
+        "spot": ("frame[base]",),
+        "idle": (),
+        "joint_offset[rail]#2.offset": ("joint_offset[rail]#2",),
+    }
+    bare = pp.budget(gantry(), [0.1, 0.2], samples=FEW)
+    assert bare.poses[0].draws == bare.poses[0].groups == bare.poses[0].sources == ()
+    assert all(sums.closed is None and sums.first is None for sums in bare.poses[0].sums.values())
+    json.loads(bare.to_json())
 
 
 @pytest.fixture(scope="module")
@@ -334,45 +325,335 @@ def test_more_correlated_draws_than_can_be_shared():
     json.loads(pp.budget(model, [0.0, 0.0], samples=FEW).to_json())
 
 
-def test_a_parameter_named_like_a_joint_belongs_to_what_uses_it():
-    space = Space((Draw("rail", Uniform(1e-3)), Draw("spot", Disc(1e-3)), Draw("idle", Uniform(1.0))))
-    model = gantry(
-        JointOffset(joint="rail", offset=Uniform(1e-4)),
-        JointOffset(joint="lift", offset=2 * space.parameter("rail")),
-        Frame(link="base", x="spot.x", y="spot.y"),
-        space=space,
+COVARIANCE = np.array(
+    [
+        [4.0, 1.2, -0.5, 0.3],
+        [1.2, 1.0, 0.2, 0.0],
+        [-0.5, 0.2, 2.0, 0.9],
+        [0.3, 0.0, 0.9, 3.0],
+    ]
+)
+
+
+SLOPES = np.array([[1.0, -2.0, 0.5, 1.5], [0.0, 3.0, 1.0, -1.0]])
+
+
+def conditional(slopes: np.ndarray, covariance: np.ndarray, known: list[int]) -> np.ndarray:
+    """Variance of the outputs less what remains of it once some normal inputs are known (Schur complement)."""
+    rest = [k for k in range(covariance.shape[0]) if k not in known]
+    left = covariance[np.ix_(rest, rest)]
+    if known:
+        cross = covariance[np.ix_(rest, known)]
+        left = left - cross @ np.linalg.solve(covariance[np.ix_(known, known)], cross.T)
+    return np.diag(slopes @ covariance @ slopes.T) - np.diag(slopes[:, rest] @ left @ slopes[:, rest].T)
+
+
+def by_orders(players: int, worth, keeps=lambda order: True) -> np.ndarray:
+    """Return what the definition says: the mean over all (kept) orders of what a player adds to those before."""
+    orders = [order for order in itertools.permutations(range(players)) if keeps(order)]
+    total = 0.0
+    for order in orders:
+        gains = np.zeros((players, *np.shape(worth([]))))
+        for k, player in enumerate(order):
+            gains[player] = worth(sorted(order[: k + 1])) - worth(sorted(order[:k]))
+        total = total + gains
+    return total / len(orders)
+
+
+@pytest.mark.parametrize("groups", [[[0], [1], [2], [3]], [[2], [0, 3], [1]]])
+def test_effects_agree_with_the_definition(groups):
+    """And forms are the effects of any slopes."""
+    expected = by_orders(
+        len(groups),
+        lambda members: conditional(SLOPES, COVARIANCE, sorted(k for member in members for k in groups[member])),
     )
-    assert dict(zip((draw.name for draw in model.space.draws), model.owners, strict=True)) == {
-        "rail": ("joint_offset[lift]",),
-        "spot": ("frame[base]",),
-        "idle": (),
-        "joint_offset[rail].offset": ("joint_offset[rail]",),
-    }
+    np.testing.assert_allclose(shapley.effects(SLOPES, COVARIANCE, groups), expected, rtol=0, atol=1e-12)
+    forms = shapley.effect_forms(COVARIANCE, groups)
+    np.testing.assert_allclose(np.einsum("ij,gjk,ik->gi", SLOPES, forms, SLOPES), expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(forms.sum(axis=0), COVARIANCE, rtol=0, atol=1e-12)
+    with pytest.raises(InputError, match="at most 12"):
+        shapley.values(13, lambda members: np.zeros(()))
+
+
+def test_members_of_a_union_are_neighbours_in_all_orders():
+    def keeps(order: tuple[int, ...]) -> bool:
+        return abs(order.index(0) - order.index(2)) == 1
+
+    expected = by_orders(4, lambda known: conditional(SLOPES, COVARIANCE, list(known)), keeps)
+    forms = shapley.joined_effect_forms(COVARIANCE, [[k] for k in range(4)], [[1], [0, 2], [3]])
+    np.testing.assert_allclose(np.einsum("ij,gjk,ik->gi", SLOPES, forms, SLOPES), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rho", [-0.9, 0.0, 0.35, 1.0])
+def test_two_normal_inputs_have_the_published_effects(rho):
+    """Owen and Prieur (2017), equation for two inputs; at ρ = 1 the two share evenly."""
+    b1, b2, s1, s2 = 1.5, -0.4, 0.7, 2.0
+    covariance = np.array([[s1**2, rho * s1 * s2], [rho * s1 * s2, s2**2]])
+    common = b1 * b2 * s1 * s2 * rho
+    expected = [
+        b1**2 * s1**2 * (1 - rho**2 / 2) + common + b2**2 * s2**2 * rho**2 / 2,
+        b2**2 * s2**2 * (1 - rho**2 / 2) + common + b1**2 * s1**2 * rho**2 / 2,
+    ]
+    found = shapley.effects(np.array([[b1, b2]]), covariance, [[0], [1]])[:, 0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+A, B = 7.0, 0.1
+
+
+VARIANCE = 13.844588
+
+
+FIRST = (0.313905, 0.442411, 0.0)
+
+
+TOTAL = (0.557589, 0.442411, 0.243684)
+
+
+def ishigami(uniforms: np.ndarray) -> np.ndarray:
+    x = -np.pi + 2 * np.pi * uniforms
+    return (np.sin(x[0]) + A * np.sin(x[1]) ** 2 + B * x[2] ** 4 * np.sin(x[0]))[None]
+
+
+def indices(function, dimension: int, groups, *, seed: int = 0, points: int = 1024, **settings) -> sobol.Indices:
+    both = sobol.scrambled_points(2 * dimension, seed, points)
+    return sobol.sobol_indices(function, both[:dimension], both[dimension:], groups, **settings)
+
+
+def covers(estimates: Estimates, truth) -> np.ndarray:
+    return np.abs(estimates.value - truth) <= estimates.half_width + 1e-6
+
+
+def test_ishigami_lies_inside_the_stated_intervals():
+    found = indices(ishigami, 3, [[0], [1], [2]], confidence=0.99)
+    assert covers(found.first, np.array(FIRST)[:, None]).all()
+    assert covers(found.total, np.array(TOTAL)[:, None]).all()
+    assert covers(found.first_sum, sum(FIRST)).all()
+    assert covers(found.variance, VARIANCE).all()
+    assert max(found.first.half_width.max(), found.total.half_width.max()) < 0.03
 
 
 @pytest.mark.slow
-def test_same_seed_same_result_and_poses_in_order(paper):
-    first = pp.budget(paper, seed=5, samples=FEW)
-    other = [-1.0, 0.2, 1.2, -1.0]
-    both = pp.budget(paper, ["paper", other], seed=5, samples=FEW)
-    assert first.to_dict()["poses"][0] == both.to_dict()["poses"][0]
-    assert list(both.poses[1].pose.q.values()) == other
-    assert (both.poses[0].pose.name, both.poses[1].pose.name) == ("paper", "")
-    assert pp.budget(paper, seed=6, samples=FEW).to_dict()["poses"] != first.to_dict()["poses"]
-    parsed = json.loads(first.to_json())
-    assert parsed["schema"] == "precision-pin/budget/1"
-    assert (parsed["seed"], parsed["samples"], parsed["robot"]) == (5, FEW, "4dof.urdf")
-    assert parsed["poses"][0]["groups"][0]["first"]["position"]["interval"]
+def test_intervals_cover_as_often_as_stated():
+    """Of 60 seeds, a 95 % interval may miss as often as one of exactly 95 % does with probability 1e-4.
+
+    The 95 % quantile of the sum of two uniform numbers is 2 - √0.1; halved, with the same numbers, half of it.
+    """
+    hits, truth = np.zeros(9), 2 - math.sqrt(0.1)
+    for seed in range(60):
+        found = indices(ishigami, 3, [[0], [1], [2]], seed=seed, points=128)
+        total = sobol.scrambled_points(2, seed, 128).sum(axis=0, keepdims=True)
+        value, change = sobol.quantile_changes(total, total / 2, 0.95, 0.95)
+        hits += np.concatenate(
+            [covers(found.first, np.array(FIRST)[:, None])[:, 0], covers(found.total, np.array(TOTAL)[:, None])[:, 0],
+             covers(found.variance, VARIANCE), covers(value, truth), covers(change, truth / 2)]
+        )  # fmt: skip
+    assert hits.min() >= binom.ppf(1e-4, 60, 0.95)
 
 
-def test_wrong_settings_are_refused(paper):
-    for settings in (
-        {"samples": 1000}, {"samples": 16 * 32}, {"samples": True}, {"samples": 16 * 96}, {"confidence": 1.0},
-        {"bound_at": 0.0}, {"bound_at": math.inf}, {"seed": -1},
-    ):  # fmt: skip
-        with pytest.raises(InputError):
-            pp.budget(paper, **settings)
-    with pytest.raises(UnknownNameError):
-        pp.budget(paper, "nowhere")
-    with pytest.raises(InputError):
-        pp.budget(paper, [])
+def test_closed_form_of_an_interaction():
+    """Y = x1 + x2 x3 of standard normal numbers: V = 2, first order 1/2 0 0, total 1/2 1/2 1/2; as a group 1/2."""
+
+    def function(uniforms):
+        x = ndtri(uniforms)
+        return (x[0] + x[1] * x[2])[None]
+
+    found = indices(function, 3, [[0], [1], [2], [1, 2]], confidence=0.999)
+    assert covers(found.first, np.array([[0.5], [0], [0], [0.5]])).all()
+    assert covers(found.total, np.array([[0.5], [0.5], [0.5], [0.5]])).all()
+    # of (3u, 4v) together: variances 9/12 and 16/12, shares 0.36 and 0.64, and no difference of first and total
+    both = indices(lambda u: np.array([3 * u[0], 4 * u[1]]), 2, [[0], [1]], outputs=np.array([[1.0, 1.0], [1.0, 0.0]]))
+    np.testing.assert_allclose(both.first.value, both.total.value, rtol=1e-12)
+    np.testing.assert_allclose(both.first.value, [[0.36, 1.0], [0.64, 0.0]], atol=2e-3)
+    np.testing.assert_allclose(both.variance.value, [25 / 12, 9 / 12], rtol=1e-3)
+    still = indices(lambda u: np.full((1, u.shape[1]), 3.0), 2, [[0], [1]])
+    assert np.isnan([still.first.value, still.total.value]).all()
+    assert still.variance.value == 0
+
+
+def test_quantiles_of_known_laws():
+    samples = sobol.scrambled_points(2, 3, 1024)
+    scaled = np.array([1.0, 5.0])[:, None]
+    value, change = sobol.quantile_changes(samples * scaled / 2, samples * scaled, 0.95, 0.99)
+    np.testing.assert_allclose(value.value, [0.475, 2.375], rtol=1e-3)
+    np.testing.assert_allclose(change.value, [-0.475, -2.375], rtol=1e-3)
+    assert (np.abs(value.value - [0.475, 2.375]) <= value.half_width).all()
+    np.testing.assert_allclose(sobol.quantiles(samples, 0.95, 0.99).value, 0.95, rtol=1e-3)
+    # at a jump they are not resolved: two values, the upper one of probability 0.05, 0.051 and 0.5; beyond it is exact
+    for probability, given in ((0.05, False), (0.051, False), (0.5, True)):
+        points = sobol.scrambled_points(1, 1, 32)
+        found = sobol.quantiles(np.where(points > 1 - probability, 1.0, -1.0), 0.95, 0.95)
+        assert np.isfinite(found.value[0]) == given
+        assert not given or (found.value[0], found.half_width[0]) == (pytest.approx(1.0, abs=1e-14), pytest.approx(0.0))
+
+
+def test_intervals_of_skewed_replicates_cover():
+    """Means of 32 numbers: Student's interval holds that of exponential ones in 92.5 of 100 runs."""
+    random = np.random.default_rng(0)
+    runs = 4000
+    for numbers, mean in (
+        (random.exponential(size=(32, runs)), 1.0),
+        (random.poisson(0.2, (32, runs)).astype(float), 0.2),
+        ((1 - random.random((32, runs))) ** -0.2, 1.25),
+        (random.normal(size=(32, runs)), 0.0),
+    ):
+        held = np.abs(numbers.mean(axis=0) - mean) <= half_widths(numbers, 0.95)
+        assert held.sum() >= binom.ppf(1e-4, runs, 0.945)
+    numbers = np.random.default_rng(4).normal(size=sobol.REPLICATES // 2)
+    numbers = np.concatenate([numbers, -numbers])
+    found = jackknife(lambda used: numbers[used].mean(), 0.95)
+    assert found.value == pytest.approx(0.0, abs=1e-15)
+    # 2.03951: the 97.5 % quantile of Student's law with 31 degrees of freedom, from a table; a tenth where nothing is skewed
+    assert found.half_width == pytest.approx(1.1 * 2.03951 * numbers.std(ddof=1) / math.sqrt(32), rel=1e-4)
+
+
+def test_lognormal_numbers_whose_tail_no_point_meets_are_not_resolved():
+    """A standard deviation of 300 % of the mean: the variance came out within its interval in 59 of 100 runs."""
+    found = indices(lambda u: np.exp(1.517 * ndtri(u[:1])), 1, [[0]], points=32)
+    for estimate in (found.first, found.total, found.first_sum, found.variance):
+        assert np.isnan(estimate.value).all()
+    assert found.varies.all()
+
+
+def test_a_rare_value_that_no_point_meets_is_not_resolved():
+    """Of probability 1e-5, as large as ten standard deviations of the rest: indices 1/1001 and 1000/1001 of V = 1.001.
+
+    No point meets it, so that 0 and 1 would be found with no scatter.
+    """
+
+    def function(u):
+        return (np.where(u[0] > 1 - 1e-5, 10.0, 0.0) + ndtri(u[1]))[None]
+
+    both = sobol.scrambled_points(4, 0, 32)
+    found = sobol.sobol_indices(function, both[:2], both[2:], [[0], [1]], breaks=[(1 - 1e-5,), ()])
+    assert np.isnan(found.first.value).all()
+    assert np.isnan(found.total.value).all()
+
+
+def test_points_lie_inside_and_depend_on_the_seed_alone():
+    points = sobol.scrambled_points(5, 2**64 - 1, 64)
+    assert points.shape == (5, 64 * sobol.REPLICATES)
+    assert 0 < points.min() < points.max() < 1
+    np.testing.assert_array_equal(points, sobol.scrambled_points(5, 2**64 - 1, 64))
+    assert not np.array_equal(points, sobol.scrambled_points(5, 0, 64))
+    split = points.reshape(5, sobol.REPLICATES, 64)
+    # a net: each replicate has one point in every 1/64 of each axis
+    assert (np.sort((split * 64).astype(int), axis=2) == np.arange(64)).all()
+    assert not np.array_equal(split[:, 0], split[:, 1])
+
+
+SHEET = """precision-pin: 1
+robot: arm.urdf
+poses: {flat: 0 deg}
+parameters:
+  stiff: {uniform: 800 N*m^2, mean: 8000 N*m^2}
+  wall: {uniform: 0.1 mm, mean: 3 mm}
+  idle: {uniform: 1 mm}
+sources:
+  - payload: {at: tool, mass: 3 kg}
+  - beam: {link: arm, segments: [{fraction: 0.5, EI: stiff}, {EI: {uniform: 400 N*m^2, mean: 4000 N*m^2}}]}
+  - beam: {link: base, section: tube, material: steel, segments: [{outer_diameter: 60 mm, wall: wall}]}
+  - joint_offset: {joint: hinge, offset: {normal: 0.01 deg}}
+"""
+
+
+def test_a_parameter_named_in_a_segment_belongs_to_its_beam(tmp_path):
+    """By hand: w = 3 kg g (l²/EI integrals), z alone moves to first order."""
+    parts = (link("base"), joint("hinge", "revolute", "base", "arm", (0.5, 0, 0), axis=(0, 1, 0)), link("arm"))
+    (tmp_path / "arm.urdf").write_text(robot(*parts, joint("flange", "fixed", "arm", "tool", (1, 0, 0)), link("tool")))
+    (tmp_path / "arm.errors.yaml").write_text(SHEET)
+    model = ErrorModel.load(tmp_path / "arm.errors.yaml")
+    assert dict(zip((draw.name for draw in model.space.draws), model.owners, strict=True)) == {
+        "stiff": ("beam[arm]",),
+        "wall": ("beam[base]",),
+        "idle": (),
+        "beam[arm].segments[1].EI": ("beam[arm]",),
+        "joint_offset[hinge].offset": ("joint_offset[hinge]",),
+    }
+    # what a parameter is, is read off the same places
+    units = {draw.name: draw.quantities[0].si for draw in model.space.draws}
+    assert units["stiff"] == units["beam[arm].segments[1].EI"] == "N*m^2"
+    assert units["wall"] == "m"
+    found = pp.budget(model, samples=FEW).poses[0]
+    stiff, other = (found.draw(name).share["position"] for name in ("stiff", "beam[arm].segments[1].EI"))
+    shares = {line.sources: line.share["position"] for line in found.sources}
+    assert shares[("beam[arm]",)] == pytest.approx(stiff + other, rel=1e-12)
+    near, far = (1 - 0.5**3) / 8000**2 * 800, 0.5**3 / 4000**2 * 400
+    assert stiff / other == pytest.approx((near / far) ** 2, rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def correlated():
+    """Return a budget of 31 draws with names in two scripts, two of them correlated."""
+    space = Space(
+        (Draw("a", Normal(1e-3)), Draw("腕", Normal(2e-3)), *(Draw(f"n{k}", Uniform(1e-4)) for k in range(29))),
+        (Correlation(("a", "腕"), ((1.0, 0.5), (0.5, 1.0))),),
+    )
+    sources = [Frame(link="base", x="a"), Frame(frame="tool", x="腕", z="a")]
+    sources += [Frame(link="base", y=f"n{k}") for k in range(29)]
+    chain = chain_of(GANTRY, tip="tool", gravity=(0, 0, 0))
+    return pp.budget(ErrorModel(chain, space, sources), [0.1, 0.2], samples=FEW)
+
+
+@pytest.mark.slow
+def test_table_shows_shares_indices_widths_and_sums(whole):
+    lines = table(whole).splitlines()
+    begin = r"position: axis_install\[joint1\]\.A, radius 0\.1 mm, causes 25\.\d % of the variance"
+    assert re.fullmatch(begin, lines[0])
+    assert lines[1].startswith("attitude: axis_install[")
+    assert lines[3].startswith("4dof.urdf: base to tool, pose 'paper' (joint1 -90°")
+    largest = next(line for line in lines if line.startswith("axis_install[joint1].A"))
+    assert re.search(r" radius 0\.1 mm +25\.25 +\d+\.\d+ ± \d+\.\d+ +-?\d+\.\d+ ± \d+\.\d+$", largest)
+    sums = [line for line in lines if line.startswith("sum ")]
+    assert len(sums) == 2
+    assert all(re.search(r" 100\.00$", line) for line in sums)
+    indices = r"first-order Sobol indices: position sum to \d+\.\d+ ± \d+\.\d+ %, attitude sum to "
+    assert re.search(indices, "\n".join(lines))
+    assert any(line.startswith("a1: length[joint2], length[tool]") for line in lines)
+    assert any(line.startswith("link from joint1 to joint2") for line in lines)
+    assert "worst case" not in lines[8]
+    # components show the worst case and norms no closed form
+    text = table(whole, ["position.z", "attitude.norm"])
+    assert "worst case %" in text
+    assert re.search(r"^sum +-$", text, re.MULTILINE)
+    assert re.search(r"attitude\.norm sum to \d+(\.\d+)? ± ", text)
+    with pytest.raises(UnknownNameError, match=r"position\.z"):
+        table(whole, ["position.w"])
+
+
+@pytest.mark.slow
+def test_many_draws_are_cut_and_correlated_ones_have_a_line(correlated):
+    text = table(correlated)
+    assert "and 21 more: --all" in text
+    assert "more: --all" not in table(correlated, is_whole=True)
+    assert "correlated: a + 腕" in text
+    assert re.search(r"^腕 +σ 2 mm +\d+\.\d+ +- ", text, re.MULTILINE)
+    # nothing turns: no attitude anywhere
+    assert re.search(r"^sum +-$", text, re.MULTILINE)
+    assert "attitude not resolved" in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["whole", "correlated"])
+def test_figure_has_legible_text_inside_it_and_bars_are_the_shares_largest_first(which, request):
+    result = request.getfixturevalue(which)
+    made = figure(result)
+    made.canvas.draw()
+    assert min(text.get_fontsize() for text in made.findobj(Text) if text.get_text() and text.get_visible()) >= 7
+    upper, lower = made.axes
+    for axes in (upper, lower):
+        boxes = [label.get_window_extent() for label in axes.get_yticklabels()]
+        assert all(one.x0 >= made.bbox.x0 and one.x1 <= made.bbox.x1 for one in boxes)
+        assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+    assert not upper.xaxis.label.get_window_extent().overlaps(lower.get_window_extent())
+    legend = {text.get_text() for text in made.legends[0].get_texts()}
+    assert legend == {"share of the variance, first order", "total Sobol index, exact model"}
+    if which == "whole":
+        groups = sorted(result.poses[0].groups, key=lambda group: -round(group.share["position"], 9))[:12]
+        bars, diamonds = sorted(upper.containers, key=lambda one: not hasattr(one, "patches"))
+        shares = [100 * group.share["position"] for group in groups]
+        assert [bar.get_width() for bar in bars.patches] == pytest.approx(shares, rel=1e-12)
+        totals = [100 * group.total["position"].value for group in groups]
+        assert diamonds[0].get_xdata() == pytest.approx(totals, rel=1e-12)
+        assert "radius 0.1 mm" in {part for text in upper.texts for part in text.get_text().split("  ")}
+        assert next(label.get_text() for label in upper.get_yticklabels()).startswith("axis of joint1, bearing")

@@ -15,6 +15,8 @@ from precision_pin.sources import JointOffset
 from support.checks.common import one_link
 
 RNG = np.random.default_rng(11)
+
+
 pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 
@@ -27,9 +29,8 @@ def hinge(std: float, *more: pp.Source) -> pp.ErrorModel:
 
 @pytest.mark.slow
 def test_a_scaled_tolerance_in_closed_form():
-    found = pp.compare(
-        [hinge(1e-4), hinge(1.1e-4)], [0.0], samples=60_000, model="linear", specifications="0.2 mm @ 95 %"
-    )
+    models = [hinge(1e-4), hinge(1.1e-4)]
+    found = pp.compare(models, [0.0], samples=60_000, model="linear", specifications="0.2 mm @ 95 %")
     (pose,) = found.poses
     (pair,) = pose.differences
     # |offset| is half-normal; the same robots, so that each error is 1.1 times the first one
@@ -45,24 +46,13 @@ def test_a_scaled_tolerance_in_closed_form():
     assert pair.means["attitude.z"].value == pytest.approx(0.1 * pose.laws[0].attitude.z.mean)
     assert [sum(variance.values()) for variance in pose.variances] == pytest.approx([1e-8, 1.21e-8])
     assert [found.met(name) for name in found.names] == [result.summary.specifications[0].met for result in pose.laws]
-
-
-def test_a_further_source_leaves_the_random_numbers_of_the_others():
+    # a further source leaves the random numbers of the others
     further = JointOffset(joint="hinge", offset=pp.Draw("before", pp.Fixed(2e-4)))
-    found = pp.compare({"plain": hinge(1e-4), "more": hinge(1e-4, further)}, [0.0], samples=1000, model="linear")
-    (pair,) = found.poses[0].differences
-    gap = pair.means["attitude.z"]
-    assert gap.value == pytest.approx(2e-4)
-    np.testing.assert_allclose(gap.interval, 2e-4, rtol=1e-9)
-    for one in pair.quantiles["attitude.z"].values():
-        assert one.value == pytest.approx(2e-4)
-
-
-def test_the_same_model_does_not_differ():
-    found = pp.compare([hinge(1e-4), hinge(1e-4)], [0.0], samples=2000)
-    for by_level in found.poses[0].differences[0].quantiles.values():
-        assert all((one.value, one.is_told) == (0, False) for one in by_level.values())
-    assert repr(found).startswith("<ComparisonResult of A, B: 1 poses, 2,000 robots")
+    more = pp.compare({"plain": hinge(1e-4), "more": hinge(1e-4, further)}, [0.0], samples=1000, model="linear")
+    (pair,) = more.poses[0].differences
+    assert pair.means["attitude.z"].value == pytest.approx(2e-4)
+    np.testing.assert_allclose(pair.means["attitude.z"].interval, 2e-4, rtol=1e-9)
+    assert [one.value for one in pair.quantiles["attitude.z"].values()] == pytest.approx([2e-4] * 3)
 
 
 def half_normal_with_a_rare_step(share):
@@ -92,17 +82,12 @@ def lognormals(turns, count):
 
 
 PAIRS = {
-    "rare, 1 %": half_normal_with_a_rare_step(0.01),
     "rare, 0.3 %": half_normal_with_a_rare_step(0.003),
     "rare, at the quantile": half_normal_with_a_rare_step(0.052),
     "two values": (two_values, lambda level: float(level > 0.948)),
     "lognormal of variation 1": (
         lognormals,
         lambda level: 0.1 * np.exp(np.sqrt(np.log(2)) * stats.norm.ppf(level)),
-    ),
-    "heavy tails": (
-        lambda turns, count: np.abs(RNG.standard_t(4, (turns, count))) * [[[1]], [[1.5]]],
-        lambda level: 0.5 * stats.t.ppf(0.5 + level / 2, 4),
     ),
 }
 
@@ -145,25 +130,18 @@ def test_models_that_differ_in_a_rare_draw_are_not_told_to_be_alike():
     assert "do not differ" not in headline(found, 1)
     alike = pp.compare([hinge(1e-4), hinge(1e-4)], [0.0], samples=200, model="linear")
     assert "do not differ" in headline(alike, 1)
-
-
-@pytest.mark.slow
-def test_intervals_of_shares_cover_the_difference():
-    turns, count = 4000, 300
-    latent = RNG.standard_normal((turns, count))
-    first, other = latent <= 1.9, latent + 0.3 * RNG.standard_normal((turns, count)) <= 1.9
-    expected = stats.norm.cdf(1.9 / np.hypot(1, 0.3)) - stats.norm.cdf(1.9)
-    held = 0
-    for one, two in zip(first, other, strict=True):
-        low, high = share_difference(one, two, 0.95).interval
-        held += low <= expected <= high
-    assert stats.binom.interval(0.9999, turns, 0.94)[0] <= held <= stats.binom.interval(0.9999, turns, 0.975)[1]
+    for by_level in alike.poses[0].differences[0].quantiles.values():
+        assert all((one.value, one.is_told) == (0, False) for one in by_level.values())
+    assert repr(alike).startswith("<ComparisonResult of A, B: 1 poses, 200 robots")
+    values = RNG.standard_normal((2, 90))
+    assert quantile_difference(*values, 0.95, 0.95).interval is None
+    assert mean_difference(values[0, :1], values[1, :1], 0.95).interval is None
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "gained", "lost"), [(300, 0.02, 0.0), (300, 0.45, 0.45), (2000, 0.003, 0.001)])
 def test_intervals_of_shares_cover_whatever_changes_sides(count, gained, lost):
-    turns = 3000
+    turns = 1500
     held = 0
     for up, down, _ in RNG.multinomial(count, [gained, lost, 1 - gained - lost], turns):
         first, other = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
@@ -171,13 +149,7 @@ def test_intervals_of_shares_cover_whatever_changes_sides(count, gained, lost):
         low, high = share_difference(first, other, 0.95).interval
         held += low <= gained - lost <= high
     assert held >= stats.binom.ppf(1e-3, turns, 0.95)
-
-
-def test_few_robots_tell_no_quantile():
-    values = RNG.standard_normal((2, 90))
-    assert quantile_difference(*values, 0.95, 0.95).interval is None
-    assert not quantile_difference(*values, 0.95, 0.95).is_told
-    assert mean_difference(values[0, :1], values[1, :1], 0.95).interval is None
+    assert count == 2000 or gained < 0.4 or held <= stats.binom.ppf(1 - 1e-3, turns, 0.975)
 
 
 @pytest.mark.slow

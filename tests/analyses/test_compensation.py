@@ -19,6 +19,8 @@ from support.oracles import displaced_pose, displacements
 from support.plain_robot import PlainRobot, chain_of, joint, link, pose_error, random_arm, robot
 
 MEAN = 0.01
+
+
 """A mean offset, rad."""
 
 
@@ -27,22 +29,6 @@ def standing(model: ErrorModel, q) -> np.ndarray:
     at = model.at(q)
     means = dict(zip(model.space.components, model.space.mean, strict=True))
     return displaced_pose(model.chain, q, displacements(at.terms, means))
-
-
-def planar_arm(**limits: str):
-    """Return two links of 0.4 m and 0.3 m in a vertical plane, joints about y."""
-    return chain_of(
-        robot(
-            link("base"), link("upper"), link("lower"), link("tool"),
-            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0), extra=limits.get("shoulder", "")),
-            joint("elbow", "revolute", "upper", "lower", (0.4, 0, 0), axis=(0, 1, 0)),
-            joint("flange", "fixed", "lower", "tool", (0.3, 0, 0)),
-        ),
-        tip="tool",
-    )  # fmt: skip
-
-
-PLANE = [1.0, 0, 1.0, 0, 0, 0]
 
 
 @pytest.mark.slow
@@ -67,25 +53,29 @@ def test_every_pose_of_a_six_axis_arm_with_payload():
     assert result.is_complete
     for q, corrected in zip(result.poses.q.T, result.corrected.T, strict=True):
         error = pose_error(standing(model, corrected), model.chain.at(q).pose)
-        assert np.linalg.norm(error[:3]) < 1e-9
-        assert np.linalg.norm(error[3:]) < 1e-9
+        assert max(np.linalg.norm(error[:3]), np.linalg.norm(error[3:])) < 1e-9
     # one pose: joints by their whole names; the last one is turned by less than a digit, and zero has no sign
     lines = compensation_table(pp.compensate(model, ["ready"])).splitlines()
     assert any(line.startswith("shoulder_pan_joint ") for line in lines)
     assert next(line for line in lines if line.startswith("wrist_3_joint")).split()[2:] == ["0.0000"] * 3
+    # of an arm of fewer joints weighted squares are smallest
+    model = ErrorModel.load(PAPER_SHEET)
+    q, weights = model.poses["paper"], np.array([1.0, 2.0, 1.0, 0.3, 0.3, 0.3])
+    wanted = model.chain.at(q).pose
+    found = least_squares(
+        lambda of: weights * pose_error(standing(model, of), wanted), q, x_scale=0.1, xtol=1e-14, ftol=1e-14
+    )
+    corrected = pp.compensate(model, ["paper"], mode="pose", weights=weights).corrected[:, 0]
+    assert corrected == pytest.approx(found.x, abs=1e-6)
+    squares = ((weights * pose_error(standing(model, corrected), wanted)) ** 2).sum()
+    assert squares == pytest.approx(2 * found.cost, rel=1e-9)
 
 
 def test_joint_compliance_alone_has_the_exact_answer():
     # gravity turns joint k by C m g x_k, x_k the horizontal lever of the payload: the corrected joint values answer q
     softness, mass = np.array([2e-4, 5e-4]), 5.0
-    model = ErrorModel(
-        planar_arm(),
-        Space(),
-        [
-            Payload(at="tool", mass=mass),
-            *(JointCompliance(joint=name, compliance=c) for name, c in zip(("shoulder", "elbow"), softness, strict=True)),
-        ],
-    )  # fmt: skip
+    soft = [JointCompliance(joint=name, compliance=c) for name, c in zip(("lift", "elbow"), softness, strict=True)]
+    model = ErrorModel(three_joints(), Space(), [Payload(at="tool", mass=mass), *soft])
     q = np.array([0.3, -1.1])
 
     def deflected(of):
@@ -93,23 +83,8 @@ def test_joint_compliance_alone_has_the_exact_answer():
         return of + softness * mass * 9.81 * np.array([0.4 * np.cos(of[0]) + forearm, forearm])
 
     expected = fsolve(lambda of: deflected(of) - q, q, xtol=1e-13)
-    result = pp.compensate(model, [q], mode="pose", weights=PLANE)
-    assert result.corrected[:, 0] == pytest.approx(expected, abs=1e-8)
-
-
-@pytest.mark.slow
-def test_weighted_squares_are_smallest():
-    model = ErrorModel.load(PAPER_SHEET)
-    q = model.poses["paper"]
-    weights = np.array([1.0, 2.0, 1.0, 0.3, 0.3, 0.3])
-    wanted = model.chain.at(q).pose
-    found = least_squares(
-        lambda of: weights * pose_error(standing(model, of), wanted), q, x_scale=0.1, xtol=1e-14, ftol=1e-14
-    )
-    result = pp.compensate(model, ["paper"], mode="pose", weights=weights)
-    assert result.corrected[:, 0] == pytest.approx(found.x, abs=1e-6)
-    squares = ((weights * pose_error(standing(model, result.corrected[:, 0]), wanted)) ** 2).sum()
-    assert squares == pytest.approx(2 * found.cost, rel=1e-9)
+    result = pp.compensate(model, [[0.0, *q]], mode="position")
+    assert result.corrected[:, 0] == pytest.approx([0.0, *expected], abs=1e-8)
 
 
 def least_change(
@@ -153,9 +128,7 @@ def least_change(
     ("seed", "joints", "sliding", "mode", "room"),
     [
         (3, 7, (), "pose", 7.0),
-        (5, 7, (2,), "position", 7.0),
         (5, 7, (2,), "position", 0.01),
-        (4, 7, (2,), "position", 0.04),
         # nothing near: only scattered starts lead to a correction, and none of Newton's method settles
         (7, 5, (), "position", 0.01),
     ],
@@ -173,10 +146,9 @@ def test_a_redundant_arm_moves_least(seed, joints, sliding, mode, room):
     result = pp.compensate(model, [q], mode=mode)
     assert result.is_complete
     units = np.where(chain.prismatic, np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum(), 1.0)
-    limits = chain.configurations.limits
-    assert (result.corrected[:, 0] >= limits[0]).all()
-    assert (result.corrected[:, 0] <= limits[1]).all()
-    change = (result.corrected[:, 0] - q) / units
+    limits, corrected = chain.configurations.limits, result.corrected[:, 0]
+    assert ((limits[0] <= corrected) & (corrected <= limits[1])).all()
+    change = (corrected - q) / units
     least = least_change(arm, q, offsets, 0.02, units, slice(0, 3 if mode == "position" else 6), limits, change)
     assert np.linalg.norm(change) <= least * (1 + 1e-6)
     assert result.correction.is_least.all()
@@ -212,39 +184,18 @@ def test_the_other_elbow_corrects_where_a_limit_forbids_the_near_one():
     assert result.corrected[:, 0] == pytest.approx([0.0, turned, -0.7], abs=1e-8)
 
 
-def three_joints(limit: str = "", lift: str = ""):
+def three_joints(shoulder: str = "", lift: str = ""):
     """Return an arm that turns about z and bends twice about y; straight, it is singular."""
     return chain_of(
         robot(
-            link("base"), link("column"), link("upper"), link("lower"), link("tool"),
-            joint("shoulder", "revolute", "base", "column", extra=limit),
+            *map(link, ("base", "column", "upper", "lower", "tool")),
+            joint("shoulder", "revolute", "base", "column", extra=shoulder),
             joint("lift", "revolute", "column", "upper", axis=(0, 1, 0), extra=lift),
             joint("elbow", "revolute", "upper", "lower", (0.4, 0, 0), axis=(0, 1, 0)),
             joint("flange", "fixed", "lower", "tool", (0.3, 0, 0)),
         ),
         tip="tool",
-    )  # fmt: skip
-
-
-def test_a_joint_at_its_limit_stays_and_the_others_correct():
-    four = chain_of(
-        robot(
-            link("base"), link("slide"), link("column"), link("upper"), link("lower"), link("tool"),
-            joint("rail", "prismatic", "base", "slide", axis=(1, 0, 0),
-                  extra='<limit lower="-1" upper="0" effort="1" velocity="1"/>'),
-            joint("shoulder", "revolute", "slide", "column"),
-            joint("lift", "revolute", "column", "upper", axis=(0, 1, 0)),
-            joint("elbow", "revolute", "upper", "lower", (0.4, 0, 0), axis=(0, 1, 0)),
-            joint("flange", "fixed", "lower", "tool", (0.3, 0, 0)),
-        ),
-        tip="tool",
-    )  # fmt: skip
-    model = ErrorModel(four, Space(), [Frame(link="base", x=Normal(1e-3, mean=-0.01))])
-    result = pp.compensate(model, [[0.0, 0.2, 0.3, 0.7]])
-    assert result.correction.status == ("corrected",)
-    assert result.corrected[0, 0] == 0.0
-    wanted = four.at(result.poses.q[:, 0]).pose[:3, 3]
-    assert np.linalg.norm(standing(model, result.corrected[:, 0])[:3, 3] - wanted) < 1e-9
+    )
 
 
 @pytest.mark.slow
@@ -261,13 +212,14 @@ def test_the_law_that_remains_is_that_of_exact_robots():
     assert result.shares[:, 0].sum() == pytest.approx(1.0)
 
 
-def test_wrong_questions_are_refused():
-    model = ErrorModel.load(PAPER_SHEET)
-    with pytest.raises(InputError, match="pose has 6 components, which 4 joints cannot all correct"):
-        pp.compensate(model, ["paper"], mode="pose")
-    with pytest.raises(InputError, match='weights need mode="pose"'):
-        pp.compensate(model, ["paper"], weights=np.ones(6))
-    with pytest.raises(InputError, match="must not be negative, and one must be positive"):
-        pp.compensate(model, ["paper"], mode="pose", weights=np.zeros(6))
-    with pytest.raises(InputError, match="position has 3 components, which 2 joints cannot all correct"):
-        pp.compensate(ErrorModel(planar_arm(), Space(), []), [[0.1, 0.2]])
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"mode": "pose"}, "pose has 6 components, which 4 joints cannot all correct"),
+        ({"weights": np.ones(6)}, 'weights need mode="pose"'),
+        ({"mode": "pose", "weights": np.zeros(6)}, "must not be negative, and one must be positive"),
+    ],
+)
+def test_wrong_questions_are_refused(settings, message):
+    with pytest.raises(InputError, match=message):
+        pp.compensate(ErrorModel.load(PAPER_SHEET), ["paper"], **settings)

@@ -12,7 +12,7 @@ from scipy import stats
 
 from precision_pin.analyses.moments.moments import Measured, deviations, moments
 from precision_pin.analyses.moments.moments_control import Control
-from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.errors import InputError
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
@@ -24,8 +24,14 @@ from precision_pin.sources.joint_offset import JointOffset
 from support.plain_robot import chain_of, joint, link, robot
 
 SAMPLED = ("control", "sobol", "sobol-control", "plain")
+
+
 LENGTHS = (0.7, 0.4)
+
+
 SLACK = 2e-16
+
+
 """Rounding of errors of a metre."""
 
 
@@ -61,11 +67,6 @@ def weighted(errors: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.nd
     return mean, (errors * weights) @ errors.T - np.outer(mean, mean)
 
 
-def gauss_normal(count: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    z, weights = np.polynomial.hermite_e.hermegauss(count)
-    return z, weights / weights.sum()
-
-
 def pairs(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the nodes ``(2, N)`` and weights of two independent numbers."""
     x, y = np.meshgrid(first[0], second[0], indexing="ij")
@@ -88,8 +89,6 @@ def estimates(pose) -> list[Measured]:
 
 
 # --- one joint, every moment by hand ---
-
-
 def one_joint(law: str, spread: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return mean, covariance, mean and variance of the norms for an angle that is normal(σ) or uniform(±a)."""
     length = LENGTHS[0]
@@ -131,6 +130,11 @@ def test_one_joint_by_hand(method, law):
     )
     for estimate, truth in zip(estimates(found), one_joint(law, 0.2), strict=True):
         assert (covered(estimate, truth) | np.isnan(estimate.value)).all()
+        if (method, law) == ("control", "uniform"):
+            # Student's factor of 31 degrees of freedom, a tenth wider; skewed ones are wider still
+            factor = 1.1 * stats.t.ppf(0.99995, 31) * estimate.standard_error
+            assert (estimate.half_width >= factor * (1 - 1e-5)).all()
+            assert (estimate.half_width <= 1.5 * factor).all()
     assert found.mean.half_width[0] < 1e-3
     np.testing.assert_array_equal(found.covariance.value, found.covariance.value.T)
 
@@ -157,53 +161,34 @@ def test_closed_form_of_one_normal_joint_is_off_by_its_sixth_order():
 # --- two joints, moments by quadrature ---
 
 
-def skewed(spread: float) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([-spread / 2, 2 * spread]), np.array([0.8, 0.2])
+def _cases(s: float):
+    """Return draws, correlations, nodes of quadrature and the order that the closed form leaves out, by name."""
+    normal, uniform = (s * Z, GAUSS_NORMAL), (0.3 + s * GAUSS[0], GAUSS[1] / 2)
+    radii = (GAUSS[0] + 1) / 2
+    z, weights = pairs((Z, GAUSS_NORMAL), (Z, GAUSS_NORMAL))
+    mixed = s * np.linalg.cholesky(MATRIX) @ z, weights
+    skewed = np.array([-s / 2, 2 * s]), np.array([0.8, 0.2])
+    two = (Draw("a", laws.Normal(s)), Draw("b", laws.Normal(2 * s)))
+    odd = (Draw("a", laws.TwoPoint(1.25 * s, 0.75 * s, probability=0.2)), Draw("b", laws.Normal(s, 0.2)))
+    return {
+        "independent": ((two[0], Draw("b", laws.Uniform(s, 0.3))), (), pairs(normal, uniform), 6),
+        "disc": ((Draw("p", laws.Disc(s)),), (), polar(s * radii, radii * GAUSS[1]), 6),
+        "circle": ((Draw("p", laws.Circle(s)),), (), polar(np.array([s]), np.ones(1)), 6),
+        "joint normal": ((Draw("p", laws.JointNormal(MATRIX * s**2)),), (), mixed, 6),
+        "correlated normal": (two, (Correlation(("a", "b"), ((1, 0.6), (0.6, 1))),), mixed, 6),
+        "skewed": (odd, (), pairs(skewed, (0.2 + normal[0], GAUSS_NORMAL)), 5),
+    }
 
 
-CASES = {
-    "independent": lambda s: (
-        (Draw("a", laws.Normal(s)), Draw("b", laws.Uniform(s, 0.3))),
-        (),
-        pairs((s * gauss_normal()[0], gauss_normal()[1]), _uniform(s, 0.3)),
-        6,
-    ),
-    "disc": lambda s: ((Draw("p", laws.Disc(s)),), (), polar(*_disc_radii(s)), 6),
-    "circle": lambda s: ((Draw("p", laws.Circle(s)),), (), polar(np.array([s]), np.ones(1)), 6),
-    "joint normal": lambda s: ((Draw("p", laws.JointNormal(_MATRIX * s**2)),), (), _mixed(s), 6),
-    "correlated normal": lambda s: (
-        (Draw("a", laws.Normal(s)), Draw("b", laws.Normal(2 * s))),
-        (Correlation(("a", "b"), ((1, 0.6), (0.6, 1))),),
-        _mixed(s),
-        6,
-    ),
-    "skewed": lambda s: (
-        (Draw("a", laws.TwoPoint(1.25 * s, 0.75 * s, probability=0.2)), Draw("b", laws.Normal(s, 0.2))),
-        (),
-        pairs(skewed(s), (0.2 + s * gauss_normal()[0], gauss_normal()[1])),
-        5,
-    ),
-}
-_MATRIX = np.array([[1, 1.2], [1.2, 4]])
-_GAUSS = np.polynomial.legendre.leggauss(24)
-
-
-def _uniform(half_width: float, mean: float) -> tuple[np.ndarray, np.ndarray]:
-    return mean + half_width * _GAUSS[0], _GAUSS[1] / 2
-
-
-def _disc_radii(radius: float) -> tuple[np.ndarray, np.ndarray]:
-    r = (_GAUSS[0] + 1) / 2
-    return radius * r, 2 * r * _GAUSS[1] / 2
-
-
-def _mixed(scale: float) -> tuple[np.ndarray, np.ndarray]:
-    z, weights = pairs(gauss_normal(), gauss_normal())
-    return scale * np.linalg.cholesky(_MATRIX) @ z, weights
+MATRIX = np.array([[1, 1.2], [1.2, 4]])
+GAUSS = np.polynomial.legendre.leggauss(24)
+Z, GAUSS_NORMAL = np.polynomial.hermite_e.hermegauss(40)
+GAUSS_NORMAL = GAUSS_NORMAL / GAUSS_NORMAL.sum()
+CASES = list(_cases(1.0))
 
 
 def case(name: str, spread: float):
-    draws, correlations, (nodes, weights), order = CASES[name](spread)
+    draws, correlations, (nodes, weights), order = _cases(spread)[name]
     return arm(*draws, correlations=correlations), weighted(errors_of(nodes), weights), order
 
 
@@ -234,14 +219,10 @@ def test_samples_of_two_joints_agree_with_quadrature(method, name):
 @pytest.mark.slow
 def test_correlated_draws_that_are_not_normal():
     """A copula of uniform laws: sampled two ways, and the mean's second order from the known covariance."""
-    model = arm(
-        Draw("a", laws.Uniform(0.02)),
-        Draw("b", laws.Uniform(0.02)),
-        correlations=(Correlation(("a", "b"), ((1, 0.7), (0.7, 1))),),
-    )
-    pearson = 6 / math.pi * math.asin(0.35)
+    draws = (Draw("a", laws.Uniform(0.02)), Draw("b", laws.Uniform(0.02)))
+    model = arm(*draws, correlations=(Correlation(("a", "b"), ((1, 0.7), (0.7, 1))),))
     variance = 0.02**2 / 3
-    sum_variance = 2 * variance * (1 + pearson)
+    sum_variance = 2 * variance * (1 + 6 / math.pi * math.asin(0.35))
     closed = moments(model, method="closed").poses[0]
     assert closed.remainder.order == 2
     assert closed.remainder.last_covariance is None
@@ -256,12 +237,10 @@ def test_correlated_draws_that_are_not_normal():
 
 
 # --- intervals ---
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["control", "plain"])
 def test_intervals_cover_as_often_as_stated_and_nothing_is_biased(method):
-    """120 seeds: of each moment, a 95 % interval misses no more often than one of 95 % does, at 1e-5.
+    """60 seeds: of each moment, a 95 % interval misses no more often than one of 95 % does, at 1e-5.
 
     The average of the estimates is within 4.5 of its standard errors (1e-5) of the truth, which a product of means left in
     would not be. The stated standard errors, root mean square, are the estimates' own spread.
@@ -271,67 +250,54 @@ def test_intervals_cover_as_often_as_stated_and_nothing_is_biased(method):
     where += [(2, (0,)), (2, (1,)), (3, (0,)), (3, (1,))]
     true = np.array([truth[kind][index] for kind, index in where])
     found, stated, hits = [], [], np.zeros(len(where))
-    for seed in range(120):
+    for seed in range(60):
         # what the control leaves of Var(1 - cos θ) is of the sixth order: not resolved by fewer
         samples = 4096 if method == "control" else 1024
         parts = estimates(moments(model, method=method, samples=samples, seed=seed).poses[0])
         found.append([parts[kind].value[index] for kind, index in where])
         stated.append([parts[kind].standard_error[index] for kind, index in where])
         hits += [covered(parts[kind], truth[kind])[index] for kind, index in where]
-    assert hits.min() >= stats.binom.ppf(1e-5, 120, 0.95)
+    assert hits.min() >= stats.binom.ppf(1e-5, 60, 0.95)
     values, errors = np.array(found), np.array(stated)
     spread = values.std(axis=0, ddof=1)
     assert (spread > 0).all()
-    assert (np.abs(values.mean(axis=0) - true) <= 4.5 * spread / math.sqrt(120)).all()
-    # a spread is known to 6.5 % from 120 numbers of a normal law
+    assert (np.abs(values.mean(axis=0) - true) <= 4.5 * spread / math.sqrt(60)).all()
+    # a spread is known to 9.2 % from 60 numbers of a normal law
     np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=0)) / spread, 1, atol=0.3)
 
 
 @pytest.fixture(scope="module")
 def truth(paper):
-    return moments(paper, method="control", samples=2**20, seed=10**6).poses[0]
+    return moments(paper, method="control", samples=2**18, seed=10**6).poses[0]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["sobol", "sobol-control"])
 def test_intervals_of_sobol_points_cover_as_often_as_stated(paper, truth, method):
-    """40 seeds on the paper's arm, against a thousand times the samples: no fewer hits than of 95 %, at 1e-5."""
+    """20 seeds on the paper's arm, against 256 times the samples: no fewer hits than of 95 %, at 1e-5."""
+    closed = moments(paper, method="closed").poses[0]
+    for one, exact in ((truth.mean, closed.mean), (truth.covariance, closed.covariance)):
+        assert (np.abs(one.value - exact.value) <= 2 * one.half_width + SLACK).all()
     found, hits = [], 0
-    for seed in range(40):
+    for seed in range(20):
         pose = moments(paper, method=method, samples=1024, seed=seed).poses[0]
         parts = ((pose.mean, truth.mean), (pose.covariance, truth.covariance))
         hits = hits + np.concatenate([covered(one, true.value).ravel() for one, true in parts])
         found.append(np.concatenate([one.value.ravel() for one, _ in parts]))
-    assert hits.min() >= stats.binom.ppf(1e-5, 40, 0.95)
+    assert hits.min() >= stats.binom.ppf(1e-5, 20, 0.95)
     values = np.array(found)
     off = np.abs(values.mean(axis=0) - np.concatenate([truth.mean.value, truth.covariance.value.ravel()]))
     known = np.concatenate([truth.mean.standard_error, truth.covariance.standard_error.ravel()])
-    assert (off <= 4.5 * np.hypot(values.std(axis=0, ddof=1) / math.sqrt(40), known)).all()
-
-
-def test_intervals_grow_with_the_confidence():
-    """Student's factors of 31 degrees of freedom: 2.03951 for 95 %, 2.74404 for 99 %, from a table; a tenth wider.
-
-    Skewed ones are wider still.
-    """
-    model = one_joint_arm("uniform", 0.1)
-    for confidence, factor in ((0.95, 2.03951), (0.99, 2.74404)):
-        found = moments(model, samples=1024, confidence=confidence).poses[0]
-        for estimate in estimates(found):
-            assert (estimate.half_width >= 1.1 * factor * estimate.standard_error * (1 - 1e-5)).all()
-            assert (estimate.half_width <= 1.1 * 1.5 * factor * estimate.standard_error).all()
+    assert (off <= 4.5 * np.hypot(values.std(axis=0, ddof=1) / math.sqrt(20), known)).all()
 
 
 @pytest.mark.slow
 def test_control_and_sobol_are_narrower_than_plain_sampling():
     """At 0.02 rad what tangent and products leave, of third order, is σ² √15/6 and so some 1e-3 of the first order."""
-    model = arm(Draw("a", laws.Normal(0.02)), Draw("b", laws.Normal(0.02)))
-    errors = {
-        method: [
-            one.standard_error for one in estimates(moments(model, "rest", samples=65_536, method=method).poses[0])
-        ]
-        for method in SAMPLED
-    }
+    model, errors = arm(Draw("a", laws.Normal(0.02)), Draw("b", laws.Normal(0.02))), {}
+    for method in SAMPLED:
+        pose = moments(model, "rest", samples=65_536, method=method).poses[0]
+        errors[method] = [one.standard_error for one in estimates(pose)]
     for method in ("control", "sobol-control"):
         assert errors[method][0][1] < errors["plain"][0][1] / 300
         assert errors[method][1][1, 1] < errors["plain"][1][1, 1] / 300
@@ -345,7 +311,7 @@ def test_control_and_sobol_are_narrower_than_plain_sampling():
 @pytest.mark.parametrize("name", CASES)
 def test_mean_and_covariance_of_the_control_by_quadrature(name):
     """Whatever its coefficients, the polynomial's own moments are exact; it is close to the error, products included."""
-    draws, correlations, (nodes, weights), _ = CASES[name](0.1)
+    draws, correlations, (nodes, weights), _ = _cases(0.1)[name]
     control = Control.of(arm(*draws, correlations=correlations).at())
     deviations = control.deviations(nodes)
     mean, covariance = weighted(deviations, weights)
@@ -369,26 +335,18 @@ def test_of_a_linear_arm_nothing_is_left_to_sample(method):
     closed = moments(model, method="closed").poses[0]
     np.testing.assert_allclose(closed.mean.value, found.mean.value, atol=1e-16)
     np.testing.assert_allclose(closed.covariance.value, found.covariance.value, atol=1e-18)
-
-
-@pytest.mark.slow
-def test_where_nothing_is_random_the_error_is_the_moment():
-    model = arm(Draw("a", laws.Fixed(0.1)))
-    truth = errors_of(np.array([[0.1]]))[:, 0]
-    for method in (*SAMPLED, "closed"):
-        found = moments(model, method=method, samples=1024).poses[0]
-        np.testing.assert_allclose(found.mean.value, truth, atol=1e-15)
+    # where nothing is random the error is the moment, and without a source nothing is
+    still, bare = arm(Draw("a", laws.Fixed(0.1))), ErrorModel(model.chain, Space(), [], {"rest": [0.0, 0.0]})
+    for one in (method, "plain", "closed"):
+        found = moments(still, method=one, samples=1024).poses[0]
+        np.testing.assert_allclose(found.mean.value, errors_of(np.array([[0.1]]))[:, 0], atol=1e-15)
         np.testing.assert_allclose(found.covariance.value, 0, atol=1e-18)
-    bare = ErrorModel(model.chain, Space(), [], {"rest": [0.0]})
-    for method in (*SAMPLED, "closed"):
-        found = moments(bare, method=method, samples=1024).poses[0]
+        found = moments(bare, method=one, samples=1024).poses[0]
         assert not found.mean.value.any()
         assert not found.covariance.value.any()
 
 
 # --- the paper's arm ---
-
-
 @pytest.fixture(scope="module")
 def paper() -> ErrorModel:
     return ErrorModel.load(examples.PAPER_SHEET)
@@ -403,48 +361,6 @@ def test_plain_sampling_is_that_of_monte_carlo(paper):
     assert (np.abs(found.covariance.value - sampled.covariance) / scale).max() < 1e-2 / math.sqrt(16_384)
     assert found.norm_mean.value[0] == pytest.approx(sampled.position.norm.mean, rel=1e-12)
     assert found.norm_std.value[1] == pytest.approx(sampled.attitude.norm.std, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_methods_agree_on_the_papers_arm(paper):
-    """Discs, uniform laws and products with loads: closed form, control, Sobol and plain sampling agree."""
-    closed = moments(paper, method="closed").poses[0]
-    assert closed.remainder.order == 4
-    for method in SAMPLED:
-        found = moments(paper, method=method, samples=32_768, seed=7, confidence=0.99999).poses[0]
-        assert covered(found.mean, closed.mean.value).all()
-        assert covered(found.covariance, closed.covariance.value).all()
-
-
-@pytest.mark.slow
-def test_memory_does_not_grow_with_the_samples(paper):
-    def peak(samples: int) -> int:
-        tracemalloc.start()
-        moments(paper, method="sobol-control", samples=samples)
-        try:
-            return tracemalloc.get_traced_memory()[1]
-        finally:
-            tracemalloc.stop()
-
-    peak(16 * 64)
-    assert peak(16 * 16_384) < 1.2 * peak(16 * 4096)
-
-
-# --- the result ---
-
-
-@pytest.mark.slow
-def test_poses_progress_and_seeds(paper):
-    told = []
-    turned = moments(
-        paper, ["paper", {"joint1": 0, "joint2": 0, "joint3": 0.5, "joint4": 0}], samples=1024, progress=told.append
-    )
-    assert sum(told) == 2 * 1024
-    assert [pose.pose.name for pose in turned.poses] == ["paper", ""]
-    again = moments(paper, "paper", samples=1024)
-    np.testing.assert_array_equal(again.poses[0].covariance.value, turned.poses[0].covariance.value)
-    other = moments(paper, "paper", samples=1024, seed=1)
-    assert (other.poses[0].mean.value != again.poses[0].mean.value).all()
 
 
 @pytest.mark.parametrize("method", ["control", "closed"])
@@ -481,13 +397,10 @@ def test_deviations_of_variances():
     ("settings", "says"),
     [
         ({"samples": 1000}, "32 times a power of two"),
-        ({"samples": 1024.0}, "32 times a power of two"),
-        ({"samples": True}, "32 times a power of two"),
         ({"samples": 512}, "32 times a power of two"),
         ({"samples": 2**25}, "32 times a power of two"),
-        ({"seed": -1}, "seed must be a whole number"),
         ({"confidence": 1.0}, "confidence must be above 0 and below 1, got 1.0"),
-        ({"confidence": math.nan}, "confidence must be above 0 and below 1, got nan"),
+        ({"method": "sobol_control"}, r"'sobol_control'; did you mean 'sobol-control'"),
     ],
 )
 def test_wrong_settings_get_one_line(paper, settings, says):
@@ -496,17 +409,21 @@ def test_wrong_settings_get_one_line(paper, settings, says):
     assert len(raised.value.findings) == 1
 
 
-def test_wrong_method_and_pose(paper):
-    with pytest.raises(UnknownNameError, match=r"'sobol_control'; did you mean 'sobol-control'"):
-        moments(paper, method="sobol_control")
-    with pytest.raises(UnknownNameError, match="nowhere"):
-        moments(paper, "nowhere")
-    with pytest.raises(InputError, match="0 poses"):
-        moments(paper, [])
-
-
 def test_draws_too_wide_for_a_closed_form():
-    wide = arm(Draw("a", laws.Normal(2.0)))
-    assert moments(wide, method="closed").poses[0].remainder.order == 4
+    assert moments(arm(Draw("a", laws.Normal(2.0))), method="closed").poses[0].remainder.order == 4
     with pytest.raises(InputError, match="one standard deviation from the means the exact error does not exist"):
         moments(arm(Draw("a", laws.Normal(3.2))), method="closed")
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_samples(paper):
+    def peak(samples: int) -> int:
+        tracemalloc.start()
+        moments(paper, method="sobol-control", samples=samples)
+        try:
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    peak(16 * 64)
+    assert peak(16 * 16_384) < 1.2 * peak(16 * 4096)

@@ -20,6 +20,8 @@ from precision_pin.sources.payload import Payload
 from support.checks.common import one_link
 
 UP = ApproachedPose([0.0], "hinge +")
+
+
 pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 
@@ -96,6 +98,12 @@ def test_closed_moments_do_not_run_across_the_jump() -> None:
     assert at.covariance.value[4, 4] == pytest.approx(1e-8 / 3, rel=1e-6)
 
 
+def test_the_map_says_it_of_its_worst_pose() -> None:
+    found = pp.map_poses(hinge(96.0), [UP, ApproachedPose([0.05], "hinge +")], verify=0)
+    (line,) = (line for line in found.warnings if "W_TURNOVER" in line)
+    assert line.count(found.poses.labels[found.worst_first[0]]) == 1
+
+
 def test_with_very_many_sides_the_worst_case_says_that_it_has_one_of_each() -> None:
     sources = [
         Payload(at="tool", mass=TruncatedNormal(0.4, mean=10.0, k=3.0)),
@@ -104,9 +112,3 @@ def test_with_very_many_sides_the_worst_case_says_that_it_has_one_of_each() -> N
     model = ErrorModel(one_link(axis=(0, 1, 0)), Space(), sources)
     assert len(side_variants(model.at(UP))) == 1
     assert any("W_TURNOVER" in line for line in pp.worst_case(model, UP, samples=500).warnings)
-
-
-def test_the_map_says_it_of_its_worst_pose() -> None:
-    found = pp.map_poses(hinge(96.0), [UP, ApproachedPose([0.05], "hinge +")], verify=0)
-    (line,) = (line for line in found.warnings if "W_TURNOVER" in line)
-    assert line.count(found.poses.labels[found.worst_first[0]]) == 1

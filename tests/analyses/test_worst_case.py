@@ -1,18 +1,20 @@
-"""Worst case against published numbers, corners by brute force, closed forms, and the exact model."""
+"""Worst case against published numbers, corners by brute force, closed forms, very many directions and the exact model."""
 
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from scipy import stats
+from scipy.stats import ortho_group
 
 import precision_pin as pp
-from precision_pin.analyses.worst_case.convex_bodies import Supports
+from precision_pin.analyses.worst_case.convex_bodies import TOLERANCE, Supports, farthest, quadratic_bound
+from precision_pin.analyses.worst_case.figure import figure
 from precision_pin.analyses.worst_case.table import table
 from precision_pin.analyses.worst_case.worst_case import bound_milli, farthest_error
 from precision_pin.base.errors import InputError
@@ -43,11 +45,15 @@ from support.sheets import PAPER_Q, SEVEN_Q, everything, named, seven_joint_arm
 TURNED = ((0.0, 0.0, 0.0), (0.0, 0.6, 0.0))
 
 
+def still_arm() -> Chain:
+    """Return the paper's arm without gravity."""
+    return Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
+
+
 def parts_of_the_paper(*kinds: str) -> ErrorModel:
     """Return the paper's arm without gravity, with the sources of some kinds only."""
     loaded = ErrorModel.load(PAPER_SHEET)
-    chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
-    return ErrorModel(chain, named(loaded), [source for source in loaded.sources if source.kind() in kinds])
+    return ErrorModel(still_arm(), named(loaded), [source for source in loaded.sources if source.kind() in kinds])
 
 
 def space_of(*laws: Law) -> Space:
@@ -59,8 +65,6 @@ def corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 # --- published and by hand ---
-
-
 def test_lengths_of_the_paper_reach_half_a_millimetre():
     model = parts_of_the_paper("length")
     pose = pp.worst_case(model, PAPER_Q, samples=1000).poses[0]
@@ -99,9 +103,8 @@ def test_four_installed_axes_turn_the_tool_by_eight_milliradians():
 
 @pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
 def test_without_tolerances_the_worst_case_is_the_error_that_is_there():
-    chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
     for law in (Fixed(2e-3), Uniform(0.0, mean=2e-3)):
-        model = ErrorModel(chain, Space(), [JointOffset(joint="joint1", offset=law)])
+        model = ErrorModel(still_arm(), Space(), [JointOffset(joint="joint1", offset=law)])
         pose = pp.worst_case(model, PAPER_Q, samples=100).poses[0]
         error = model.at(PAPER_Q).exact(np.array([[2e-3]]))[:, 0]
         for bound, part in ((pose.position, error[:3]), (pose.attitude, error[3:])):
@@ -114,8 +117,6 @@ def test_without_tolerances_the_worst_case_is_the_error_that_is_there():
 
 
 # --- supports ---
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_boxes_reach_their_farthest_corner(seed):
     generator = np.random.default_rng(seed)
@@ -154,28 +155,51 @@ def test_correlated_normal_draws_are_one_joint_normal_law_and_others_keep_their_
     correlation = Correlation(("b", "a"), ((1.0, -0.8), (-0.8, 1.0)))
     uniforms = Correlation.pair("c", "d", 0.9)
     draws = (Draw("a", Normal(2.0)), Draw("c", Uniform(1.0)), Draw("b", Normal(0.5, mean=7.0)), Draw("d", Uniform(2.0)))
-    supports = Supports.of(Space(draws, (correlation, uniforms)), 3.0)
+    supports = Supports.of(Space(draws, (correlation, uniforms)), 4.0)
     assert supports.cut == ("a", "b")
     assert supports.names == ("c", "d", "b, a")
     jacobian = np.random.default_rng(6).normal(size=(3, 4))
     matrix = np.array([[4.0, -0.8], [-0.8, 0.25]])  # of a and b
-    turn = np.linspace(0, 2 * np.pi, 20_001)
-    rim = 3 * np.linalg.cholesky(matrix) @ np.array([np.cos(turn), np.sin(turn)])
+    rim = 4 * np.linalg.cholesky(matrix) @ circle(20_001)
     boxes = corners(np.array([-1.0, -2.0]), np.array([1.0, 2.0]))
     errors = (jacobian[:, [0, 2]] @ rim)[:, :, None] + (jacobian[:, [1, 3]] @ boxes)[:, None]
     found = farthest_error(np.zeros(3), jacobian, supports)
     assert found.lower == pytest.approx(np.linalg.norm(errors, axis=0).max(), rel=1e-7)
     assert found.certified
     point = supports.points((found.direction @ jacobian)[None])[0]
-    assert point[[0, 2]] @ np.linalg.inv(matrix) @ point[[0, 2]] == pytest.approx(9.0, rel=1e-12)
-    chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
+    assert point[[0, 2]] @ np.linalg.inv(matrix) @ point[[0, 2]] == pytest.approx(16.0, rel=1e-12)
     space = Space((Draw("u", Normal(1e-4)), Draw("v", Normal(1e-4))), (Correlation.pair("u", "v", -0.5),))
     lengths = Length(joint="joint3", along="x of joint2", parameters=("u", "v"))
-    result = pp.worst_case(ErrorModel(chain, space, [lengths]), PAPER_Q, samples=500)
+    result = pp.worst_case(ErrorModel(still_arm(), space, [lengths]), PAPER_Q, samples=500)
     bound = result.poses[0].position  # the sum of two has the variance 2 (1 - 0.5) σ²
     assert bound.first_order.lower == pytest.approx(3e-4, rel=1e-12)
     assert [entry.draw for entry in bound.contributions] == ["u, v"]
     assert "at 0.15 mm, 0.15 mm" in table(result) or "at -0.15 mm, -0.15 mm" in table(result)
+
+
+def circle(count: int) -> np.ndarray:
+    turn = np.linspace(0, 2 * np.pi, count)
+    return np.array([np.cos(turn), np.sin(turn)])
+
+
+def test_discs_circles_and_rows_reach_their_farthest_points():
+    generator = np.random.default_rng(3)
+    rows = generator.normal(size=(40, 3))
+    error, jacobian = generator.normal(size=3), generator.normal(size=(3, 5))
+    away = (rows - rows.mean(axis=0)) @ jacobian[:, 2:].T
+    rim = (jacobian[:, :2] @ (0.7 * circle(20_001))).T
+    expected = np.linalg.norm(error + rim[:, None] + away[None], axis=2).max()
+    for law in (Disc(0.7), Circle(0.7)):
+        space = space_of(law, Rows(tuple(map(tuple, rows))))
+        supports = Supports.of(space, 3.0)
+        found = farthest_error(error, jacobian, supports)
+        assert found.lower == pytest.approx(expected, rel=1e-7)
+        assert found.certified
+        for direction in (found.direction, np.zeros(3)):
+            point = supports.points((direction @ jacobian)[None])[0]
+            # the circle is met on its rim, and the table in a row
+            assert np.hypot(*point[:2]) == pytest.approx(0.7, rel=1e-14)
+            assert np.abs(rows - rows.mean(axis=0) - point[2:]).sum(axis=1).min() < 1e-14
 
 
 def test_unbounded_laws_of_one_number_are_cut_where_a_normal_law_would_be():
@@ -188,38 +212,6 @@ def test_unbounded_laws_of_one_number_are_cut_where_a_normal_law_would_be():
         law = stats.lognorm(shape, scale=np.exp(-(shape**2) / 2))
         np.testing.assert_allclose(high, [0.5 * k, law.isf(stats.norm.sf(k)) - 1, 1.0], rtol=1e-12)
         np.testing.assert_allclose(low, [-0.5 * k, law.ppf(stats.norm.cdf(-k)) - 1, -1.0], rtol=1e-12)
-
-
-def test_discs_and_circles_reach_alike_and_the_circle_is_met_on_its_rim():
-    generator = np.random.default_rng(2)
-    error, jacobian = generator.normal(size=3), generator.normal(size=(3, 2))
-    turn = np.linspace(0, 2 * np.pi, 200_001)
-    expected = np.linalg.norm(error[:, None] + jacobian @ (0.7 * np.array([np.cos(turn), np.sin(turn)])), axis=0).max()
-    for law in (Disc(0.7), Circle(0.7)):
-        supports = Supports.of(space_of(law), 3.0)
-        found = farthest_error(error, jacobian, supports)
-        assert found.lower == pytest.approx(expected, rel=1e-9)
-        assert found.certified
-        for direction in (found.direction, np.zeros(3)):
-            point = supports.points((direction @ jacobian)[None])[0]
-            assert np.hypot(*point) == pytest.approx(0.7, rel=1e-14)
-
-
-def test_rows_reach_as_far_as_a_row():
-    generator = np.random.default_rng(3)
-    rows, others = generator.normal(size=(40, 3)), generator.normal(size=(30, 2))
-    space = space_of(Rows(tuple(map(tuple, rows))), Rows(tuple(map(tuple, others))))
-    error, jacobian = generator.normal(size=3), generator.normal(size=(3, 5))
-    first = (rows - rows.mean(axis=0)) @ jacobian[:, :3].T
-    second = (others - others.mean(axis=0)) @ jacobian[:, 3:].T
-    expected = np.linalg.norm(error + first[:, None] + second[None], axis=2).max()
-    supports = Supports.of(space, 3.0)
-    found = farthest_error(error, jacobian, supports)
-    assert found.lower == pytest.approx(expected, rel=1e-12)
-    assert expected <= found.upper <= expected * (1 + 1e-9)
-    point = space.mean + supports.points((found.direction @ jacobian)[None])[0]
-    assert np.abs(rows - point[:3]).sum(axis=1).min() < 1e-14
-    assert np.abs(others - point[3:]).sum(axis=1).min() < 1e-14
 
 
 @dataclass(frozen=True)
@@ -280,8 +272,6 @@ def test_what_cannot_be_cut_is_refused():
 
 
 # --- arms ---
-
-
 def check_pose(model: ErrorModel, result, q, *, bounded: bool):
     """Compare a result with the tangent, with random points of the supports and with the exact model."""
     at, pose = model.at(q), result.poses[0]
@@ -322,8 +312,13 @@ def test_the_papers_arm():
     assert result.cut == ()
     check_pose(model, result, "paper", bounded=True)
     assert not result.poses[0].position.exceeded
-    assert "goes beyond" not in table(result)
-    position = result.poses[0].position
+    position, text = result.poses[0].position, table(result)
+    assert "goes beyond" not in text
+    cells = next(line for line in text.splitlines() if line.startswith("|d|")).split()
+    expected = [position.first_order.upper, position.exact_norm, position.found.norm, position.seen.max]
+    assert cells[1:6] == ["mm", *(f"{1e3 * value:.6g}" for value in expected)]
+    assert text.startswith(f"at worst, every tolerance at once: |d| {cells[2]} mm, ")
+    assert f"; exact model: {cells[4]} mm, " in text
     # all laws are boxes and discs: each support point is an end or lies on the rim
     for draw, columns in zip(model.space.draws, model.space.slices, strict=True):
         value = np.array([position.parameters[name] for name in model.space.components[columns]])
@@ -352,34 +347,13 @@ def test_a_seven_joint_arm_with_correlated_and_shared_draws():
     assert position.exceeded
     assert result.poses[0].to_dict()["position"]["exact_found"]["exceeds_first_order"] is True
     assert "goes beyond the first-order bound of |d|" in table(result)
-    wider = pp.worst_case(model, SEVEN_Q, samples=1000, k=5.0).poses[0].position
-    assert wider.first_order.lower > position.first_order.upper
-
-
-@pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
-def test_draws_that_share_a_parameter_cannot_do_their_worst_apart():
-    """A length that stands in two places against each other: its worst cases cancel."""
-    chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
-    space = Space((Draw("a", Uniform(1e-3)),))
-    sources = [
-        Length(joint="joint3", along="x of joint2", parameters=("a",)),
-        Length(joint="joint3", along="-x of joint2", parameters=("a",)),
-    ]
-    pose = pp.worst_case(ErrorModel(chain, space, sources), PAPER_Q, samples=100).poses[0]
-    assert pose.position.first_order.upper < 1e-15
-    apart = ErrorModel(chain, Space((*space.draws, Draw("b", Uniform(1e-3)))), [
-        sources[0], Length(joint="joint3", along="-x of joint2", parameters=("b",)),
-    ])  # fmt: skip
-    assert pp.worst_case(apart, PAPER_Q, samples=100).poses[0].position.first_order.lower == pytest.approx(2e-3)
 
 
 def test_where_the_model_bends_the_exact_maximum_is_found_beside_the_bound():
     """Two joints with offsets as large as 0.5 rad: the exact model by hand on a dense grid."""
-    urdf = PAPER_SHEET.parent / "4dof.urdf"
-    chain = Chain.from_urdf(urdf, gravity=(0, 0, 0))
+    chain = still_arm()
     offsets = [JointOffset(joint="joint2", offset=Uniform(0.5)), JointOffset(joint="joint3", offset=Uniform(0.4))]
-    model = ErrorModel(chain, Space(), offsets)
-    bound = pp.worst_case(model, PAPER_Q, samples=2000).poses[0].position
+    bound = pp.worst_case(ErrorModel(chain, Space(), offsets), PAPER_Q, samples=2000).poses[0].position
     nominal = chain.at(PAPER_Q).pose[:3, 3]
     grid = [
         np.linalg.norm(chain.at(np.add(PAPER_Q, (0, a, b, 0))).pose[:3, 3] - nominal)
@@ -391,43 +365,19 @@ def test_where_the_model_bends_the_exact_maximum_is_found_beside_the_bound():
     assert bound.found.norm >= bound.seen.max
 
 
-# --- result and command ---
-
-
-@pytest.mark.slow
-def test_poses_one_by_one_or_together():
-    model = ErrorModel.load(PAPER_SHEET)
-    folded = {"joint1": 0.0, "joint2": 0.1, "joint3": 1.5, "joint4": 0.0}
-    together = pp.worst_case(model, ["paper", folded, PAPER_Q], samples=500, seed=9)
-    assert [pose.pose.name for pose in together.poses] == ["paper", "", ""]
-    alone = pp.worst_case(model, folded, samples=500, seed=9)
-    assert alone.poses[0].to_dict() == together.poses[1].to_dict()
-    assert together.poses[0].position.first_order.lower == pytest.approx(
-        together.poses[2].position.first_order.lower, rel=1e-9
-    )
-    for wrong in ("papper", [], ["paper", "no"]):
-        with pytest.raises(InputError):
-            pp.worst_case(model, wrong, samples=100)
-
-
 @pytest.mark.slow
 def test_the_json_holds_what_reproduces_it():
     model = ErrorModel.load(PAPER_SHEET)
-    result = pp.worst_case(model, samples=3000, seed=5)
-    data = json.loads(result.to_json())
-    assert data["schema"] == "precision-pin/worst-case/1"
-    assert (data["seed"], data["samples"], data["k"], data["statics"]) == (5, 3000, 3.0, "nominal")
-    assert (data["robot"], data["base"], data["tip"], data["axes"]) == ("4dof.urdf", "base", "tool", "base")
+    data = pp.worst_case(model, samples=3000, seed=5).to_dict()
+    assert (data["samples"], data["k"], data["statics"]) == (3000, 3.0, "nominal")
     assert len(data["assumptions"]) == 3
-    assert "numpy" in data["versions"]
     pose = data["poses"][0]
-    assert pose["pose"]["name"] == "paper"
     assert list(pose["components"]) == [f"{part}.{axis}" for part in ("position", "attitude") for axis in "xyz"]
     sampled = pp.monte_carlo(model, samples=3000, seed=5).position.norm
     assert pose["position"]["seen"]["max"] == sampled.max
     low, high = pose["position"]["seen"]["quantile_interval"]["0.9973"]
     assert low <= pose["position"]["seen"]["quantile"]["0.9973"] <= high
-    few = json.loads(pp.worst_case(model, samples=50).to_json())["poses"][0]["position"]["seen"]
+    few = pp.worst_case(model, samples=50).to_dict()["poses"][0]["position"]["seen"]
     assert few["quantile_interval"]["0.9973"] is None
 
 
@@ -439,3 +389,167 @@ def test_printed_bounds_are_rounded_outwards():
     assert bound_milli(9.999999e-3, up=True) == "10"
     assert bound_milli(0.0, up=True) == "0"
     assert bound_milli(math.nan, up=False) == "-"
+
+
+def still() -> ErrorModel:
+    return ErrorModel(still_arm(), Space(), [JointOffset(joint="joint1", offset=Fixed(0.0))])
+
+
+def long_names() -> ErrorModel:
+    name = "a_rather_long_name_of_a_parameter_that_was_measured_together_with_another_one"
+    space = Space((Draw(name, JointNormal(((1e-6, 0.0), (0.0, 1e-6)))),))
+    return ErrorModel(still_arm(), space, [JointOffset(joint="joint1", offset=f"{name}.0")])
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
+@pytest.mark.parametrize(
+    ("build", "samples"),
+    [
+        (lambda: ErrorModel.load(PAPER_SHEET), 1),
+        (lambda: everything(seven_joint_arm()), 2000),
+        (still, 100),
+        (long_names, 2000),
+    ],
+)
+def test_the_picture_is_readable_and_the_text_says_what_was_cut(build, samples):
+    model = build()
+    result = pp.worst_case(model, SEVEN_Q if len(model.chain.joints) == 7 else np.zeros(4), samples=samples)
+    drawn = figure(result)
+    drawn.canvas.draw()
+    ticks = {
+        label
+        for axes in drawn.axes
+        for axis in (axes.xaxis, axes.yaxis)
+        for tick in axis.get_major_ticks()
+        if not axis.get_view_interval().min() <= tick.get_loc() <= axis.get_view_interval().max()
+        for label in (tick.label1, tick.label2)
+    }
+    texts = [one for one in drawn.findobj(Text) if one.get_visible() and one.get_text().strip() and one not in ticks]
+    assert len(texts) > 10
+    assert min(text.get_fontsize() for text in texts) >= 7
+    boxes = [(text.get_text(), text.get_window_extent(drawn.canvas.get_renderer())) for text in texts]
+    for words, box in boxes:
+        assert drawn.bbox.x0 <= box.x0 < box.x1 <= drawn.bbox.x1, words
+        assert drawn.bbox.y0 <= box.y0 < box.y1 <= drawn.bbox.y1, words
+    for (words, box), (other_words, other) in itertools.combinations(boxes, 2):
+        assert not box.overlaps(other), (words, other_words)
+    for axes, bound in zip(drawn.axes, (result.poses[0].position, result.poses[0].attitude), strict=True):
+        if bound.first_order.lower:
+            ends = axes.patches[-1].get_x() + axes.patches[-1].get_width(), sum(bar.get_width() for bar in axes.patches)
+            assert ends == pytest.approx([1e3 * bound.first_order.lower] * 2, rel=1e-9)
+    (head,) = [line for line in table(result).splitlines() if line.startswith("worst case of")]
+    assert ("cut at 3 standard deviations" in head) == bool(result.cut)
+    assert all(name in head for name in result.cut)
+
+
+class Body:
+    """centre + boxes·[-1, 1]ⁿ + ellipsoids: the support function written out, and its gradient."""
+
+    def __init__(self, centre, boxes=(), ellipsoids=()):
+        self.centre = np.asarray(centre, dtype=float)
+        self.boxes = np.asarray(boxes, dtype=float).reshape(-1, 3)
+        self.ellipsoids = [np.asarray(root, dtype=float) for root in ellipsoids]
+
+    def heights(self, u):
+        value = u @ self.centre + np.abs(u @ self.boxes.T).sum(axis=1)
+        return value + sum(np.linalg.norm(u @ root, axis=1) for root in self.ellipsoids)
+
+    def touch(self, u):
+        points = self.centre + np.sign(u @ self.boxes.T) @ self.boxes
+        for root in self.ellipsoids:
+            seen = u @ root
+            length = np.linalg.norm(seen, axis=1, keepdims=True)
+            points = points + (seen / np.where(length > 0, length, 1)) @ root.T
+        return points
+
+    def bound(self, u):
+        return quadratic_bound(self.centre, [*(row[:, None] for row in self.boxes), *self.ellipsoids], u)
+
+    def search(self, **settings):
+        return farthest(self.heights, self.touch, self.bound, **settings)
+
+    def search_without_bound(self, **settings):
+        return farthest(self.heights, self.touch, **settings)
+
+
+def unit_directions(seed: int, count: int) -> np.ndarray:
+    directions = np.random.default_rng(seed).normal(size=(count, 3))
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def check(found, expected):
+    assert found.lower == pytest.approx(expected, rel=1e-12)
+    assert expected <= found.upper <= expected * (1 + 1e-9)
+    assert found.certified
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_zonotope_reaches_as_far_as_its_farthest_corner(seed):
+    generator = np.random.default_rng(seed)
+    rows = int(generator.integers(1, 11))
+    body = Body(generator.normal(size=3) * (seed % 3), generator.normal(size=(rows, 3)) * generator.uniform(0.01, 3))
+    signs = np.array(list(itertools.product((-1, 1), repeat=rows)))
+    expected = np.linalg.norm(body.centre + signs @ body.boxes, axis=1).max()
+    check(body.search(), expected)
+    check(body.search_without_bound(), expected)
+    turn, other = ortho_group.rvs(3, random_state=seed), ortho_group.rvs(3, random_state=seed + 100)
+    axes = np.array([3.0, 2.0, 1.0]) * generator.uniform(0.1, 10)
+    ellipsoid = Body(np.zeros(3), ellipsoids=[turn @ np.diag(axes) @ other])
+    check(ellipsoid.search(), axes[0])
+    check(ellipsoid.search_without_bound(), axes[0])
+
+
+def test_bodies_of_full_symmetry_are_resolved_in_closed_form():
+    ring = np.eye(3)[:, :2]
+    for body, expected in (
+        (Body(np.zeros(3), ellipsoids=[np.eye(3)]), 1.0),
+        (Body((1.0, 2.0, 2.0), ellipsoids=[np.eye(3)]), 4.0),
+        (Body(np.zeros(3), [(0.0, 0.0, 4.0)], [ring, 2 * ring]), 5.0),
+        (Body((3.0, 0.0, 0.0), ellipsoids=[ring]), 4.0),
+        (Body((0.0, 0.0, 4.0), ellipsoids=[3 * ring]), 5.0),
+        (Body((0.0, 0.0, -2.0)), 2.0),
+        (Body(np.zeros(3), [(0.0, 0.0, 0.0)], [np.zeros((3, 2))]), 0.0),
+    ):
+        found = body.search()
+        check(found, expected)
+        assert found.cells == 0
+
+
+@pytest.mark.fast(1)
+@pytest.mark.parametrize("seed", range(10))
+def test_no_direction_goes_beyond_the_upper_end(seed):
+    generator = np.random.default_rng(seed)
+    boxes, discs = generator.normal(size=(15, 3)), [generator.normal(size=(3, 2)) for _ in range(6)]
+    body = Body(generator.normal(size=3), boxes, discs)
+    found = body.search()
+    assert found.certified
+    assert found.upper <= found.lower * (1 + TOLERANCE)
+    looked_at = body.heights(unit_directions(seed, 200_000)).max()
+    assert looked_at <= found.upper
+    assert looked_at == pytest.approx(found.lower, rel=1e-3)
+    # that far a point of the body does lie
+    assert np.linalg.norm(body.touch(found.direction[None])) == pytest.approx(found.lower, rel=1e-9)
+    assert found.lower == pytest.approx(body.heights(found.direction[None])[0], rel=1e-15)
+
+
+def test_a_gap_that_does_not_close_is_reported():
+    body = Body(np.zeros(3), ellipsoids=[np.eye(3)])
+    found = body.search_without_bound(most_cells=5000)
+    assert not found.certified
+    assert found.cells <= 5000
+    assert found.lower == pytest.approx(1.0, rel=1e-12)
+    assert 1.0 + 1e-9 < found.upper < 1.01
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_bound_in_closed_form_is_a_bound_whatever_the_direction(seed):
+    generator = np.random.default_rng(seed)
+    roots = [generator.normal(size=(3, p)) for p in generator.integers(1, 4, size=5)]
+    centre = generator.normal(size=3)
+    u = unit_directions(seed, 50_000)
+    largest = (u @ centre + sum(np.linalg.norm(u @ root, axis=1) for root in roots)).max()
+    for direction in unit_directions(seed + 50, 5):
+        assert quadratic_bound(centre, roots, direction) >= largest
+    assert quadratic_bound(centre, [], u[0]) == pytest.approx(np.linalg.norm(centre), rel=1e-12)
+    assert quadratic_bound(centre, [np.array([[0.0], [0.0], [1.0]])], np.array([1.0, 0.0, 0.0])) == math.inf

@@ -1,59 +1,56 @@
-"""The arms of the journeys: how a user gets each one, and where Pinocchio says its tip is."""
+"""The arms of the journeys and where Pinocchio says their tips are, tolerances of a sheet as a user finds them, every command."""
 
 from __future__ import annotations
 
 import csv
+import json
+import re
 import shutil
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from precision_pin.base.errors import PrecisionPinWarning
+from precision_pin.cli.commands import list_commands
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
-
-_LINK = """<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>
-  <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-_JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/>
-  <axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="100" velocity="1"/></joint>"""
+from precision_pin.sheet import read as read_sheet
+from support.plain_robot import joint, link, robot
 
 
-def _urdf(name: str, joints: list[tuple[str, str, str, str, float, float]], tool: str) -> str:
+def _urdf(joints: list[tuple[str, str, tuple[float, ...], tuple[int, ...], tuple[float, float]]], tool) -> str:
     """Return a robot of joints (name, kind, place, axis, limits) with a link of 3 kg behind each, and a tool."""
-    parts, parent = ['<link name="base"/>'], "base"
-    for joint, kind, xyz, axis, low, high in joints:
-        link = f"{joint}_link"
-        parts.append(_LINK.format(name=link, com="0.1 0 0", mass=3))
-        parts.append(
-            _JOINT.format(name=joint, kind=kind, parent=parent, child=link, xyz=xyz, axis=axis, low=low, high=high)
-        )
-        parent = link
-    parts.append(
-        f'<link name="tool"/><joint name="flange" type="fixed"><parent link="{parent}"/><child link="tool"/>'
-        f'<origin xyz="{tool}"/></joint>'
-    )
-    return f'<robot name="{name}">\n' + "\n".join(parts) + "\n</robot>\n"
+    parts, parent = [link("base")], "base"
+    for name, kind, xyz, axis, (low, high) in joints:
+        child, limits = f"{name}_link", f'<limit lower="{low}" upper="{high}" effort="100" velocity="1"/>'
+        parts += [link(child, 3.0, (0.1, 0, 0)), joint(name, kind, parent, child, xyz, axis=axis, extra=limits)]
+        parent = child
+    return robot(*parts, link("tool"), joint("flange", "fixed", parent, "tool", tool))
 
 
+X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 GANTRY = _urdf(
-    "gantry",
     [
-        ("x_axis", "prismatic", "0 0 1", "1 0 0", -0.8, 0.8),
-        ("y_axis", "prismatic", "0.1 0 0.1", "0 1 0", -0.5, 0.5),
-        ("z_axis", "prismatic", "0.15 0 0", "0 0 1", -0.4, 0.0),
-        ("wrist", "revolute", "0.1 0 -0.2", "0 0 1", -3.0, 3.0),
+        ("x_axis", "prismatic", (0, 0, 1), X, (-0.8, 0.8)),
+        ("y_axis", "prismatic", (0.1, 0, 0.1), Y, (-0.5, 0.5)),
+        ("z_axis", "prismatic", (0.15, 0, 0), Z, (-0.4, 0.0)),
+        ("wrist", "revolute", (0.1, 0, -0.2), Z, (-3.0, 3.0)),
     ],
-    "0.12 0 -0.1",
+    (0.12, 0, -0.1),
 )
+
+
 SCARA = _urdf(
-    "scara",
     [
-        ("shoulder", "revolute", "0 0 0.3", "0 0 1", -2.4, 2.4),
-        ("elbow", "revolute", "0.35 0 0.05", "0 0 1", -2.4, 2.4),
-        ("quill", "prismatic", "0.3 0 0", "0 0 1", -0.2, 0.0),
-        ("wrist", "revolute", "0 0 -0.1", "0 0 1", -3.1, 3.1),
+        ("shoulder", "revolute", (0, 0, 0.3), Z, (-2.4, 2.4)),
+        ("elbow", "revolute", (0.35, 0, 0.05), Z, (-2.4, 2.4)),
+        ("quill", "prismatic", (0.3, 0, 0), Z, (-0.2, 0.0)),
+        ("wrist", "revolute", (0, 0, -0.1), Z, (-3.1, 3.1)),
     ],
-    "0.05 0 -0.05",
+    (0.05, 0, -0.05),
 )
 
 
@@ -98,6 +95,8 @@ ARMS = {
 
 
 SLIDES = {"x_axis", "y_axis", "z_axis", "quill"}
+
+
 """Joints whose values are in m."""
 
 
@@ -151,3 +150,114 @@ def rows_of(file: Path) -> list[dict[str, float | str]]:
             one[name] = float(cell) * SI[unit.rstrip("]")] if unit else _plain(cell)
         found.append(one)
     return found
+
+
+_NUMBER = re.compile(r"[\d.]+(e-?\d+)?")
+
+
+_LAWS = ("uniform", "normal")
+
+
+_KINDS = ("frame", "length", "joint_offset", "axis_install", "mounting")
+
+
+"""Sources whose tolerances are lengths or angles."""
+
+
+class Tolerance:
+    """A tolerance that a budget names, with the share of the position's variance that comes from it."""
+
+    def __init__(self, path: str, value: Any) -> None:
+        self.path, self.value, self.share = path, value, 0.0
+
+    @property
+    def text(self) -> str:
+        """The width as written."""
+        law = self.value
+        if isinstance(law, dict):
+            law = next(law[key] for key in _LAWS if key in law)
+        return str(law["std"] if isinstance(law, dict) else law)
+
+    @property
+    def number_path(self) -> str:
+        """Path of the width itself, within its law."""
+        law, path = self.value, self.path
+        while isinstance(law, dict):
+            key = next(key for key in (*_LAWS, "std") if key in law)
+            law, path = law[key], f"{path}.{key}"
+        return path
+
+    @property
+    def quantity(self) -> str:
+        """``mm`` or ``mrad``."""
+        return "mm" if self.text.split()[-1] in ("mm", "um", "m") else "mrad"
+
+    def times(self, factor: float) -> str:
+        """Return the value with another width, for ``--set``."""
+        new = _NUMBER.sub(lambda found: f"{float(found[0]) * factor:.9g}", self.text, count=1)
+        return f"{self.path}=" + json.dumps(self.value, default=str).replace(self.text, new)
+
+
+def ranked(sheet: Path, budget: Any) -> list[Tolerance]:
+    """Return the tolerances that can be changed, that with the largest share in the first pose of a budget first."""
+    found: dict[str, Tolerance] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionPinWarning)
+        read = read_sheet(sheet)
+    for line in budget["poses"][0]["draws"]:
+        kind, _, rest = line["name"].partition("[")
+        label, _, setting = line["name"].rpartition("]")
+        if kind not in _KINDS or "#" in rest or line["share"]["position"] is None:
+            continue
+        setting = "radius" if kind == "axis_install" else setting.lstrip(".")
+        path = f"{label}].{setting}"
+        if path not in found:
+            values = list(read.contents.values_at(read, path).values())
+            if len(values) != 1:
+                continue
+            found[path] = Tolerance(path, values[0])
+        found[path].share += line["share"]["position"]
+    return sorted(found.values(), key=lambda one: -one.share)
+
+
+READERS: dict[str, tuple[str, ...]] = {
+    "analyze": ("--samples", "200"),
+    "budget": ("--samples", "1024"),
+    "worst-case": (),
+    "exact-law": (),
+    "reliability": ("--spec", "5 mm @ 90 %"),
+    "moments": (),
+    "iso9283": ("--robots", "20", "--cycles", "2"),
+    "check": (),
+    "mcpc": (),
+    "view": ("--samples", "20", "--out", "view.html"),
+    "report": ("--samples", "200", "--out", "report.html"),
+    "export": ("--out", "built"),
+    "calibrate": ("--forecast", "--random", "5"),
+    "simulate": ("--out", "simulated.csv"),
+    "map": ("--all-poses", "--verify", "0"),
+    "path": ("--all-poses", "--samples", "100"),
+    "compare": ("--samples", "200", "--set", "statics=equilibrium"),
+    "compensate": ("--all-poses",),
+    "allocate": (),
+}
+
+
+"""Arguments beside the sheet; ``allocate`` needs its key in the sheet."""
+
+
+WITHOUT_SHEET = {"init", "explain", "schema", "doctor"}
+
+
+ANSWERS = {"reliability", "compensate", "allocate"}
+
+
+"""Commands whose exit code 1 is an answer: a limit missed, a pose without a correction."""
+
+
+assert set(list_commands()) == set(READERS) | WITHOUT_SHEET
+
+
+def codes(command: str) -> tuple[int, ...]:
+    """Return the exit codes of a command that has read its files."""
+    return (0, 1) if command in ANSWERS else (0,)

@@ -10,16 +10,21 @@ from pathlib import Path
 import click
 import pytest
 
-from journeys.arms import ARMS, SLIDES
+from journeys.arms import ARMS, READERS, codes
 from journeys.conftest import Desk
-from journeys.every_command import READERS, codes
 from precision_pin.cli.commands import list_commands
 from precision_pin.cli.program import cli
 from precision_pin.render.text_table import width
 
 OUTPUT = "Output and messages"
+
+
 ARM = ARMS["scara"]
+
+
 SHEET = ARM.sheet
+
+
 ALLOCATE = """allocate:
   specs: [0.7 mm @ 95 %]
   poses: [start]
@@ -27,6 +32,8 @@ ALLOCATE = """allocate:
     - {path: 'axis_install[shoulder].radius', cost: {reciprocal: 1 mm}}
     - {path: 'length[elbow].parameters.uniform', cost: {reciprocal: 1 mm}}
 """
+
+
 MEASURED = "measurement: {kind: position, std: 0.02 mm, target: 50 30 20 mm}"
 
 
@@ -68,9 +75,17 @@ SHEETS = {
     "calibrate --sheet": "mine.errors.yaml",
     "calibrate --population --sheet": "shop.errors.yaml",
 }
+
+
 ROBOTS = {"export": "robots/scara.unit0000.urdf", "calibrate --urdf": "mine.urdf"}
+
+
 PATHS = {"calibrate --plan --csv": "plan.csv", "compensate --csv": "corrected.csv"}
+
+
 READINGS = {"simulate": "readings1.csv"}
+
+
 WRITTEN = {
     "ROBOT.urdf": ROBOTS,
     "SHEET.yaml": SHEETS,
@@ -87,9 +102,17 @@ WRITTEN = {
     "--map": {},
     "--factory": {},
 }
+
+
 """Files by what takes them, a word of the arguments or an option, and by the command that writes them."""
+
+
 ALONE = {"DATA.csv", "--measured", "--journal"}
+
+
 """What is read in a run of its own."""
+
+
 MORE = {
     **READERS,
     "analyze": ("--samples", "200", "--threads", "1"),
@@ -126,13 +149,15 @@ def runs_of(name: str, files: dict[str, dict[str, str]]) -> list[tuple[str, dict
 
 
 def command_of(name: str) -> click.Command:
-    command = cli.get_command(click.Context(cli), name)
-    assert command is not None
-    return command
+    return cli.get_command(click.Context(cli), name)
 
 
 RUNS = [run for name in list_commands() for run in runs_of(name, files_of(command_of(name)))]
+
+
 PAIRS: dict[str, int] = {}
+
+
 for _number, (_name, _run) in enumerate(RUNS):
     for _taker, _writer in _run.items():
         PAIRS.setdefault(f"{_name} {_taker} of {_writer}", _number)
@@ -214,6 +239,8 @@ OTHERS = [
     ("calibrate", "mine.errors.yaml", "readings1.csv", "--sheet", "again.errors.yaml"),
     ("compare", SHEET, "of_mine.errors.yaml", "of_built.errors.yaml", "--samples", "200"),
 ]
+
+
 """What no word or option of its own says: several files, keys of sheets, sheets of sheets."""
 
 
@@ -221,12 +248,3 @@ OTHERS = [
 @pytest.mark.parametrize("arguments", OTHERS, ids=" ".join)
 def test_others(written, arguments):
     written.run(*arguments)
-
-
-@pytest.mark.slow
-def test_files_say_their_units(written):
-    for name in ("plan.csv", "readings0.csv"):
-        head = next(line for line in Path(name).read_text().splitlines() if line[:1] != "#")
-        assert all(
-            f"{joint} [{'mm' if joint in SLIDES else 'deg'}]" in head for joint in ("shoulder", "quill", "wrist")
-        )

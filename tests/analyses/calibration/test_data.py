@@ -1,8 +1,10 @@
-"""Data as they come: kinds mixed, several targets in a row, bare headers, missing and copied readings, degrees and radians."""
+"""Readings and their derivatives by matrices and differences; data as they come: mixed, missing, copied, in other units."""
 
 from __future__ import annotations
 
+import itertools
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,18 +12,31 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from analyses.calibration.arms import paper_model, random_poses
+from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.data import read_data
+from precision_pin.analyses.calibration.design import stations_of
 from precision_pin.analyses.calibration.fit import Problem
+from precision_pin.base import se3
 from precision_pin.base.errors import InputError
-from precision_pin.sources import JointOffset
+from precision_pin.sheet.measurement import Plane
+from precision_pin.sources import JointOffset, Payload
 
 CHAIN = paper_model().chain
+
+
 JOINTS = CHAIN.joint_names
+
+
 SPREAD = 1e-3
+
+
 TARGETS = np.array([[0.05, 0.03, 0.02], [-0.04, 0.06, 0.03], [0.02, -0.07, 0.05]])
+
+
 TRUTH = SPREAD * np.array([0.6, -1.1, 0.4, 1.3])
+
+
 Q = random_poses(4, 12)
 
 
@@ -43,11 +58,11 @@ def measured(std: float = 20e-6, seed: int = 1) -> list[np.ndarray]:
     return [points(Q + TRUTH[:, None], target) + own for target, own in zip(TARGETS, noise, strict=True)]
 
 
-def write(path: Path, columns: dict[str, object], units: str = "deg m") -> str:
+def write(path: Path, columns: dict[str, object], units: str = "deg m", q: np.ndarray = Q) -> str:
     """Write joint values and readings; joint values in degrees, and units in the header, unless asked otherwise."""
     angle, _, length = units.partition(" ")
     scale = np.degrees(1) if angle == "deg" else 1.0
-    whole = {f"{name} [{angle}]" if length else name: scale * q for name, q in zip(JOINTS, Q, strict=True)}
+    whole = {f"{name} [{angle}]" if length else name: scale * values for name, values in zip(JOINTS, q, strict=True)}
     whole |= {f"{name} [{length}]" if length else name: values for name, values in columns.items()}
     rows = [
         ",".join(value if isinstance(value, str) else repr(float(value)) for value in row)
@@ -55,6 +70,10 @@ def write(path: Path, columns: dict[str, object], units: str = "deg m") -> str:
     ]
     path.write_text("\n".join([",".join(whole), *rows]))
     return str(path)
+
+
+def means(found: CalibrationResult) -> np.ndarray:
+    return np.array(list(found.posterior.mean.values()))
 
 
 def xyz(number: object, values: np.ndarray) -> dict[str, object]:
@@ -91,32 +110,24 @@ def test_kinds_mixed_are_one_least_squares_problem(tmp_path: Path) -> None:
     truth = np.concatenate([TRUTH, offset, [1e-3, 2e-3, -1e-3, 2e-3, -1e-3, 3e-3]])
     y = predicted(truth) + std * np.random.default_rng(5).standard_normal(60)
     x, prior = np.zeros(13), np.diag([1 / SPREAD] * 4 + [0.0] * 9)[:4]
-    for _ in range(12):
-        steps = 1e-3 * np.eye(13)
-        slopes = (
-            np.array(
-                [
-                    (8 * predicted(x + one) - 8 * predicted(x - one) - predicted(x + 2 * one) + predicted(x - 2 * one))
-                    / 12e-3
-                    for one in steps
-                ]
-            ).T
-            / std[:, None]
-        )
-        rows = np.vstack([slopes, prior])
+    for _ in range(6):
+        slopes = [
+            (8 * predicted(x + one) - 8 * predicted(x - one) - predicted(x + 2 * one) + predicted(x - 2 * one)) / 12e-3
+            for one in 1e-3 * np.eye(13)
+        ]
+        rows = np.vstack([np.array(slopes).T / std[:, None], prior])
         residuals = np.concatenate([(y - predicted(x)) / std, -prior @ x])
         x = x + np.linalg.lstsq(rows, residuals, rcond=None)[0]
 
+    shared = {"target": guess, "target_known": False}
     parts = [
-        pp.Measurement("position", std=stds[0], target=guess, target_known=False, base="free"),
-        pp.Measurement("distance", std=stds[1], target=guess, target_known=False, anchor=anchor),
-        pp.Measurement("plane", std=stds[2], target=guess, target_known=False, plane=((0, 0, height), (0, 0, 1))),
+        pp.Measurement("position", std=stds[0], base="free", **shared),
+        pp.Measurement("distance", std=stds[1], anchor=anchor, **shared),
+        pp.Measurement("plane", std=stds[2], plane=((0, 0, height), (0, 0, 1)), **shared),
     ]
     position, distance, plane = y[:36].reshape(-1, 3), y[36:48], y[48:]
     found = pp.calibrate(model(), [(Q, position), (Q, distance), (Q, plane)], parts)
-    np.testing.assert_allclose(
-        np.array(list(found.posterior.mean.values())) / SPREAD, x[:4] / SPREAD, rtol=0, atol=1e-9
-    )
+    np.testing.assert_allclose(means(found) / SPREAD, x[:4] / SPREAD, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.set_up.target, guess + x[4:7], atol=1e-11)
     assert found.chi_square == pytest.approx(residuals @ residuals, rel=1e-9)
     assert found.degrees_of_freedom == 60 - 9
@@ -125,24 +136,15 @@ def test_kinds_mixed_are_one_least_squares_problem(tmp_path: Path) -> None:
     assert [len(one.std) for one in found.set_ups] == [9, 3, 3]
 
     # the same from one file, in which each row is of one kind
-    gaps = [np.array(["", "nan", "NA"])[np.arange(12) % 3]] * 2
-    stacked = xyz("", position) | {"distance": distance, "height": plane}
+    gaps = np.array([["", "nan", "NA"]] * 4).ravel().tolist()
     whole = {
-        name: np.concatenate([values if k == kind else gaps[0] for k in range(3)]).tolist()
-        for kind, names in enumerate((("x", "y", "z"), ("distance",), ("height",)))
-        for name in names
-        for values in (stacked[name],)
+        name: [value for k in range(3) for value in (values.tolist() if k == kind else gaps)]
+        for kind, read in enumerate((xyz("", position), {"distance": distance}, {"height": plane}))
+        for name, values in read.items()
     }
-    lines = [",".join([*(f"{name} [rad]" for name in JOINTS), *(f"{name} [m]" for name in whole)])]
-    for row in range(36):
-        lines.append(
-            ",".join([*(repr(float(value)) for value in Q[:, row % 12]), *(str(one[row]) for one in whole.values())])
-        )
-    path = tmp_path / "mixed.csv"
-    path.write_text("\n".join(lines))
-    again = pp.calibrate(model(), str(path), parts)
+    again = pp.calibrate(model(), write(tmp_path / "mixed.csv", whole, "rad m", np.tile(Q, 3)), parts)
     np.testing.assert_allclose(again.posterior.covariance, found.posterior.covariance, rtol=1e-12)
-    np.testing.assert_allclose(list(again.posterior.mean.values()), list(found.posterior.mean.values()), atol=1e-14)
+    np.testing.assert_allclose(means(again), means(found), atol=1e-14)
     assert sum("missing in 24 of 36 rows" in one.message for one in again.findings) == 3
     stored = json.loads(found.to_json())
     assert stored["rms_residual"] == found.rms_residual
@@ -151,26 +153,19 @@ def test_kinds_mixed_are_one_least_squares_problem(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_targets_of_a_row_add_up_and_share_what_changes_between_visits(tmp_path: Path) -> None:
-    spread, read = 1e-6, measured()
-    arm = model(spread)
-    parts = of_targets(1, 2)
-    path = write(tmp_path / "two.csv", xyz(1, read[0]) | xyz("_2", read[1]))
-    found = pp.calibrate(model(), path, parts)
-    assert len(found.data) == 24
-    assert abs(np.array(list(found.posterior.mean.values())) - TRUTH).max() < 5 * max(found.posterior.std.values())
+    spread, parts = 1e-6, of_targets(1, 2)
     # narrow laws, so that the arm is linear: precisions add up, but for the prior, which each has
     near = [points(Q, target) + np.random.default_rng(k).normal(0, 20e-6, (12, 3)) for k, target in enumerate(TARGETS)]
-    path = write(tmp_path / "near.csv", xyz(1, near[0]) | xyz(2, near[1]))
-    both = pp.calibrate(arm, path, parts)
-    alone = [pp.calibrate(arm, (Q, values), part) for values, part in zip(near, parts, strict=False)]
+    path = write(tmp_path / "near.csv", xyz(1, near[0]) | xyz("_2", near[1]))
+    both = pp.calibrate(model(spread), path, parts)
+    assert len(both.data) == 24
+    alone = [pp.calibrate(model(spread), (Q, values), part) for values, part in zip(near, parts, strict=False)]
     inverses = [np.linalg.inv(one.posterior.covariance) for one in alone]
     precision = sum(inverses) - np.eye(4) / spread**2
-    np.testing.assert_allclose(
-        np.linalg.inv(both.posterior.covariance), precision, rtol=1e-6, atol=1e-6 * precision.max()
-    )
-    means = [np.array(list(one.posterior.mean.values())) for one in alone]
-    expected = np.linalg.solve(precision, sum(a @ m for a, m in zip(inverses, means, strict=True)))
-    np.testing.assert_allclose(list(both.posterior.mean.values()), expected, atol=1e-6 * spread)
+    found = np.linalg.inv(both.posterior.covariance)
+    np.testing.assert_allclose(found, precision, rtol=1e-6, atol=1e-6 * precision.max())
+    expected = np.linalg.solve(precision, sum(a @ means(one) for a, one in zip(inverses, alone, strict=True)))
+    np.testing.assert_allclose(means(both), expected, atol=1e-6 * spread)
 
     # repeatability of joint2 moves both targets of a row together, by hand
     wobbly = model(SPREAD, 3e-5)
@@ -204,10 +199,9 @@ def test_missing_readings_are_those_of_a_file_without_them(tmp_path: Path) -> No
     columns["y2"][4], columns["x1"][7], columns["x2"][7] = "", "NaN", "n/a"
     found = pp.calibrate(model(), write(tmp_path / "gaps.csv", columns), of_targets(1, 2))
     kept = [np.delete(np.arange(12), 7), np.delete(np.arange(12), [4, 7])]
-    whole = pp.calibrate(
-        model(), [(Q[:, own], values[own]) for own, values in zip(kept, (one, two), strict=True)], of_targets(1, 2)
-    )
-    np.testing.assert_allclose(list(found.posterior.mean.values()), list(whole.posterior.mean.values()), atol=1e-15)
+    data = [(Q[:, own], values[own]) for own, values in zip(kept, (one, two), strict=True)]
+    whole = pp.calibrate(model(), data, of_targets(1, 2))
+    np.testing.assert_allclose(means(found), means(whole), atol=1e-15)
     assert found.chi_square == pytest.approx(whole.chi_square, rel=1e-9)
     said = [finding.message for finding in found.findings if finding.code == "W_MISSING_READING"]
     assert said == [
@@ -317,3 +311,188 @@ def test_a_group_is_a_whole_number(tmp_path):
     # the header and three rows are above it
     with pytest.raises(InputError, match=r"days.csv:5: error E_DATA: group must be a whole number"):
         pp.calibrate(model(), path, pp.Measurement(std=20e-6, target=TARGETS[0]))
+
+
+KINDS = [
+    pp.Measurement(kind, target=(0.1, -0.2, 0.05), base=base, target_known=known, anchor=anchor)
+    for kind, base, known in itertools.product(("position", "pose", "distance"), ("known", "free"), (True, False))
+    for anchor in [(0.4, 0.1, -0.2) if kind == "distance" else (0.0, 0.0, 0.0)]
+]
+
+
+POINT, NORMAL, SOCKETS = (0.2, 0.1, -0.3), (1.0, -2.0, 2.0), ((2.0, 2.0, 2.0), (0.1, 0.5, 0.3), (-2.0, 1.0, 0.0))
+
+
+KINDS += [
+    pp.Measurement(kind, target=(0.1, -0.2, 0.05), base=base, target_known=known, **place)  # type: ignore[arg-type]
+    for kind, place in (("plane", {"plane": (POINT, NORMAL)}), ("socket", {"sockets": SOCKETS}))
+    for base, known in (("known", True), ("free", False))
+]
+
+
+def test_the_tilts_of_a_plane_are_about_directions_in_it() -> None:
+    axes = Plane(POINT, tuple(np.array(NORMAL) / 3)).axes
+    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(axes[:, 0], np.array(NORMAL) / 3)
+
+
+def names(measurement: pp.Measurement) -> str:
+    return f"{measurement.kind}-{measurement.base}-{measurement.target_known}"
+
+
+def setting(measurement: pp.Measurement) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(3)
+    pose = se3.pose(Rotation.random(rng=generator).as_matrix(), generator.uniform(-1, 1, 3))
+    error = generator.normal(0, 0.1, 6)
+    return pose, error, generator.normal(0, 0.2, len(measurement.nuisances))
+
+
+def by_matrices(measurement: pp.Measurement, pose: np.ndarray, error: np.ndarray, nuisances: np.ndarray) -> np.ndarray:
+    """Return a reading as a product of 4 × 4 matrices."""
+    left = list(nuisances)
+
+    def take(count: int) -> np.ndarray:
+        taken, left[:] = left[:count], left[count:]
+        return np.array(taken)
+
+    tip = np.eye(4)
+    tip[:3, :3] = Rotation.from_rotvec(error[3:]).as_matrix() @ pose[:3, :3]
+    tip[:3, 3] = pose[:3, 3] + error[:3]
+    base, anchor, target = np.eye(4), np.array(measurement.anchor), np.eye(4)
+    of_place = np.zeros(9)
+    if measurement.base == "free" and measurement.kind in ("plane", "socket"):
+        own = take(3 if measurement.kind == "plane" else 9)
+        of_place[: own.size] = own
+    elif measurement.base == "free" and measurement.kind == "distance":
+        anchor = anchor + take(3)
+    elif measurement.base == "free":
+        base[:3, 3], base[:3, :3] = take(3), Rotation.from_rotvec(take(3)).as_matrix()
+    target[:3, 3] = measurement.target
+    if not measurement.target_known:
+        target[:3, 3] += take(3)
+        if measurement.kind == "pose":
+            target[:3, :3] = Rotation.from_rotvec(take(3)).as_matrix()
+    seen = base @ tip @ target
+    if measurement.kind == "distance":
+        return np.array([np.linalg.norm(seen[:3, 3] - anchor)])
+    if measurement.kind == "plane":
+        # n from two points in the plane, each raised by its tilt
+        normal = np.array(NORMAL) / 3
+        first = np.cross(normal, np.eye(3)[0])
+        first /= np.linalg.norm(first)
+        second = np.cross(normal, first)
+        turned = np.cross(first - of_place[1] * normal, second - of_place[2] * normal)
+        turned /= np.linalg.norm(turned)
+        return np.array([turned @ (seen[:3, 3] - POINT) - of_place[0]])
+    if measurement.kind == "socket":
+        nominal = pose[:3, :3] @ measurement.target + pose[:3, 3]
+        distances = [np.linalg.norm(nominal - one) for one in SOCKETS]
+        k = distances.index(min(distances))
+        return seen[:3, 3] - SOCKETS[k] - of_place[3 * k : 3 * k + 3]
+    turn = Rotation.from_matrix(seen[:3, :3] @ pose[:3, :3].T).as_rotvec()
+    return np.concatenate([seen[:3, 3], turn])[: measurement.size]
+
+
+@pytest.mark.parametrize("measurement", KINDS, ids=names)
+def test_reading_is_the_product_of_matrices(measurement: pp.Measurement) -> None:
+    """And its slopes are finite differences."""
+    pose, error, nuisances = setting(measurement)
+    found = measurement.predict(pose, error[:, None], nuisances[:, None])[:, 0]
+    np.testing.assert_allclose(found, by_matrices(measurement, pose, error, nuisances), atol=1e-14)
+    here, step = np.concatenate([error, nuisances]), 1e-5
+
+    def reading(values: np.ndarray) -> np.ndarray:
+        return measurement.predict(pose, values[:6, None], values[6:, None])
+
+    columns = [
+        measurement.residual(reading(here + one), reading(here - one))[:, 0] / (2 * step)
+        for one in step * np.eye(here.size)
+    ]
+    slopes = measurement.slopes(pose, error, nuisances)
+    np.testing.assert_allclose(np.hstack([slopes.error, slopes.nuisances]), np.array(columns).T, atol=2e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"std": 0.0}, "above zero and finite, in m"),
+        ({"target": (1.0, 2.0)}, "three lengths in m"),
+        ({"attitude_std": 1e-4}, "belongs to the measurement of a pose"),
+        ({"anchor": (1.0, 0.0, 0.0)}, "belongs to the measurement of a distance"),
+        ({"sockets": ((1.0, 0.0, 0.0),)}, "sockets belongs to the measurement of a socket"),
+        ({"kind": "socket"}, "the measurement of a socket needs sockets"),
+        ({"kind": "socket", "sockets": 3}, "must be a list of points"),
+        ({"kind": "socket", "sockets": ((0, 0, 0), (0, 0, 0))}, "two sockets of a measurement are at one place"),
+        ({"kind": "plane", "plane": (1, 2, 3)}, "must be a point and a normal"),
+        ({"kind": "plane", "plane": ((0, 0, 0), (0, 0, 0))}, "normal of the plane of a measurement is zero"),
+        ({"facing": (1.0, 0.0, 0.0)}, "facing of a measurement needs visible_from"),
+        ({"visible_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 0.0)}, "facing of a measurement is zero"),
+        ({"cone": 4.0}, "above zero and at most a half turn"),
+        ({"load": (Payload(at="tool", mass=pp.Normal(0.1, mean=1.0)),)}, "is given by fixed numbers"),
+    ],
+)
+def test_wrong_settings_are_refused(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        pp.Measurement(**settings)
+
+
+@pytest.mark.slow
+def test_what_is_measured_does_not_move_with_the_point_that_results_are_about() -> None:
+    plain, q = plain_model(), random_poses(4, 8)
+    measurement = pp.Measurement(std=20e-6, target=OFF_AXIS)
+    readings = readings_of(plain, q, measurement, seed=2)
+    away = pp.ErrorModel(plain.chain.with_target((0.0, 0.1, 0.0)), pp.Space(), plain.sources, plain.poses)
+    here, there = (pp.calibrate(each, (q, readings), measurement) for each in (plain, away))
+    assert there.posterior.mean == pytest.approx(here.posterior.mean, rel=1e-9, abs=1e-15)
+    tip, point = here.predict("work"), there.predict("work")
+    np.testing.assert_allclose(point[:3, 3], tip[:3, 3] + 0.1 * tip[:3, 1], atol=1e-12)
+    plans = [pp.plan_calibration(each, q, 4, measurement, criterion="D").chosen for each in (plain, away)]
+    assert plans[0] == plans[1]
+
+
+@pytest.mark.slow
+def test_the_load_of_a_measurement_takes_the_place_of_payloads() -> None:
+    """Without a payload its mass cannot be learned; with a known one the readings are those of an arm that carries it."""
+    plain, q = plain_model(), random_poses(4, 10)
+    measurement, three = pp.Measurement(std=20e-6, target=OFF_AXIS), Payload(at="tool", mass=3.0)
+
+    def loaded(payload: Payload) -> pp.ErrorModel:
+        return pp.ErrorModel(plain.chain, pp.Space(), (*plain.sources, payload), plain.poses)
+
+    arm = loaded(Payload(at="tool", mass=pp.Uniform(0.5, mean=2.0)))
+    posteriors = [
+        pp.forecast_calibration(arm, q, replace(measurement, load=load)).posterior for load in (None, (), (three,))
+    ]
+    learned = [one.learned["payload[tool].mass"] for one in posteriors]
+    assert learned[0] > 0.1
+    assert learned[1:] == [0.0, 0.0]
+    carrying = stations_of(arm, q, replace(measurement, load=(three,)))
+    for one, other in zip(carrying, stations_of(loaded(three), q, measurement), strict=True):
+        columns = [one.at.space.index[name] for name in other.at.space.components]
+        np.testing.assert_allclose(one.at.jacobian[:, columns], other.at.jacobian, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(one.at.error_at_means, other.at.error_at_means, rtol=0, atol=1e-15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("facing", "axis"), [((0.0, 3.0, 0.0), 1), (None, 2)])
+def test_a_target_is_seen_within_its_cone(facing: tuple[float, ...] | None, axis: int) -> None:
+    """A target 0.1 m off the tip that faces along its y, or z, seen from 2 m along the base's y: by angles of plain vectors."""
+    measurement = pp.Measurement(
+        target=(0.0, 0.0, 0.1), visible_from=(0.0, 2.0, 0.5), facing=facing, cone=np.radians(40)
+    )
+    chain, seen = plain_model().chain, []
+    q = random_poses(4, 60)
+    for k in range(60):
+        pose = chain.at(q[:, k]).pose
+        target = pose @ [0.0, 0.0, 0.1, 1.0]
+        sight = np.array([0.0, 2.0, 0.5]) - target[:3]
+        angle = np.degrees(np.arccos(sight @ pose[:3, axis] / np.linalg.norm(sight)))
+        assert measurement.sees(pose) == (angle <= 40)
+        seen.append(angle <= 40)
+    assert 2 < sum(seen) < 40
+    plan = pp.plan_calibration(plain_model(), q, 3, measurement)
+    assert plan.candidates == sum(seen)
+    assert all(measurement.sees(chain.at(one).pose) for one in plan.q.T)
+    assert "W_HIDDEN" in {finding.code for finding in plan.findings}
+    with pytest.raises(InputError, match="sees the target at none of 1 candidates"):
+        pp.plan_calibration(plain_model(), q[:, [seen.index(False)]], 1, measurement)

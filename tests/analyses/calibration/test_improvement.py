@@ -1,11 +1,15 @@
-"""Left-out readings against fits without them, what useless and wrong calibrations say, and coverage of the gain's interval."""
+"""Left-out readings, what useless and wrong calibrations say, a std from readings: by other fits, closed forms and numpy."""
 
 from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import linalg, special, stats
+from scipy import linalg, optimize, special, stats
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
@@ -13,39 +17,47 @@ from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, stack_at_means, stations_of
 from precision_pin.analyses.calibration.fit import Problem, leave_out
-from precision_pin.analyses.calibration.residuals import LeftOutShare, gain_interval
+from precision_pin.analyses.calibration.residuals import LeftOutShare, Likelihood, gain_interval, largest_likelihood
 from precision_pin.draws.draw import Scope
 from precision_pin.sources import JointOffset
 
-NAMES = ("joint1", "joint2", "joint3", "joint4")
-
 
 def offsets(law: pp.Law, *more: pp.Source) -> pp.ErrorModel:
-    sources = [JointOffset(joint=name, offset=law) for name in NAMES]
-    return pp.ErrorModel(paper_model().chain, pp.Space(), [*sources, *more])
+    chain = paper_model().chain
+    sources = [JointOffset(joint=name, offset=law) for name in chain.joint_names]
+    return pp.ErrorModel(chain, pp.Space(), [*sources, *more])
+
+
+@cache
+def linear(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the slopes of three readings at each pose to whitened numbers and to base and target, ``(count, 3, …)``."""
+    free = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
+    stations = stations_of(plain_model(), random_poses(4, count), free)
+    return stack_at_means(stations, UnitNumbers.of(plain_model().space), free)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [pp.Normal(1e-3), pp.Uniform(0.4e-3)])
 def test_what_is_left_out_is_what_a_fit_without_it_leaves(law: pp.Law) -> None:
-    """Poses visited twice, repeatability, numbers at the ends of their laws: residual and deviation by other fits."""
+    """Poses visited twice, repeatability, numbers at the ends of their laws: residual and deviation by other fits.
+
+    Encoders tell no less than the two visits differ by: they are left out together.
+    """
     repeat = JointOffset(joint="joint2", offset=pp.Draw("", pp.Normal(2e-5), Scope.VISIT))
     model, real = offsets(law, repeat), offsets(pp.Normal(0.5e-3), repeat)
     tip = pp.Measurement(std=20e-6)
-    q = np.repeat(random_poses(4, 6), 2, axis=1)
+    q = np.repeat(random_poses(4, 6), 2, axis=1) + 1e-8 * np.arange(12)[None] % 2e-8
     readings = readings_of(real, q, tip, seed=4)
     found = pp.calibrate(model, (q, readings), tip)
     assert bool(found.at_bounds) == isinstance(law, pp.Uniform)
     for k in (0, 6):
         rest = [row for row in range(12) if row // 2 != k // 2]
         without = pp.calibrate(model, (q[:, rest], readings[rest]), tip, at=[q[:, k]])
-        np.testing.assert_allclose(
-            found.left_out[k], readings[k] - without.predict(q[:, k])[:3, 3], rtol=2e-2, atol=1e-6
-        )
+        away = readings[k] - without.predict(q[:, k])[:3, 3]
+        np.testing.assert_allclose(found.left_out[k], away, rtol=2e-2, atol=1e-6)
         if not found.at_bounds:
             covariance = without.poses[0].covariance_after[:3, :3] + np.eye(3) * tip.std**2
             np.testing.assert_allclose(found.std_left_out[k], np.sqrt(np.diag(covariance)), rtol=2e-2)
-    assert found.improvement is not None
     assert (found.improvement.groups, found.improvement.readings) == (6, 12)
     assert found.improvement.after == pytest.approx(found.rms("left out"), rel=1e-12)
 
@@ -54,10 +66,10 @@ def test_what_is_left_out_is_what_a_fit_without_it_leaves(law: pp.Law) -> None:
 def test_a_calibration_helps_is_useless_or_harms() -> None:
     model, tip = offsets(pp.Normal(1e-3)), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free")
     q = random_poses(4, 15)
-    helped = pp.calibrate(model, (q, readings_of(model, q, tip)), tip)
+    readings = readings_of(model, q, tip)
+    helped = pp.calibrate(model, (q, readings), tip)
     # before: the nominal points, turned and shifted onto the readings
-    postures = [model.at(one).posture.pose for one in q.T]
-    points, readings = np.array([(one @ [*OFF_AXIS, 1])[:3] for one in postures]), readings_of(model, q, tip)
+    points = np.array([(model.at(one).posture.pose @ [*OFF_AXIS, 1])[:3] for one in q.T])
     far = Rotation.align_vectors(readings - readings.mean(axis=0), points - points.mean(axis=0))[1]
     assert helped.rms_residual["before"] == pytest.approx(far / np.sqrt(15), rel=1e-9)
     nominal = offsets(pp.Normal(1e-12))
@@ -67,24 +79,13 @@ def test_a_calibration_helps_is_useless_or_harms() -> None:
     noisy = readings_of(nominal, nearer, known) + np.random.default_rng(1).normal(0, 1e-3, (16, 3))
     harmed = pp.calibrate(pp.every_frame(model.chain), (nearer, noisy), known, prior=False)
     found = {"helps": helped, "not shown to help": useless, "makes unseen poses worse": harmed}
-    assert [one.improvement.verdict for one in found.values() if one.improvement] == list(found)
+    assert [one.improvement.verdict for one in found.values()] == list(found)
     assert useless.verdict == "agrees"
     for verdict, one in found.items():
         assert ("W_NO_GAIN" in {finding.code for finding in one.findings}) == (verdict != "helps")
-    assert helped.improvement is not None
     assert helped.improvement.share.verdict == "honest"
-    assert harmed.improvement is not None
     assert harmed.improvement.share.verdict == "over-confident"
     assert "W_OVER_CONFIDENT" in {finding.code for finding in harmed.findings}
-
-
-@pytest.mark.slow
-def test_poses_that_differ_by_less_than_encoders_tell_are_left_out_together() -> None:
-    model, tip = offsets(pp.Normal(1e-3)), pp.Measurement(std=20e-6)
-    q = np.repeat(random_poses(4, 5), 2, axis=1) + 1e-4 * np.arange(10)[None] % 2e-4
-    found = pp.calibrate(model, (q, readings_of(model, q, tip)), tip)
-    assert found.improvement is not None
-    assert found.improvement.groups == 5
 
 
 def test_the_share_within_has_the_binomial_interval_of_its_groups() -> None:
@@ -146,52 +147,44 @@ def test_groups_that_share_errors_are_fewer_trials(twice: bool) -> None:
 @pytest.mark.parametrize(("noise", "size"), [(1, 1), (50, 1), (150, 1), (50, 0)])
 def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size: float) -> None:
     """Linear robots with a free base, 25 of 300 poses: the gain over all poses; where there is none, few "helps"."""
-    model, free = plain_model(), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
-    stations = stations_of(model, random_poses(4, 300), free)
-    every, set_up = stack_at_means(stations, UnitNumbers.of(model.space), free)
-    every, rng, held, helps = every / noise, np.random.default_rng(0), [], []
-    for _ in range(500):
+    every, set_up = linear(300)
+    every, rng, held, helps, robots = every / noise, np.random.default_rng(0), [], [], 300
+    for _ in range(robots):
         chosen = rng.choice(300, 25, replace=False)
         a, n = every[chosen].reshape(75, -1), set_up[chosen].reshape(75, -1)
         z = size * rng.standard_normal(a.shape[1])
         y = a @ z + rng.standard_normal(75)
         squares, truths, taken = [], [], 0.0
-        for columns, prior in ((n, []), (np.hstack([a, n]), [1.0] * a.shape[1])):
-            penalty = np.zeros(columns.shape[1])
-            penalty[: len(prior)] = prior
-            inverse = np.linalg.pinv(columns.T @ columns + np.diag(penalty), rcond=1e-14, hermitian=True)
+        for columns, prior in ((n, 0), (np.hstack([a, n]), a.shape[1])):
+            penalty = np.diag((np.arange(columns.shape[1]) < prior) * 1.0)
+            inverse = np.linalg.pinv(columns.T @ columns + penalty, rcond=1e-14, hermitian=True)
             hat = columns @ inverse @ columns.T
-            left = y - hat @ y
-            rows = [slice(3 * k, 3 * k + 3) for k in range(25)]
-            squares.append(
-                np.array([(np.linalg.solve(np.eye(3) - hat[own, own], left[own]) ** 2).sum() for own in rows])
-            )
-            of_all = (
-                set_up.reshape(900, -1) if not prior else np.hstack([every.reshape(900, -1), set_up.reshape(900, -1)])
-            )
+            left, rows = y - hat @ y, [slice(3 * k, 3 * k + 3) for k in range(25)]
+            alone = [np.linalg.solve(np.eye(3) - hat[own, own], left[own]) for own in rows]
+            squares.append((np.array(alone) ** 2).sum(axis=1))
+            of_all = np.concatenate([every, set_up] if prior else [set_up], axis=2).reshape(900, -1)
             away = every.reshape(900, -1) @ z - of_all @ (inverse @ (columns.T @ y))
             truths.append(np.sqrt((away**2).sum() / 300 + 3))
             taken = float(np.trace(hat)) / 75
         low, high = gain_interval(squares[0], squares[1], np.full(25, 1 / 25), taken)
         held.append(low <= truths[0] - truths[1] <= high)
         helps.append(low > 0)
-    assert np.mean(held) > 0.94
+    # no more than a standard deviation of a count below 95 %
+    assert np.mean(held) > 0.95 - np.sqrt(0.95 * 0.05 / robots)
     assert size > 0 or np.mean(helps) < 0.05
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("poses", [8, 25])
 def test_honest_robots_are_rarely_called_over_confident_and_others_mostly_named(poses: int) -> None:
-    """Linear robots, base and target free, 40 sets of poses; noise as stated, and of twice the variance; all by numpy."""
-    model, free = plain_model(), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
-    stations = stations_of(model, random_poses(4, 300), free)
-    every, set_up = stack_at_means(stations, UnitNumbers.of(model.space), free)
-    rng, sizes = np.random.default_rng(1), np.full(poses, 3)
+    """Linear robots, base and target free, 20 sets of poses; noise as stated, and of twice the variance; all by numpy."""
+    every, set_up = linear(300)
+    rng, sizes, size = np.random.default_rng(1), np.full(poses, 3), 3 * poses
     called: dict[float, list[bool]] = {1.0: [], 2.0: []}
-    for _ in range(40):
+    for _ in range(20):
         chosen = rng.choice(300, poses, replace=False)
-        a, n = every[chosen].reshape(3 * poses, -1), set_up[chosen].reshape(3 * poses, -1)
-        inverse = np.linalg.inv(np.eye(3 * poses) + a @ a.T)
+        a, n = every[chosen].reshape(size, -1), set_up[chosen].reshape(size, -1)
+        inverse = np.linalg.inv(np.eye(size) + a @ a.T)
         across = np.linalg.pinv(n.T @ inverse @ n, rcond=1e-13, hermitian=True)
         hold = inverse - inverse @ n @ across @ n.T @ inverse
         own = [slice(3 * k, 3 * k + 3) for k in range(poses)]
@@ -199,27 +192,177 @@ def test_honest_robots_are_rarely_called_over_confident_and_others_mostly_named(
         root = linalg.block_diag(*(np.linalg.inv(np.linalg.cholesky(hold[one, one])) for one in own))
         trials = poses**2 / ((root @ hold @ root.T) ** 2).sum() * 3
         for variance, found in called.items():
-            y = a @ rng.standard_normal((a.shape[1], 50)) + np.sqrt(variance) * rng.standard_normal((3 * poses, 50))
+            y = a @ rng.standard_normal((a.shape[1], 50)) + np.sqrt(variance) * rng.standard_normal((size, 50))
             squares = ((root @ hold @ y).reshape(poses, 3, 50) ** 2).sum(axis=1)
             found += [LeftOutShare.of(one, sizes, trials).verdict == "over-confident" for one in squares.T]
-    # 2,000 robots of each: 2.5 % is stated, of which 3.5 % is three standard deviations off
-    assert np.mean(called[1.0]) < 0.035
+    # 1,000 robots of each: 2.5 % is stated, of which 4 % is three standard deviations off
+    assert np.mean(called[1.0]) < 0.04
     assert np.mean(called[2.0]) > (0.9 if poses == 25 else 0.2)
 
 
 @pytest.mark.slow
 def test_new_readings_are_within_the_deviations_that_are_told() -> None:
-    """Six robots, complete fits: 216 numbers at unseen poses and 216 left out; 0.06 are three standard deviations of a share."""
+    """Three robots, complete fits: 108 numbers at unseen poses and 108 left out; 0.085 are three deviations of a share."""
     model, free = plain_model(), pp.Measurement(std=20e-6, base="free")
     within: dict[str, list[NDArray[np.bool_]]] = {"unseen": [], "left out": []}
-    for seed in range(6):
+    for seed in range(3):
         q = random_poses(4, 24, seed)
         readings = readings_of(model, q, free, seed)
         found = pp.calibrate(model, (q[:, :12], readings[:12]), free, at=list(q[:, 12:].T))
-        assert found.set_up.base is not None
         tips = np.array([found.set_up.base @ found.predict(one) for one in q[:, 12:].T])
         seen = np.array([np.diag(one.covariance_seen[:3, :3]) for one in found.poses])
         within["unseen"] += [np.abs(readings[12:] - tips[:, :3, 3]) < 1.96 * np.sqrt(seen + free.std**2)]
         within["left out"] += [np.abs(found.left_out) < 1.96 * found.std_left_out]
     for shares in within.values():
-        assert 0.89 < np.mean(shares) < 1
+        assert 0.865 < np.mean(shares) < 1
+
+
+UNKNOWN = pp.Measurement(std="estimate", target=OFF_AXIS, base="free", target_known=False)  # type: ignore[arg-type]
+
+
+def groups_of(values: np.ndarray, between: float) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return blocks of groups with an effect of std ``between``, about an unknown mean."""
+    visits = values.shape[1]
+    return [
+        (between**2 * np.ones((visits, visits)), np.eye(visits)[None], np.stack([np.ones(visits), own], axis=1))
+        for own in values
+    ]
+
+
+def test_one_way_effects_have_the_likelihood_of_balanced_analysis_of_variance() -> None:
+    """-2 ln L = (G V - G) ln σ² + SSW/σ² + (G - 1) ln(σ² + V τ²) + SSB/(σ² + V τ²) + constant (Searle et al. 1992)."""
+    groups, visits, between = 6, 4, 0.7
+    values = np.random.default_rng(1).normal(0, 1.3, (groups, visits))
+    within = ((values - values.mean(axis=1, keepdims=True)) ** 2).sum()
+    other = visits * ((values.mean(axis=1) - values.mean()) ** 2).sum()
+
+    def closed(log: float) -> float:
+        a, b = np.exp(2 * log), np.exp(2 * log) + visits * between**2
+        return groups * (visits - 1) * np.log(a) + within / a + (groups - 1) * np.log(b) + other / b
+
+    likelihood = Likelihood(groups_of(values, between), 0)
+    logs = np.array([-0.7, 0.0, 0.4])
+    difference = [likelihood(np.array([log])) - closed(log) for log in logs]
+    np.testing.assert_allclose(difference, difference[0], atol=1e-10)
+    point, ends = largest_likelihood(likelihood, 2.0)
+    best = optimize.minimize_scalar(closed, bounds=(-3, 2), method="bounded", options={"xatol": 1e-9})
+    assert point[0] == pytest.approx(best.x, abs=1e-5)
+    for end in ends[0]:
+        assert closed(end) - best.fun == pytest.approx(stats.chi2.ppf(0.95, 1), abs=1e-4)
+    a, b = np.exp(2 * best.x), np.exp(2 * best.x) + visits * between**2
+    assert likelihood.information(point)[0] == pytest.approx(
+        groups * (visits - 1) + (groups - 1) * (a / b) ** 2, rel=1e-9
+    )
+
+
+@pytest.mark.slow
+def test_the_std_is_that_of_a_dense_likelihood() -> None:
+    """All readings in one covariance matrix, the set-up projected out by its null space, minimised by Nelder and Mead."""
+    model, q, count = plain_model(), random_poses(4, 12), 12
+    given = {"kind": "pose", "target": OFF_AXIS, "base": "free"}
+    readings = readings_of(model, q, pp.Measurement(std=0.2e-3, **given), seed=3)
+    found = pp.calibrate(model, (q, readings), pp.Measurement(std="estimate", **given))
+    # the same linear problem, by the estimate's own derivatives
+    stations = stations_of(model, q, pp.Measurement(std=found.noise["std"].std, **given))
+    small = pp.Measurement(std=1.0, attitude_std=1.0, **given)
+    unit = UnitNumbers.of(model.space)
+    slopes = [small.slopes(one.at.posture.pose, one.at.error_at_means, np.zeros(6)) for one in stations]
+    by_z = np.concatenate(
+        [one.error @ at.at.jacobian[:, unit.columns] @ unit.root for one, at in zip(slopes, stations, strict=True)]
+    )
+    set_up = np.concatenate([one.nuisances for one in slopes])
+    z = np.linalg.lstsq(unit.root, np.array(list(found.posterior.mean.values())) - unit.mean, rcond=None)[0]
+    own = [at.noise(one.error, np.zeros(6), np.zeros(6, dtype=int)) for one, at in zip(slopes, stations, strict=True)]
+    fixed = linalg.block_diag(*own)
+    null = np.linalg.svd(set_up)[0][:, 6:]
+    left = null.T @ (found.residuals.ravel() + by_z @ z)
+    lengths = np.tile(np.arange(6) < 3, count)
+
+    def minus_twice(logs: np.ndarray) -> float:
+        variances = np.where(lengths, np.exp(2 * logs[0]), np.exp(2 * logs[-1]))
+        covariance = null.T @ (fixed + np.diag(variances) + by_z @ by_z.T) @ null
+        return np.linalg.slogdet(covariance)[1] + left @ np.linalg.solve(covariance, left)
+
+    best = optimize.minimize(minus_twice, np.log([0.2e-3, 2e-3]), method="Nelder-Mead", options={"xatol": 1e-6}).x
+    stds = [found.noise[name].std for name in ("std", "attitude_std")]
+    np.testing.assert_allclose(stds, np.exp(best), rtol=1e-2)
+    assert found.measurement.std == found.noise["std"].std
+
+
+@pytest.mark.slow
+def test_a_std_that_was_tuned_is_no_agreement() -> None:
+    model, q = plain_model(), random_poses(4, 25)
+    true = pp.Measurement(std=0.1e-3, target=OFF_AXIS, base="free", target_known=False)
+    found = pp.calibrate(model, (q, readings_of(model, q, true, seed=3)), UNKNOWN)
+    assert (found.verdict, found.probability) == ("not tested", None)
+    noise = found.noise["std"]
+    assert noise.decided_by == "all readings"
+    assert noise.interval[0] < 0.1e-3 < noise.interval[1]
+    assert noise.degrees_of_freedom < 75 - 9
+    assert "W_STD_ESTIMATED" in {finding.code for finding in found.findings}
+    assert "agree" not in repr(found)
+    written = json.loads(found.to_json())
+    assert written["noise"]["std"]["interval"] == list(noise.interval)
+    assert written["improvement"]["verdict"] == "helps"
+    assert (written["probability"], written["measurement"]["std"]) == (None, noise.std)
+    with pytest.raises(pp.InputError, match="std: estimate belongs to the readings"):
+        pp.forecast_calibration(model, q, UNKNOWN)
+    with pytest.raises(pp.InputError, match="columns or units are wrong"):
+        pp.calibrate(model, (q, 1e3 * readings_of(model, q, true)), UNKNOWN)
+
+
+@pytest.mark.slow
+def test_repeated_poses_tell_the_instrument_from_the_model() -> None:
+    """A backlash that the sheet lacks: by repeats the std stays that of the instrument, and the model is found wrong."""
+    model = offsets(pp.Normal(1e-3))
+    jumps = JointOffset(joint="joint3", offset=pp.Draw("", pp.Normal(1e-3), Scope.POSE))
+    real = offsets(pp.Normal(1e-3), jumps)
+    q = np.repeat(random_poses(4, 10), 2, axis=1)
+    true = pp.Measurement(std=0.1e-3, target=OFF_AXIS)
+    unknown = pp.Measurement(std="estimate", target=OFF_AXIS)
+    wrong, right = (pp.calibrate(model, (q, readings_of(one, q, true, seed=1)), unknown) for one in (real, model))
+    for found in (wrong, right):
+        noise = found.noise["std"]
+        assert (noise.decided_by, noise.degrees_of_freedom) == ("repeats", pytest.approx(30, rel=1e-6))
+        assert noise.interval[0] < 0.1e-3 < noise.interval[1]
+    assert (wrong.verdict, right.verdict) == ("disagrees", "agrees")
+    assert wrong.noise["std"].of_all > 3 * wrong.noise["std"].std
+
+
+@pytest.mark.slow
+def test_stds_of_the_file_are_relative_where_the_std_is_estimated(tmp_path: Path) -> None:
+    """An arm that is known: the std at all weights equal is the root mean square of residuals over relative stds."""
+    chain, q = paper_model().chain, random_poses(4, 30)
+    model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="joint1", offset=pp.Normal(1e-9))])
+    rng = np.random.default_rng(3)
+    stds = np.where(np.arange(30) % 3, 0.1, 1.0)  # mm
+    noise = rng.standard_normal((30, 3)) * stds[:, None] / 1e3
+    rows = np.column_stack([q.T, chain.at_columns(q).pose[:3, 3].T + noise, stds])
+    header = ",".join(
+        [*(f"{name} [rad]" for name in chain.joint_names), *(f"{name} [m]" for name in "xyz"), "std [mm]"]
+    )
+    np.savetxt(tmp_path / "data.csv", rows, "%.12g", ",", header=header, comments="")
+    found = pp.calibrate(model, tmp_path / "data.csv", pp.Measurement(std="estimate"))  # type: ignore[arg-type]
+    usual = np.sqrt((stds**2).mean())
+    expected = np.sqrt(((noise * usual / stds[:, None]) ** 2).mean())
+    assert not found.gross_errors
+    assert found.noise["std"].std == pytest.approx(expected, rel=1e-4)
+    assert json.loads(found.to_json())["data"]["std"] == pytest.approx(stds * expected / usual, rel=1e-4)
+    np.testing.assert_allclose(found.std_predicted[:, 0], stds * expected / usual, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_intervals_of_the_std_cover_it() -> None:
+    """150 linear robots with a free base at 12 poses, on the derivatives of the paper's arm.
+
+    Of 95 % fewer than 134 hold it once in 370 tries, all of them once in 2,000.
+    """
+    by_z, set_up = (part.reshape(36, -1) for part in linear(12))
+    by_z = by_z / 5  # as of a std of 0.1 mm
+    basis, rng, held = np.linalg.svd(set_up, full_matrices=False)[0], np.random.default_rng(0), 0
+    for _ in range(150):
+        y = by_z @ rng.standard_normal(by_z.shape[1]) + rng.standard_normal(36)
+        block = (np.zeros((36, 36)), np.eye(36)[None], np.hstack([by_z, basis, y[:, None]]))
+        low, high = largest_likelihood(Likelihood([block], by_z.shape[1]), 1.5)[1][0]
+        held += low <= 0 <= high
+    assert 134 <= held <= 149
