@@ -22,8 +22,8 @@ from precision_pin.export.as_built import AsBuilt, frozen_sources
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import urdf
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
-from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
+from precision_pin.robot.examples import example_urdfs
+from precision_pin.robot.urdf.editing import Placement, UrdfText
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.backlash import Backlash
 from precision_pin.sources.encoder import Encoder
@@ -129,63 +129,55 @@ def assert_reproduced(model: ErrorModel, writer: AsBuilt, built, poses: np.ndarr
             np.testing.assert_allclose(actual, expected, rtol=0, atol=CLOSE, err_msg=reader.__name__)
 
 
-def example(name: str) -> tuple[Path, str, str | None, dict[str, float]]:
-    tips = {
-        "ur5": ("tool0", "base_link"),
-        "panda": ("panda_hand_tcp", None),
-        "kinova": ("j2s6s200_end_effector", None),
-        "xarm7": ("link7", "link_base"),
-    }
-    tip, base = tips[name]
-    return example_urdfs()[name], tip, base, {}
-
-
 # --- geometry at every pose ---
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
-@pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
-def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
-    path, tip, base, locked = example(name)
-    chain = Chain.from_urdf(path, tip, base, locked=locked)
+@pytest.mark.parametrize(
+    ("name", "tip", "base"),
+    [
+        ("ur5", "tool0", "base_link"),
+        ("panda", "panda_hand_tcp", None),
+        ("kinova", "j2s6s200_end_effector", None),
+        ("xarm7", "link7", "link_base"),
+    ],
+)
+def test_geometric_errors_of_known_arms_are_reproduced_at_every_pose_by_origins_alone(name, tip, base):
+    path = example_urdfs()[name]
+    chain = Chain.from_urdf(path, tip, base)
     model = ErrorModel(chain, Space(), every_geometric(chain))
-    poses = poses_of(chain)
+    poses = poses_of(chain, count=4)
     writer = AsBuilt.prepare(model, poses[0])
     (built,) = writer.units(5, 3, 1)
     assert np.linalg.norm(built.error[:3]) > 1e-4
     assert_reproduced(model, writer, built, poses)
     # what the strict reader had to say about the file, it says of the written one, and nothing more
-    before = [finding.code for finding in urdf.check(path)]
-    after = [finding.code for finding in urdf.parse(built.text, "as_built.urdf").findings]
-    assert set(after) <= set(before)
-
-
-@pytest.mark.slow
-def test_geometric_errors_of_the_papers_arm():
-    chain = Chain.from_urdf(PAPER_SHEET.with_name("4dof.urdf"))
-    model = ErrorModel(chain, Space(), every_geometric(chain))
-    writer = AsBuilt.prepare(model, poses_of(chain)[0])
-    (built,) = writer.units(5, 3, 1)
-    assert_reproduced(model, writer, built, poses_of(chain))
+    codes = {finding.code for finding in urdf.parse(built.text, "as_built.urdf").findings}
+    assert codes - {finding.code for finding in urdf.check(path)} == ({"W_BRANCHED"} if name == "xarm7" else set())
+    before, after = path.read_bytes().splitlines(), COMMENT.sub(b"", built.text, count=1).splitlines()
+    if name == "xarm7":  # the tip is the last joint's own link
+        assert after[-3].startswith(b'  <link name="link7_as_built"/>')
+        assert after[-2].startswith(b'  <joint name="link7_as_built_joint" type="fixed"><origin xyz="')
+        after[-3:-1] = []
+    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert 0 < len(changed) <= len(urdf.read(path).path(chain.base, tip))
+    number = rb'"[0-9.e+ -]+"'
+    for old, new in changed:
+        assert re.sub(number, b"", old) == re.sub(number, b"", new)
+        assert b"<origin " in new
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("base", "tip", "locked", "ends"),
     [
-        pytest.param("base", "tool", {}, ("base", "tool"), marks=pytest.mark.slow),
         # the frame at the tip moves with a chain joint or with one held still
         ("base", "link7", {}, ("base", "link7_as_built")),
-        pytest.param("base", "finger", {"finger_joint": 0.3}, ("base", "finger"), marks=pytest.mark.slow),
         ("base", "tool", {"joint3": 0.7, "joint4": -0.2}, ("base", "tool")),
-        # the base is not the root: forwards only, backwards only, up and down again
-        pytest.param("link3", "tool", {}, ("link3", "tool"), marks=pytest.mark.slow),
-        pytest.param("tool", "base", {}, ("tool", "base"), marks=pytest.mark.slow),
+        # the base is not the root: backwards only, up and down again
         ("link6", "base", {}, ("link6_as_built", "base")),
-        pytest.param("half2", "base", {}, ("half2", "base"), marks=pytest.mark.slow),
-        pytest.param("tool", "bracket", {"joint4": 0.4}, ("tool", "bracket"), marks=pytest.mark.slow),
-        ("tool", "link2", {"joint6": 0.4, "joint7": -1.0}, ("tool", "link2")),
+        ("tool", "bracket", {"joint4": 0.4}, ("tool", "bracket")),
         ("bracket", "finger", {}, ("bracket", "finger_as_built")),
     ],
 )
@@ -193,7 +185,7 @@ def test_geometric_errors_with_other_bases_and_tips(tmp_path, base, tip, locked,
     path = written_file(tmp_path, random_arm(61, prismatic=(4,)))
     chain = Chain.from_urdf(path, tip, base, locked=locked)
     model = ErrorModel(chain, Space(), every_geometric(chain))
-    poses = poses_of(chain, count=6)
+    poses = poses_of(chain, count=4)
     writer = AsBuilt.prepare(model, poses[0])
     (built,) = writer.units(5, 3, 1)
     assert (writer.base, writer.tip) == ends
@@ -278,7 +270,7 @@ def test_values_by_hand(tmp_path):
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     pitch=st.sampled_from([np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, -np.pi / 2 + 1e-5, 1.5708, 0.0, np.pi]),
     roll=st.floats(-3.2, 3.2),
@@ -314,6 +306,7 @@ def laden(tmp_path: Path, statics: str = "nominal") -> ErrorModel:
         Transmission(joint="joint5", amplitude=(Uniform(1e-4, mean=5e-4),), order=(2.0,), stiffness=5e4),
         Encoder(joint="joint6", resolution=1e-3, amplitude=2e-4),
         JointOffset(joint="joint7", offset=Draw("repeat", Normal(1e-3), Scope.VISIT)),
+        JointOffset(joint="joint6", offset=Draw("anew", Normal(1e-3), Scope.POSE)),
     ]
     names = {draw.name for draw in model.space.draws if "[" not in draw.name}
     space = Space(tuple(draw for draw in model.space.draws if draw.name in names))
@@ -357,6 +350,7 @@ def test_the_file_names_what_is_frozen(tmp_path):
         "backlash[joint3]",
         "transmission[joint5]",
         "encoder[joint6]",
+        "joint_offset[joint6]",
         "joint_offset[joint7]",
         "length[tool]",  # along an axis of joint 2, which turns against the tool
     }
@@ -365,32 +359,10 @@ def test_the_file_names_what_is_frozen(tmp_path):
 def test_a_file_without_anything_frozen_says_so(tmp_path):
     path = written_file(tmp_path, random_arm(61, prismatic=(4,)))
     chain = Chain.from_urdf(path, "tool", locked={"joint2": 0.25})
-    model = ErrorModel(chain, Space(), every_geometric(chain))
-    assert frozen_sources(model, model.at(np.zeros(6))) == ()
-    (built,) = AsBuilt.prepare(model, np.zeros(6)).units(0, 0, 1)
+    (built,) = AsBuilt.prepare(ErrorModel(chain, Space(), every_geometric(chain)), np.zeros(6)).units(0, 0, 1)
     comment = " ".join(COMMENT.search(built.text)[0].decode().split())
     assert comment.endswith("No source was seen to depend on the pose. -->")
     assert "locked on the way: joint2 = 0.25 rad pose: " in comment
-
-
-@pytest.mark.parametrize(
-    ("source", "frozen"),
-    [
-        (JointCompliance(joint="joint2", compliance=1e-5), True),
-        (Transmission(joint="joint2", stiffness=1e5), True),
-        (Backlash(joint="joint2", backlash=1e-3, band=1e-3), True),
-        (Encoder(joint="joint2", amplitude=1e-3), True),
-        (JointOffset(joint="joint2", offset=Draw("a", Normal(1e-3), Scope.POSE)), True),
-        (JointOffset(joint="joint2", offset=Draw("a", Normal(1e-3))), False),
-        (Length(joint="joint3", along="x of joint2", parameters=(1e-3,)), False),
-        # a direction that turns with a joint within the way of the error
-        (Length(joint="joint3", along="x of joint6", parameters=(1e-3,)), True),
-    ],
-)
-def test_frozen_sources(tmp_path, source, frozen):
-    chain = Chain.from_urdf(written_file(tmp_path, random_arm(51)), "tool")
-    model = ErrorModel(chain, Space(), [source])
-    assert frozen_sources(model, model.at(np.full(7, 0.3))) == ((source.label(),) if frozen else ())
 
 
 def test_what_loads_cause_counts_as_frozen_even_where_they_are_the_same_everywhere(tmp_path):
@@ -500,9 +472,6 @@ def test_every_other_byte_stays(tmp_path):
         text, count = re.subn(pattern, lambda _, back=original: back, text)
         assert count == 1, pattern
     assert text.encode() == AWKWARD.encode()
-
-
-def test_meshes_of_visuals_and_collisions_are_known():
     assert UrdfText.scan(AWKWARD.encode()).meshes == ("meshes/a & b.stl", "package://arm/c.stl")
 
 
@@ -512,28 +481,6 @@ def test_no_error_no_change(tmp_path):
         model = ErrorModel(Chain.from_urdf(path, "tool"), Space(), sources)
         (built,) = AsBuilt.prepare(model, [0.1, 0.2, 0.3]).units(5, 3, 1)
         assert COMMENT.sub(b"", built.text, count=1) == AWKWARD.encode()
-
-
-@pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
-@pytest.mark.parametrize("name", ["ur5", "panda", "kinova", "xarm7"])
-def test_only_origins_change_in_files_of_others(name):
-    path, tip, base, locked = example(name)
-    chain = Chain.from_urdf(path, tip, base, locked=locked)
-    model = ErrorModel(chain, Space(), every_geometric(chain))
-    (built,) = AsBuilt.prepare(model, poses_of(chain)[0]).units(5, 3, 1)
-    before, after = path.read_bytes().splitlines(), COMMENT.sub(b"", built.text, count=1).splitlines()
-    way = [step.name for step in urdf.read(path).path(chain.base, tip)]
-    if name == "xarm7":  # the tip is the last joint's own link
-        assert after[-3].startswith(b'  <link name="link7_as_built"/>')
-        assert after[-2].startswith(b'  <joint name="link7_as_built_joint" type="fixed"><origin xyz="')
-        after[-3:-1] = []
-    assert len(before) == len(after)
-    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
-    assert 0 < len(changed) <= len(way)
-    number = rb"[0-9.e+ -]+"
-    for old, new in changed:
-        assert re.sub(rb'"%s"' % number, b'""', old) == re.sub(rb'"%s"' % number, b'""', new)
-        assert b"<origin " in new
 
 
 HOSTILE = "a--b-->\n<x/>\x85\u202e腕--"
@@ -601,47 +548,17 @@ def test_an_error_of_half_a_turn_is_refused(tmp_path):
 # --- the text, edit by edit ---
 
 
-@pytest.mark.parametrize(
-    ("before", "placement", "after"),
-    [
-        ('<origin xyz="0 0 0"/>', Placement((1, 2.5, -3), None), '<origin xyz="1.0 2.5 -3.0"/>'),
-        ('<origin xyz="0 0 0"/>', Placement(None, (1, 2, 3)), '<origin xyz="0 0 0" rpy="1.0 2.0 3.0"/>'),
-        ("<origin/>", Placement((1, 2, 3), (4, 5, 6)), '<origin xyz="1.0 2.0 3.0" rpy="4.0 5.0 6.0"/>'),
-        ("<origin ></origin>", Placement((1, 2, 3), None), '<origin xyz="1.0 2.0 3.0" ></origin>'),
-        ("<origin rpy='0 0 0' />", Placement((0.1, 0, 0), (1e-9, 0, 0)), "<origin rpy='1e-09 0.0 0.0' xyz=\"0.1 0.0 0.0\" />"),
-        ("", Placement((1, 2, 3), None), '<origin xyz="1.0 2.0 3.0"/>'),
-        ('<origin xyz="0 0 0"/>', Placement(None, None), '<origin xyz="0 0 0"/>'),
-        ("", Placement(None, None), ""),
-    ],
-)  # fmt: skip
-def test_one_placement(before, placement, after):
+def test_placements_and_a_comment_are_put_where_there_was_none():
     text = '<robot name="a"><joint name="j" type="fixed">{}<parent link="a"/><child link="b"/></joint></robot>'
-    edited = UrdfText.scan(text.format(before).encode()).edited({"j": placement})
-    assert edited.decode() == text.format(after)
-
-
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        ("<robot/>", "<!--\n  one\n  t- - -wo\n-->\n<robot/>"),
-        ('<?xml version="1.0"?><robot/>', '<?xml version="1.0"?>\n<!--\n  one\n  t- - -wo\n--><robot/>'),
-        (
-            '\ufeff<?xml version="1.0"?>\r\n<robot/>',
-            '\ufeff<?xml version="1.0"?>\r\n<!--\r\n  one\r\n  t- - -wo\r\n-->\r\n<robot/>',
-        ),
-        ("\ufeff<robot/>", "\ufeff<!--\n  one\n  t- - -wo\n-->\n<robot/>"),
-    ],
-)  # fmt: skip
-def test_a_comment_at_the_top(before, after):
-    assert UrdfText.scan(before.encode()).edited({}, comment=["one", "t---wo"]).decode() == after
-
-
-def test_an_added_frame_and_an_unknown_joint():
-    text = UrdfText.scan(b'<robot name="a">\n</robot>\n')
-    frame = AddedFrame("b", "c", "a", (1, 2, 3), (0, 0, 0.5))
-    assert text.edited({}, [frame]).decode() == (
-        '<robot name="a">\n  <link name="b"/>\n  <joint name="c" type="fixed"><origin xyz="1.0 2.0 3.0" rpy="0.0 0.0 0.5"/>'
-        '<parent link="a"/><child link="b"/></joint>\n</robot>\n'
-    )
-    with pytest.raises(KeyError, match="nobody"):
-        text.edited({"nobody": Placement((1, 2, 3), None)})
+    for before, placement, after in (
+        ("<origin/>", Placement((1, 2.5, -3), (4, 5, 6)), '<origin xyz="1.0 2.5 -3.0" rpy="4.0 5.0 6.0"/>'),
+        ("<origin ></origin>", Placement((1, 2, 3), None), '<origin xyz="1.0 2.0 3.0" ></origin>'),
+        ("", Placement(None, (1e-9, 0, 0)), '<origin rpy="1e-09 0.0 0.0"/>'),
+        ("", Placement(None, None), ""),
+    ):
+        edited = UrdfText.scan(text.format(before).encode()).edited({"j": placement})
+        assert edited.decode() == text.format(after)
+    # at the top, before the first element, and after a byte order mark
+    for mark in ("", "\ufeff"):
+        edited = UrdfText.scan(f"{mark}<robot/>".encode()).edited({}, comment=["one", "t---wo"])
+        assert edited.decode() == f"{mark}<!--\n  one\n  t- - -wo\n-->\n<robot/>"
