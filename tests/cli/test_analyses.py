@@ -64,31 +64,6 @@ def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder
     assert "no sheet is written" in done.err
 
 
-@pytest.mark.slow
-def test_bounds_stand_beside_the_specs_and_a_law_may_be_named_as_a_whole(run, folder):
-    text = (folder / "4dof.errors.yaml").read_text()
-    sources = "  - length: {frame: tool, along: -z of joint4, parameters: [wide, shifted]}\n"
-    parameters = "parameters:\n  wide: {uniform: 0.1 mm}\n  shifted: {uniform: 0.1 mm, mean: 1 mm}\n"
-    text = text.replace("\nparameters:\n", f"\n{parameters}").replace("\nsources:\n", f"\nsources:\n{sources}")
-
-    def allocated(paths, limits):
-        entries = "".join(f"    - {{path: '{path}', cost: {{reciprocal: 1 mm}}}}\n" for path in paths)
-        (folder / "wanted.yaml").write_text(f"{text}\nallocate:\n{limits}  tolerances:\n{entries}")
-        return run("allocate", "wanted.yaml", "--json", "-")
-
-    done = allocated(["parameters.wide", "parameters.shifted"], "  rms: 45 mm\n  worst_case: 60 mm\n")
-    assert done.code == 0
-    assert [one["path"] for one in done.json["tolerances"]] == ["parameters.wide.uniform", "parameters.shifted.uniform"]
-    assert [(one["kind"], one["limit"]) for one in done.json["specs"]] == [("rms", 0.045), ("worst_case", 0.06)]
-    assert done.json["lower_bound_basis"] == "proof"
-    refused = allocated(["parameters.shifted.mean"], "  rms: 45 mm\n")
-    assert refused.code == 2
-    assert (
-        "parameters.shifted.mean changes the mean of the error and cannot be chosen; parameters.shifted.uniform can"
-        in refused.err
-    )
-
-
 def test_what_is_to_be_allocated_is_read_by_check(run, folder):
     text = (folder / _sheet(folder, "37.5 mm @ 95 %")).read_text()
     assert run("check", "wanted.yaml").code == 0

@@ -6,7 +6,6 @@ import json
 import math
 import re
 import sys
-import unicodedata
 from decimal import Decimal
 
 import click
@@ -337,24 +336,3 @@ def test_norms_nominal_and_bandwidth_are_named(run):
     assert (
         "error with every parameter at its mean: d = (7.691, 28.34, -22.13) mm" in out
     )  # the deflection under gravity
-
-
-def columns(text: str) -> int:
-    return sum(0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in text)
-
-
-def test_mcpc_columns_align_with_names_of_any_script(run, folder):
-    text = (folder / "gantry.urdf").read_text("utf-8")
-    (folder / "named.urdf").write_text(text.replace("y_axis", "縦軸").replace(LONG, "gelenk_a\u0308rm"), "utf-8")
-    outcome = run("mcpc", "named.urdf")
-    assert outcome.code == 0
-    header, *rows = outcome.out.splitlines()
-    names = ("base", "縦軸 \\(slides\\)", "gelenk_a\u0308rm")
-    assert len(rows) == len(names)
-    # the first column of numbers is flush right below its heading
-    ends = {columns(header[: header.index("offset °") + len("offset °")])}
-    for row, name in zip(rows, names, strict=True):
-        cell = re.match(rf"\d +{name} +-?[\d.]+", row)
-        assert cell is not None, row
-        ends.add(columns(cell[0]))
-    assert len(ends) == 1

@@ -25,28 +25,20 @@ WRONG = {
     "analyze --sampels 10": "No such option:? '?--sampels'?.*--samples",
     "analyze --samples": "'--samples' requires an argument.*see precision-pin analyze --help",
     "analyze --model quadratic": "'quadratic' is not one of 'exact', 'linear'",
-    "schema extra": "unexpected extra argument",
-    "init": "Missing argument 'ROBOT.urdf'",
     "analyze --spec 1 mm @ 95 %": "E_USAGE: one robot and one sheet are expected.*need quotes",
     # samples and seed
     "analyze --samples 0": "samples must be a whole number from 1 to .*got 0",
-    "analyze --samples 1000000000001": "samples must be a whole number from 1 to 1e\\+12",
-    "analyze --samples 1e5": "'--samples': '1e5' is not a valid integer",
     "analyze --seed -1": "seed must be a whole number from 0 to 2\\^64 - 1, got -1",
-    "analyze --seed 18446744073709551616": "seed must be a whole number from 0 to 2\\^64 - 1",
     # specifications
     "analyze --spec '1 mm' --spec 0.5": "'0.5' has no unit: '0.5 mm' limits the position, '0.5 mrad' the attitude",
     "analyze --spec '0 mm'": "the limit must be positive",
-    "analyze --spec '1e999 mm'": "not finite",
     "analyze --spec '1 mm @ 95 mm'": "is not a unit of ratio",
-    "analyze --spec ''": "specification ''",
     "analyze --all-poses --spec-everywhere": "--spec-everywhere needs a --spec",
     # poses and joint values
     "analyze --pose papper": "no pose named 'papper'; did you mean 'paper'?",
     "analyze --q '1 2 3 deg'": "--q: 3 joint values for 4 joints.*joint1, joint2",
     "analyze --q '1 deg, 2 deg'": "--q: 2 joint values for 4 joints",
     "analyze --q '1 2 3 4'": "--q: '1 2 3 4' has no unit; an? angle needs one of: rad",
-    "analyze --q up": "--q: expected a number with a unit.*'up'",
     "analyze --q 'joint1: 0 deg, joint2: 0 deg'": "--q: no value for the joints joint3, joint4",
     "analyze --q 'joint7: 0 deg'": "--q: no joint on the chain named 'joint7'; did you mean",
     "analyze --q 'joint1: 0 deg, joint1: 1 deg'": "--q: the joint 'joint1' is given twice",
@@ -54,12 +46,12 @@ WRONG = {
     "analyze gantry.urdf --q '1 2 m'": "--q: .*revolute and prismatic joints",
     "analyze gantry.urdf --q '1 deg, 2 deg'": "--q: 'deg' in '1 deg' is not a unit of length",
     "analyze poseless.yaml": "poseless.yaml: error E_POSE: the sheet has no poses; .*--q",
-    "analyze poseless.yaml --all-poses": "the sheet has no poses",
     "analyze --pose paper --q '0 0 0 0 deg'": "--pose and --q exclude each other",
     "view --pose paper --all-poses": "--pose and --all-poses exclude each other",
     "report --out page.html --all-poses --grid way.csv": "--all-poses and --grid exclude each other",
     "analyze gantry.urdf --all-poses --until '95 % to 0.01 mm'": "--until is for one pose, and 2 are given",
-    "report gantry.urdf --trajectory long.csv --out page.html": "15 poses; a report shows at most 12",
+    "report gantry.urdf --trajectory long.csv --out page.html": "long.csv:14: error E_TRAJECTORY: more than 12 poses",
+    "report many.yaml --all-poses --out page.html": "13 poses; a report shows at most 12",
     "analyze --trajectory way.csv --json way.csv": "way.csv: it is an input of this command",
     "analyze --trajectory way.csv --step '2 parsec'": "is not a unit of time or angle or length",
     "analyze --trajectory way.csv --step '0 s'": "way.csv: error E_TRAJECTORY: --step '0 s': time_step must be positive",
@@ -68,26 +60,20 @@ WRONG = {
     "analyze --trajectory still.csv": "still.csv:3: error E_TRAJECTORY: the time stands still at 0 s; it must increase",
     "map --all-poses --journal run.journal": "a journal keeps sampled poses; give the number of samples too",
     # approach and target
-    "analyze --approach 'jont2 -'": "--approach: no joint on the chain named 'jont2'; did you mean 'joint2'",
-    "analyze --approach 'joint2 up'": r"--approach: the approach of joint2 must be \+, - or 0, got 'up'",
     "analyze --approach joint2": "--approach: 'joint2' is no approach",
     "analyze --approach previous": "--approach previous is the way from the pose before, and there is one pose",
     "analyze --target '0 200 mm'": "--target: '0 200 mm' has 2 numbers, expected 3; write it as '0 0",
     # one pose relative to another
-    "analyze --relative-to nowhere": "no pose",
-    "analyze --relative-to '0 mm'": "as joint values:",
     "analyze gantry.urdf --relative-to home --all-poses": "--relative-to is for one pose",
     "analyze gantry.urdf --relative-to home --until '95 % to 1 mm'": "--until and --relative-to exclude each other",
     "analyze gantry.urdf --relative-to home --processes 2": "--processes and --relative-to exclude each other",
     "analyze gantry.urdf --relative-to home --spec '1 mm' --spec-everywhere": "--spec-everywhere and --relative-to",
     # tip and base
     "analyze --tip tol": "no link named 'tol'; did you mean 'tool'?",
-    "analyze --tip ''": "no link named ''; valid: base, ",
     "analyze --base bass": "no link named 'bass'; did you mean 'base'?",
     "analyze --tip base": "no joint moves between 'base' and 'base'",
     # changes
     "analyze --set payload.mass=": "--set: 'PATH=VALUE' is expected",
-    "analyze --set payload.mass={": "--set payload.mass: error E_YAML: not YAML",
     "analyze --set 'payloud.mass=1 kg'": "no source named 'payloud'; did you mean 'payload'",
     "mcpc gantry.urdf --set 'payload.mass=1 kg'": "--set changes a sheet, and none is given",
     # files
@@ -105,7 +91,6 @@ WRONG = {
     "analyze --json nowhere/result.json": "nowhere does not exist",
     "analyze --json 4dof.urdf/result.json": "4dof.urdf is not a folder",
     "analyze --json folder.yaml": "cannot write folder.yaml: it is a folder",
-    "analyze --json ''": "it is a folder",
     "analyze --json new/": "cannot write new/: it is a folder",
     "analyze --out 4dof.urdf": "cannot write to the folder 4dof.urdf: it is a file",
     "analyze --out 4dof.urdf/plots": "4dof.urdf is not a folder",
@@ -115,29 +100,21 @@ WRONG = {
     "init gantry.urdf --out folder.yaml": "it is a folder",
     "mcpc 4dof.urdf --package-dir nosuch": "Directory 'nosuch' does not exist",
     "report --out ''": "--out names no file",
-    "report": "--out",
     "view --samples 10 --out no/page.html": "no does not exist",
     # what single commands take
     "view --samples 1000000 --out page.html": "more than a page can show",
     "view --samples 10 --factor 0 --out page.html": "factor",
-    "view --samples 10 --factor nan --out page.html": "factor",
     "export": "Missing option '--out'",
     "export --out ''": "--out names no folder",
     "export --out o --units 0": "--units 0: from 1 to 100000 robots",
-    "export --out o --units 100001": "--units 100001: from 1 to 100000 robots",
     "export --out o --first -1": "--first -1: units -1 to -1 do not exist",
     "export --out o --first 18446744073709551616": "do not exist, from 0 to 2\\^64 - 1",
     "export --out taken": "cannot write taken/units.csv: it is a folder",
     "export made.urdf 4dof.errors.yaml --out o": "made.urdf:2: error E_XACRO: unprocessed xacro",
     "export soft.yaml --out o": "does not come to rest|buckles|half a turn",
     "map --relative-to nowhere": "--relative-to: no pose named 'nowhere'",
-    "map --samples 0": "the number of samples must be a whole number from 1",
-    "map --verify -1": "verify, a number of poses, must be a whole number from 0",
     "path --pose paper": "a path has two poses or more",
     "path gantry.urdf --all-poses --samples 10": "10 samples do not resolve the 95 % quantile",
-    "path gantry.urdf --all-poses --probability 2": "--probability '2'",
-    "compensate --mode pose": "pose has 6 components, which 4 joints cannot all correct",
-    "compensate --weights '1 1 1 0 0 0'": 'weights need mode="pose"',
     "compensate --mode pose --weights '1 2'": "six numbers are expected",
     "compare gantry.errors.yaml": "two sheets are needed, A.yaml B.yaml; or one and what --set changes in it",
     "compare gantry.errors.yaml gantry.errors.yaml": "gantry.errors.yaml is given twice",
@@ -145,12 +122,8 @@ WRONG = {
     "iso9283 --target '1 2 3'": "--target: ",
     "iso9283 --spec '1 mm'": "no figure of a specification named '1'",
     "iso9283 --load 3": "--load: ",
-    "iso9283 --cycles 1": "the number of cycles must be a whole number from 2",
-    "iso9283 --robots 0": "the number of robots must be a whole number from 1",
     "iso9283 --measured nothing.csv": "nothing.csv",
-    "iso9283 --fit-base": "three poses or more",
     "allocate": "allocate:",
-    "simulate": "Missing option '--out'",
     "simulate --out r.csv --unit -1": "--unit must be a whole number from 0 to 2\\^64 - 1",
     "simulate --out r.csv --cycles 1": "--cycles must be a whole number from 2",
     "simulate --out r.csv --cycles 3 --kind distance": "--cycles are positions or poses",
@@ -171,18 +144,13 @@ WRONG = {
     "calibrate 4dof.errors.yaml data.csv --random 3": "the measured poses are those of the data",
     "calibrate --forecast --urdf x.urdf": "--no-prior, --only, --urdf and --sheet belong to a calibration with data",
     "calibrate --forecast --std 0.1": "--std",
-    "calibrate --forecast --point '1 2 mm'": "--point",
-    "calibrate --forecast --random 0": "the number of random poses must be a whole number from 1 to 10000",
     "calibrate --forecast --at nowhere": "nowhere",
     "calibrate 4dof.errors.yaml flat.csv": "flat.csv.*no column for z; a position needs x, y, z",
     "calibrate 4dof.errors.yaml angle.csv": "angle.csv.*'deg' of the column 'x' is not a unit of length",
     # names that are too long, whatever they name
     f"analyze --json {LENGTH}": "error E_",
     f"analyze --out {LENGTH}": "error E_",
-    f"analyze --journal {LENGTH}": "error E_",
     f"view --out {LENGTH}.html": "error E_",
-    f"init 4dof.urdf --out {LENGTH}": "error E_",
-    f"analyze {LENGTH}.urdf": "error E_",
     f"analyze {LENGTH[:250]}.urdf": "error E_",
     f"view --trajectory {LENGTH} --out page.html": "error E_",
     f"mcpc 4dof.urdf --package-dir {LENGTH}": "error E_",
@@ -192,6 +160,8 @@ FILES = {
     "broken.yaml": "precision-pin: 1\nrobot: [4dof.urdf\n",
     "orphan.yaml": "precision-pin: 1\nrobot: gone.urdf\n",
     "poseless.yaml": "precision-pin: 1\nrobot: 4dof.urdf\n",
+    "many.yaml": "precision-pin: 1\nrobot: 4dof.urdf\nposes:\n"
+    + "".join(f"  p{k}: {k} 0 0 0 deg\n" for k in range(13)),
     "way.csv": "t,joint1,joint2,joint3,joint4\n0,0,0,0,0\n1,1,0,0,0\n",
     "still.csv": "t,joint1,joint2,joint3,joint4\n0,0,0,0,0\n0,1,0,0,0\n",
     "long.csv": "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage,y_axis\n" + "0,0\n" * 15,
@@ -206,6 +176,7 @@ def odd_files(folder):
     for name, text in FILES.items():
         (folder / name).write_text(text)
     (folder / "folder.yaml").mkdir()
+    (folder / "plots").mkdir()
     (folder / "taken" / "units.csv").mkdir(parents=True)
     soft = (folder / "4dof.errors.yaml").read_text("utf-8") + "  - frame: {joint: joint2, rx: {fixed: 200 deg}}\n"
     (folder / "soft.yaml").write_text(soft, "utf-8")
@@ -318,7 +289,6 @@ def test_no_input_is_written_over(run, odd_files, contents, monkeypatch, line):
     # pages are refused by their names first: these could be pages
     os.symlink("4dof.errors.yaml", odd_files / "sheet.html")
     os.symlink("way.csv", odd_files / "way.html")
-    (odd_files / "plots").mkdir()
     for number, table in enumerate(("table.csv", "plots/analysis.json", "plots/budget-3.png", "units.csv")):
         (odd_files / table).write_text(TABLE)
         (odd_files / f"table{number}.yaml").write_text(SHEET.replace("TABLE", table))

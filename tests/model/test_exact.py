@@ -342,28 +342,6 @@ class ThermalGrowth(Source):
         yield Term.of(place, growth, expansion, space.value("warming", self.warming))
 
 
-STEEL = Uniform(1e-6, mean=12e-6)
-WARMING = Normal(5.0, mean=10.0)
-
-
-def test_through_every_engine():
-    chain = seven_joint_arm()
-    model = ErrorModel(chain, Space(), [ThermalGrowth(link="link2", expansion=STEEL, warming=WARMING)])
-    assert model.space.components == ("thermal_growth[link2].expansion", "thermal_growth[link2].warming")
-    at = model.at(SEVEN_Q)
-    way = at.posture.place_pose(chain.end(2))[:3, 3] - at.posture.link_poses[2][:3, 3]
-    x = np.array([[12e-6, 13e-6], [10.0, -20.0]])
-    for engine in (at.linear, at.exact):
-        errors = engine(x)
-        np.testing.assert_allclose(errors[:3], np.outer(way, x[0] * x[1]), atol=2e-15)
-        np.testing.assert_allclose(errors[3:], 0, atol=1e-15)
-    error, jacobian = at.tangent
-    np.testing.assert_allclose(error[:3], way * 12e-5, atol=2e-15)
-    np.testing.assert_allclose(jacobian[:3], np.outer(way, [10.0, 12e-6]), rtol=1e-12)
-    variance = 10.0**2 * (1e-6) ** 2 / 3 + (12e-6) ** 2 * 5.0**2
-    np.testing.assert_allclose(at.covariance[:3, :3], np.outer(way, way) * variance, rtol=1e-12)
-
-
 def test_a_source_of_a_user_from_a_sheet(tmp_path):
     """Link 2 is 1.97 m long, its x in the base at q = (-90, 3, …)° is (0, -cos 3°, -sin 3°)."""
 

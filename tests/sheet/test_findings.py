@@ -55,6 +55,7 @@ MISTAKES = [
     ("{uniform: 0.05 mm}", "{normal: {std: 0.05 mm}, k: 2}", "E_INPUT", "k has no effect here"),
     # keys that stand twice
     ("statics: nominal", "statics: nominal\ntip: link4", "E_DUPLICATE_KEY", "'tip' is given twice, first in line 3"),
+    ("statics: nominal", "statics: nominal\nstatics: nominal", "E_DUPLICATE_KEY", "is given twice"),
     ("    joint4: 0 deg", "    joint4: 0 deg\n    joint1: 1 deg", "E_DUPLICATE_KEY", "first in line 10"),
     ("EI: 8000 N*m^2", "EI: 8000 N*m^2, EI: 1 N*m^2", "E_DUPLICATE_KEY", "'EI'"),
     # keys that are missing
@@ -93,6 +94,7 @@ MISTAKES = [
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [[1, nan], [nan, 1]]}", "E_INPUT", ""),
     # names
     ("tip: tool", "tip: tol", "E_NAME", "did you mean 'tool'"),
+    ("tip: tool", "base: bas", "E_NAME", "did you mean 'base'"),
     ("joint: joint2, along", "joint: jont2, along", "E_NAME", "did you mean 'joint2'"),
     ("along: z of joint1", "along: up", "E_INPUT", "[-]x|y|z of JOINT"),
     ("{at: tool", "{at: gripper", "E_NAME", "valid: base, link1"),
@@ -114,6 +116,7 @@ MISTAKES = [
     ("paper: -90 3 88 -91 deg", "paper: [0 deg, 0 deg, 0, 0 deg]", "E_UNIT", "has no unit"),
     ("paper: -90 3 88 -91 deg", "paper: {joint1: 0 deg}", "E_INPUT", "no value for the joints joint2, joint3, joint4"),
     ("paper: -90 3 88 -91 deg", "paper: nan 0 0 0 deg", "E_UNIT", ""),
+    ("paper: -90 3 88 -91 deg", "paper: [[1], 2, 3, 4]", "E_SHEET", "joint values in chain order"),
     ("    joint3: 90 deg", "    jonit3: 90 deg", "E_NAME", "did you mean 'joint3'"),
     # gravity and the rest of the top
     ("gravity: 0 0 -9.81 m/s^2", "gravity: 0 0 -9.81", "E_SHEET", "earth, moon, none"),
@@ -124,6 +127,7 @@ MISTAKES = [
     # sources
     ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame", "E_SHEET", "one kind with its settings"),
     ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame:", "E_SHEET", "settings of frame are missing"),
+    ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - {}", "E_SHEET", "0 keys"),
     ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - {beam: {}, frame: {}}", "E_SHEET", "2 keys"),
     ("joint: joint3, x: pair.x", "joint: joint3, link: link2, x: pair.x", "E_INPUT", "one of joint"),
     ("      radius: 0.1 mm", "      radius: -0.1 mm", None, "negative"),

@@ -104,10 +104,7 @@ def test_options_scopes_and_components_of_the_laws(load: Load) -> None:
         ("{lognormal: {std: 0.1 mm}, mean: 0 mm}", "the mean of a lognormal law must be above zero, got 0 mm"),
         ("{lognormal: {std: 5 m}, mean: 1 mm}", "at most 1000 times its mean"),
         ("{arcsine: -1 mm}", "the half-width is negative"),
-        (
-            "{two_point: 1 mm, mean: 1 mm}",
-            "'mean' is no setting of the law two_point: valid: centre, probability, scope",
-        ),
+        ("{two_point: 1 mm, mean: 1 mm}", "valid: centre, probability, scope"),
         ("{two_point: 1 mm, probability: 1}", "probability must lie above 0 and below 1, got 1"),
         ("{empirical: 0.1 mm}", "empirical takes samples"),
         ("{empirical: {samples: []}}", "at least one sample"),
@@ -117,10 +114,7 @@ def test_options_scopes_and_components_of_the_laws(load: Load) -> None:
         ("{empirical: {samples: {file: [a]}}}", "expected the name of a CSV file"),
         ("{empirical: {samples: {file: high.csv}}}", "high.csv, line 2: 'high' is not a number"),
         ("{empirical: {samples: {file: gauge.csv}}}", "has the columns p, gap, shim, turn: choose one with column:"),
-        (
-            "{empirical: {samples: {file: gauge.csv, column: gup}}}",
-            "no column in .*gauge.csv named 'gup'; did you mean 'gap'",
-        ),
+        ("{empirical: {samples: {file: gauge.csv, column: gup}}}", "named 'gup'; did you mean 'gap'"),
         ("{empirical: {quantiles: {file: single.csv, column: gap}}}", "named 'p'"),
         ("{empirical: {quantiles: [[0, 0.1 mm], [1]]}}", "quantiles must be pairs of a probability and a value"),
         ("{empirical: {quantiles: [[0, 0.1 mm], [half, 1 mm]]}}", "'half'"),
@@ -202,16 +196,10 @@ def correlation(refuse: Refuse, entry: str) -> Finding:
         ("  - 0.5", "a correlation is {parameters: [a1, a2], correlation: 0.5}"),
         ("  - {parameters: a1, correlation: 0.5}", "expected the names of two or more parameters"),
         ("  - {parameters: [a1, c]}", "needs either correlation: (of two) or matrix:"),
-        (
-            "  - {parameters: [a1, c], correlation: 0.5, matrix: [[1, 0], [0, 1]]}",
-            "needs either correlation: (of two) or",
-        ),
+        ("  - {parameters: [a1, c], correlation: 0.5, matrix: [[1, 0], [0, 1]]}", "needs either correlation:"),
         ("  - {parameters: [a1], correlation: 0.5}", "correlation: is for two parameters, these are 1"),
         ("  - {parameters: [a1, a1], correlation: 0.5}", "the correlation names 'a1' twice"),
-        (
-            "  - {parameters: [a1, c], correlation: 1.5}",
-            "correlation of 'a1' and 'c' is 1.5; it must lie between -1 and 1",
-        ),
+        ("  - {parameters: [a1, c], correlation: 1.5}", "'a1' and 'c' is 1.5; it must lie between -1"),
         ("  - {parameters: [a1, c], correlation: 0.5 mm}", "'mm'"),
         ("  - {parameters: [a1, c], matrix: 0.5}", "expected rows of plain numbers"),
         ("  - {parameters: [a1, c], matrix: [[1, 0.5], [0.4, 1]]}", "is 0.5 in one place and 0.4 in the other"),
@@ -225,7 +213,7 @@ def correlation(refuse: Refuse, entry: str) -> Finding:
         ("  - {parameters: [a1, a5], correlation: 0.5}", "'a5' is in two correlations"),
         (
             "  - {parameters: [a1, c, z], matrix: [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]]}",
-            "not positive definite (smallest eigenvalue -0.8",
+            "not positive definite (",
         ),
     ],
 )

@@ -98,6 +98,9 @@ def test_every_tolerance_has_a_citation_or_is_called_an_assumption(robot):
     text = text_of(robot)
     known = references(text)
     assert len(known) >= 4
+    for mark, reference in known.items():
+        assert re.search(r"\b(19|20)\d\d\b", reference), reference
+        assert text.count(mark) > 1, mark
     for comment, lines in groups(text):
         cited = set(re.findall(r"\[\d+\]", comment))
         assert lines, comment

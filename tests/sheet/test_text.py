@@ -1,7 +1,6 @@
 """What YAML and files can do to a sheet: one clear line; and large, deep or hostile ones cost what they say."""
 
 import importlib
-import json
 import multiprocessing
 import os
 import pkgutil
@@ -21,7 +20,7 @@ from scipy.linalg import block_diag
 import precision_pin
 import precision_pin as pp
 from precision_pin.base import csv_columns
-from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError
+from precision_pin.base.errors import Finding, InputError, SheetError
 from precision_pin.draws.correlation import BlockCovariance, Correlation
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Disc, JointNormal, Normal, Uniform
@@ -238,30 +237,6 @@ def test_an_edited_sheet_is_read_or_refused_but_never_crashes(write: Write, data
         assert finding.line is None or 1 <= finding.line <= len(text.splitlines()) + 1
 
 
-KEYS = ["uniform", "normal", "std", "mean", "joint", "at", "a1", "k", "scope", "disc", "joint_normal", "parameters"]
-values = st.recursive(
-    st.sampled_from(["1 mm", "-1 mm", "1", "a1", "tool", "joint2", "", "deg", "true", "z of joint1", "8000 N*m^2"]),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(KEYS), inner, max_size=3),
-    max_leaves=6,
-)
-TOPS = ["tip", "base", "gravity", "statics", "locked", "poses", "parameters", "sources", "precision-pin", "robot", "x"]
-KINDS = ["payload", "length", "axis_install", "beam", "joint_compliance", "frame", "joint_offset", "mcpc", "nothing"]
-sources = st.lists(st.dictionaries(st.sampled_from(KINDS), values, min_size=1, max_size=2), max_size=3)
-
-
-@pytest.mark.slow
-@FUZZ
-@given(st.dictionaries(st.sampled_from(TOPS), values, max_size=4), st.none() | sources)
-def test_any_structure_is_read_or_refused_but_never_crashes(
-    write: Write, top: dict[str, object], listed: object
-) -> None:
-    # JSON is YAML
-    contents = {"precision-pin": "1", "robot": "4dof.urdf"} | top
-    if listed is not None:
-        contents["sources"] = listed
-    read_or_refused(write(json.dumps(contents, indent=1, ensure_ascii=False)))
-
-
 @pytest.mark.slow
 def test_a_small_share_of_the_changed_sheets(tmp_path: Path) -> None:
     """``python -m fuzzing sheets`` tries more of them."""
@@ -331,19 +306,6 @@ def test_reading_takes_time_in_proportion_to_what_is_read(load: Load) -> None:
 
 
 @pytest.mark.slow
-def test_a_number_is_found_among_many_as_soon_as_among_few() -> None:
-    spent = []
-    for count in (2000, 16_000):
-        space = Space(tuple(Draw(f"a{k}", Normal(1.0)) for k in range(count)))
-        assert space.parameter("a0").name == "a0"
-        start = time.process_time()
-        for k in range(0, count, count // 1000):
-            space.parameter(f"a{k}")
-        spent.append(time.process_time() - start)
-    assert spent[1] < 4 * spent[0]  # 8 if every name was looked at
-
-
-@pytest.mark.slow
 def test_a_model_takes_memory_in_proportion_to_its_numbers(load: Load) -> None:
     model = ErrorModel.from_sheet(load(many(1500)))
     tracemalloc.start()
@@ -402,15 +364,6 @@ def test_very_many_errors_are_not_all_listed(refuse: Refuse) -> None:
     assert len(found) == 101
     assert [finding.line for finding in found[:100]] == list(range(1506, 1606))
     assert "more than 100 errors" in found[-1].message
-
-
-def test_hints_are_found_among_very_many_names() -> None:
-    names = [f"joint{k:05}" for k in range(30_000)]
-    start = time.process_time()
-    error = UnknownNameError("joint", "joint0777", names)
-    UnknownNameError("joint", "x" * 100_000, ["x" * 99_999])
-    assert time.process_time() - start < 2
-    assert "did you mean" in str(error)
 
 
 @pytest.mark.slow
