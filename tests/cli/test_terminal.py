@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import sys
 from decimal import Decimal
@@ -215,86 +214,11 @@ def test_warnings_of_one_code_are_one_line_unless_all_are_asked_for(run, folder)
 
 # the table -----------------------------------------------------------------------------------------------------------
 
-COLUMNS = ["mean", "std", "min", "max", "mode", "0.5", "0.95", "0.99", "0.9973"]
-ROWS = [
-    ("|d|", "mm", "position", "norm"), ("dx", "mm", "position", "x"), ("dy", "mm", "position", "y"),
-    ("dz", "mm", "position", "z"), ("|δ|", "mrad", "attitude", "norm"), ("δx", "mrad", "attitude", "x"),
-    ("δy", "mrad", "attitude", "y"), ("δz", "mrad", "attitude", "z"),
-]  # fmt: skip
 
-
-def table_and_result(run, folder, *arguments):
-    """Return the printed cells by row and column, and the JSON of the same run."""
-    outcome = run("analyze", *arguments, "--all", "--json", "result.json")
-    lines = outcome.out.splitlines()
-    header = ["mean", "std", "min", "max", "mode", "50", "%", "95", "%", "99", "%", "99.73", "%"]
-    first = [line.split() for line in lines].index(header) + 1
-    cells = {}
-    for line, (symbol, unit, vector, part) in zip(lines[first : first + 8], ROWS, strict=True):
-        name, printed_unit, *values = line.split()
-        assert (name, printed_unit) == (symbol, unit)
-        cells[vector, part] = dict(zip(COLUMNS, values, strict=True))
-    return cells, json.loads((folder / "result.json").read_text("utf-8"))
-
-
-def interval(entry: dict, column: str, samples: int) -> tuple[float, float] | None:
-    """Return the 95 % interval of a statistic, in m or rad, from closed forms or the JSON; None where there is none."""
-    if column in ("min", "max"):
-        return entry[column], entry[column]
-    if column == "mean":
-        if entry["std"] is None or samples < 30:
-            return None
-        half = 1.959963984540054 * entry["std"] / math.sqrt(samples)
-        return entry["mean"] - half, entry["mean"] + half
-    return entry["quantile_interval"][column]
-
-
-@pytest.mark.parametrize(
-    ("robot", "samples"),
-    [
-        ("4dof.urdf", 200),
-        ("4dof.urdf", 30_000),
-        ("gantry.urdf", 2),
-        pytest.param("gantry.urdf", 2_000, marks=pytest.mark.slow),
-    ],
-)
-def test_printed_digits_are_supported(run, folder, robot, samples):
-    cells, data = table_and_result(run, folder, robot, "--samples", str(samples))
-    for (vector, part), row in cells.items():
-        entry = data[vector][part]
-        for column in ("mean", "min", "max", "0.5", "0.95", "0.99", "0.9973"):
-            ends = interval(entry, column, samples)
-            value = entry[column] if column in entry else entry["quantiles"][column]
-            if ends is None or value is None:
-                assert row[column] == "-", (vector, part, column)
-                continue
-            printed = Decimal(row[column])
-            unit = float(Decimal(1).scaleb(printed.as_tuple().exponent))
-            low, value, high = 1e3 * ends[0], 1e3 * value, 1e3 * ends[1]
-            assert abs(float(printed) - value) <= unit / 2 * (1 + 1e-9), (vector, part, column)
-            # the last digit is the first uncertain one: half an interval is five of its units or less, unless a digit less
-            # would be past the nearer end of the interval
-            fewer = float(Decimal(value).quantize(Decimal(1).scaleb(printed.as_tuple().exponent + 1)))
-            supported = max(high - value, value - low) <= 5 * unit * (1 + 1e-9)
-            assert supported or not low <= fewer <= high, (vector, part, column)
-            if column not in ("min", "max"):
-                assert low - 1e-12 <= float(printed) <= high + 1e-12, (vector, part, column)
-            assert len(printed.as_tuple().digits) <= 5
-        assert (row["std"] == "-") == (entry["std_interval"] is None)
-        assert row["std"] == "-" or samples >= 1000
-        assert (row["mode"] == "-") == (entry["mode"] is None)
-        if entry["std"] is not None and row["std"] != "-":
-            # the standard error of a standard deviation is about std/√(2N) or more for these flat-topped sums; a digit
-            # below a tenth of that would be noise
-            unit = float(Decimal(1).scaleb(Decimal(row["std"]).as_tuple().exponent))
-            assert abs(float(row["std"]) - 1e3 * entry["std"]) <= unit / 2 * (1 + 1e-9)
-            assert entry["std"] == 0 or unit > 0.1 * 1e3 * entry["std"] / math.sqrt(4 * samples)
-
-
-def test_joints_in_their_units_and_zeros_without_sign(run, folder):
-    cells, _ = table_and_result(run, folder, "gantry.urdf", "--samples", "2000")
-    assert cells["attitude", "y"] == dict.fromkeys(COLUMNS, "0")
-    out = run("analyze", "gantry.urdf", "--samples", "10", "--all").out
+def test_joints_in_their_units_and_zeros_without_sign(run):
+    out = run("analyze", "gantry.urdf", "--samples", "2000", "--all").out
+    (row,) = [line.split() for line in out.splitlines() if line.startswith("δy  ") and "to" not in line]
+    assert row == ["δy", "mrad", *["0"] * 9]
     # joint and value stay together where the line is folded
     assert out.splitlines()[:2] == ["gantry.urdf: frame to tool, pose 'out' (y_axis 250 mm,", f"  {LONG} 30°)"]
     out = run("analyze", "gantry.urdf", "--q", "-1.5 mm, 0.1 deg", "--samples", "10", "--all").out

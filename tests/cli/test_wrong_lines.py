@@ -47,7 +47,7 @@ WRONG = {
     "analyze gantry.urdf --q '1 deg, 2 deg'": "--q: 'deg' in '1 deg' is not a unit of length",
     "analyze poseless.yaml": "poseless.yaml: error E_POSE: the sheet has no poses; .*--q",
     "analyze --pose paper --q '0 0 0 0 deg'": "--pose and --q exclude each other",
-    "view --pose paper --all-poses": "--pose and --all-poses exclude each other",
+    "view --pose paper --all-poses --out page.html": "--pose and --all-poses exclude each other",
     "report --out page.html --all-poses --grid way.csv": "--all-poses and --grid exclude each other",
     "analyze gantry.urdf --all-poses --until '95 % to 0.01 mm'": "--until is for one pose, and 2 are given",
     "report gantry.urdf --trajectory long.csv --out page.html": "long.csv:14: error E_TRAJECTORY: more than 12 poses",
@@ -309,6 +309,7 @@ HOSTILE = f"a\u202eb\u2066c\u200bd\ufeffe\x1b[31m\x9b31mred\x85\n{FORGED}\r\n\u2
 ENDLESS = HOSTILE + "N" * 300_000
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(st.text())
 def test_a_message_is_one_printable_line_that_tells_names_apart(text):

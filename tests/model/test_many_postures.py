@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from precision_pin.base.errors import InputError
-from precision_pin.draws.laws import Uniform
+from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.examples import shipped_sheets
-from precision_pin.sources import Backlash, Encoder, JointCompliance, Payload
+from precision_pin.sources import Backlash, Beam, Encoder, JointCompliance, Payload
 from precision_pin.terms.bound_source import BoundSource, own_draws, terms_at_many, with_quantities
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term
@@ -121,12 +121,8 @@ def test_several_twists_at_one_posture_are_refused():
 # first-order models --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*W_COLLISION")  # joint values at random
-@pytest.mark.parametrize("sheet", ["4dof", "ur5"])
-def test_tangents_are_those_of_one_pose(sheet):
-    model = ErrorModel.load(shipped_sheets()[sheet])
-    q = configurations(model.chain, 9)
+def check_tangents(model: ErrorModel, q) -> int:
+    """Compare with the tangents pose by pose; return in how many parts they were made."""
     found = list(tangents(model.at_columns(q)))
     error = np.concatenate([part.error for part in found], axis=1)
     jacobian = np.concatenate([part.jacobian for part in found], axis=2)
@@ -134,6 +130,20 @@ def test_tangents_are_those_of_one_pose(sheet):
         e, j = model.at(q[:, k]).tangent
         assert np.allclose(error[:, k], e, rtol=0, atol=1e-14)
         assert np.allclose(jacobian[:, :, k], j, rtol=0, atol=1e-12 * np.abs(j).max())
+    return len(found)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*W_COLLISION")  # joint values at random
+def test_tangents_are_those_of_one_pose():
+    for sheet in ("4dof", "ur5"):
+        model = ErrorModel.load(shipped_sheets()[sheet])
+        assert check_tangents(model, configurations(model.chain, 9)) == 1
+    # where formulas change between poses
+    chain = ARMS["base to tool"]
+    backlash = Backlash(joint="joint2", backlash=Normal(1e-4, mean=1e-3), band=60.0)
+    model = ErrorModel(chain, Space(), [backlash, Beam(link="link3", EI=Uniform(1e3, mean=1e4))])
+    assert check_tangents(model, configurations(chain, 30)) > 1
 
 
 def test_an_error_of_half_a_turn_is_refused():
