@@ -64,6 +64,7 @@ def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder
     assert "no sheet is written" in done.err
 
 
+@pytest.mark.slow
 def test_what_is_to_be_allocated_is_read_by_check(run, folder):
     text = (folder / _sheet(folder, "37.5 mm @ 95 %")).read_text()
     assert run("check", "wanted.yaml").code == 0

@@ -55,7 +55,7 @@ def imported(*arguments: str) -> set[str]:
     return set(done.stderr.split())
 
 
-@pytest.mark.parametrize("arguments", [("analyze", "--help"), ("nosuch",)])
+@pytest.mark.parametrize("arguments", [("--help",), ("analyze", "--help"), ("nosuch",)])
 def test_help_imports_nothing_heavy(arguments):
     assert imported(*arguments) & HEAVY == set()
 

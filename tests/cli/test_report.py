@@ -25,17 +25,9 @@ def report(run, folder):
 
 @pytest.mark.slow
 def test_a_page_says_how_to_make_it_and_names_no_folder(run, folder, new_files):
-    asked = (
-        f"{folder}/gantry.urdf",
-        f"{folder}/gantry.errors.yaml",
-        "--pose",
-        "home",
-        "--seed",
-        "7",
-        "--samples",
-        "500",
-    )
-    outcome = run("report", *asked, "--out", "page.html")
+    files = (f"{folder}/gantry.urdf", f"{folder}/gantry.errors.yaml")
+    asked = ("--pose", "home", "--seed", "7", "--samples", "500", "--spec", "1 m", "--out", "page.html")
+    outcome = run("report", *files, *asked)
     assert (outcome.code, outcome.out) == (0, "")
     assert re.fullmatch(r"wrote page\.html \(\d\.\d MB\)", outcome.err_lines[-1])
     assert [line[:3] for line in outcome.err_lines[:-1] if re.match(r"\d/\d ", line)] == [f"{k}/7" for k in range(1, 8)]

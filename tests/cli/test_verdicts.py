@@ -148,6 +148,7 @@ def test_init_starts_from_the_sheet_with_sources_of_its_chain(run: Run, folder) 
 # check at the poses --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_check_tells_limits_as_analyze_does_at_every_one_of_many_poses(run: Run, folder) -> None:
     more = "".join(f"  p{k}: 0 0 {400 if k == 299 else 0} 0 deg\n" for k in range(300))
     (folder / "many.yaml").write_text(HEAD.replace("10 30", "400 30") + more + TURNS, "utf-8")

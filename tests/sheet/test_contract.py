@@ -89,6 +89,13 @@ def test_the_example_of_the_contract_means_what_the_paper_says(write: Write) -> 
     assert model.space.components[5:] == (*names, "joint_compliance[joint2].compliance")
 
 
+def test_the_paper_s_sheet_loads_without_a_word() -> None:
+    sheet = read(PAPER_SHEET)
+    assert sheet.findings == ()
+    assert [draw.law for draw in sheet.space.draws] == [Uniform(k * 1e-5) for k in (5, 5, 25, 5, 25, 5)]
+    assert len(sheet.sources) == 15
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [("1 -2 3000 mm/s^2", [1e-3, -2e-3, 3.0]), ("earth", [0, 0, -9.81]), ("moon", [0, 0, -1.62]), ("none", [0, 0, 0])],

@@ -465,6 +465,7 @@ def test_no_regular_expression_takes_long_over_any_text() -> None:
 
 def test_a_covariance_that_a_machine_cannot_hold_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("precision_pin.base.memory.available_memory", lambda: 10**6)
+    monkeypatch.setattr("precision_pin.base.memory._UNCHECKED", 0)
     with pytest.raises(InputError, match="of memory are free"):
         _ = Space(tuple(Draw(f"a{k}", Normal(1.0)) for k in range(1000))).covariance
     with pytest.raises(InputError, match="at most 500"):
