@@ -30,7 +30,7 @@ def test_a_page_says_how_to_make_it_and_names_no_folder(run, folder, new_files):
     outcome = run("report", *files, *asked)
     assert (outcome.code, outcome.out) == (0, "")
     assert re.fullmatch(r"wrote page\.html \(\d\.\d MB\)", outcome.err_lines[-1])
-    assert [line[:3] for line in outcome.err_lines[:-1] if re.match(r"\d/\d ", line)] == [f"{k}/7" for k in range(1, 8)]
+    assert [line[:3] for line in outcome.err_lines[:-1] if re.match(r"\d/\d ", line)] == [f"{k}/8" for k in range(1, 9)]
     text = (folder / "page.html").read_text("utf-8")
     command = (
         "precision-pin report gantry.urdf gantry.errors.yaml --pose home --samples 500 --seed 7 --model exact "

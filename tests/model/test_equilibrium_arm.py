@@ -29,7 +29,6 @@ from precision_pin.sources.length import Length
 from precision_pin.sources.payload import Payload
 from precision_pin.sources.profiles import Segment
 from precision_pin.terms.source import Source
-from precision_pin.terms.term import JointValue
 from support.checks.beam import integrals
 from support.checks.common import one_link
 from support.exact_rods import rods_error
@@ -342,24 +341,6 @@ def test_geometry_keeps_its_terms_exactly(arm):
         assert one.target == other.target
         assert one.factors == other.factors
         np.testing.assert_array_equal(one.twist, other.twist)
-
-
-def test_a_joint_that_gives_and_errs_does_both(arm):
-    offset = JointOffset(joint="joint2", offset=Uniform(1e-3, mean=2e-3))
-    soft = JointCompliance(joint="joint2", compliance=1e-5)
-    at = ErrorModel(arm, Space(), [offset, soft], statics="equilibrium").at(PAPER_Q)
-    column = at.space.index["joint_offset[joint2].offset"]
-    at_mean = at.exact(np.array([[2e-3]]))[:, 0]
-    np.testing.assert_array_equal(at_mean, at.tangent[0])
-    assert column == 0
-    turns = [term for term in at.terms if term.target == JointValue(1)]
-    # loads hang on the arm that errs by its mean, too: the load's turn is that of the joint at 3° + 2 mrad + its own
-    torque = at.posture.torque_on(1)[()]
-    caused = sum(term.twist[0] * (2e-3 if term.factors else 1.0) for term in turns if term.loaded)
-    assert caused != pytest.approx(1e-5 * torque, rel=1e-6)
-    moved = ErrorModel(arm, Space(), [soft], statics="equilibrium").at([*PAPER_Q[:1], PAPER_Q[1] + 2e-3, *PAPER_Q[2:]])
-    (own,) = (term.twist[0] for term in moved.terms if not term.factors)
-    assert caused == pytest.approx(own, rel=1e-12)
 
 
 # --- stable up to the critical load ---

@@ -14,11 +14,11 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.examples import shipped_sheets
-from precision_pin.sources import Backlash, Beam, Encoder, JointCompliance, Payload
+from precision_pin.sources import Backlash, Beam, Clearance, Encoder, JointCompliance, Payload
 from precision_pin.terms.bound_source import BoundSource, own_draws, terms_at_many, with_quantities
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term
-from sources.test_depends_on import ARMS, CASES, Liar
+from sources.test_depends_on import ARMS, CASES, Liar, measured
 
 ALONE = {"backlash", "clearance"}
 """Kinds whose terms may change with the side that a load presses on: they are made at one pose after another."""
@@ -59,6 +59,17 @@ def together(chain, sources, q):
     many = chain.at_columns(q)
     each = [chain.at(q[:, k]) for k in range(q.shape[1])]
     return terms_at_many(Posture(chain, many.q, many.joint_poses, chain.loads), each, bound)
+
+
+def test_measured_rows_and_clearances_in_random_directions_are_made_together(tmp_path):
+    chain = ARMS["base to tool"]
+    q = configurations(chain, 5)
+    clearance = Clearance(joint="joint2", diametral=(2e-5,), span=0.08, direction="random")
+    for source in (measured(tmp_path), clearance):
+        assert together(chain, [source], q) is not None
+        model = ErrorModel(chain, Space(), [source])
+        for k, at in enumerate(model.at_columns(q)):
+            assert np.allclose(at.table.twists, model.at(q[:, k]).table.twists, rtol=0, atol=1e-14)
 
 
 @pytest.mark.slow

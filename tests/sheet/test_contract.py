@@ -155,18 +155,6 @@ def test_ways_to_write_a_pose(load: Load, write: Write) -> None:
         read(write(f"{sliding}poses: {{p: 0 0 0 0 0 deg}}\n"))
 
 
-def test_order_of_sources_and_parameters_never_matters(write: Write) -> None:
-    model = ErrorModel.load(write(CONTRACT))
-    head, parameters, sources = CONTRACT.replace("parameters:\n", "|").replace("sources:\n", "|").split("|")
-    turned = ["".join(reversed(part.splitlines(keepends=True))) for part in (parameters, sources)]
-    other = ErrorModel.load(write(f"{head}parameters:\n{turned[0]}sources:\n{turned[1]}"))
-    rows = [other.space.index[name] for name in model.space.components]
-    x, y = model.space.sample(1, 0, 20), other.space.sample(1, 0, 20)
-    np.testing.assert_array_equal(y[rows], x)
-    difference = other.at("paper").exact(y) - model.at("paper").exact(x)
-    assert np.abs(difference).max() < 1e-15
-
-
 def test_paths_are_relative_to_the_sheet_not_to_the_caller(
     write: Write, monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
