@@ -239,6 +239,17 @@ def test_measured_cycles_stand_beside_the_forecast(run, folder, visits):
     assert "are 4, the forecast has 30 cycles" in other.err
 
 
+def test_a_missed_limit_of_a_figure_is_exit_code_1(run, visits):
+    asked = ("iso9283", visits, "--all-poses", "--robots", "200")
+    kept = run(*asked, "--spec", "RP 1 mm @ 95 %")
+    assert kept.code == 0
+    assert "spec RP within 1 mm for 95 % at every pose: MET - 100" in kept.out
+    missed = run(*asked, "--spec", "RP 1 um", "--spec", "AP 1 m")
+    assert missed.code == 1
+    assert "spec RP within 0.001 mm for 95 % at every pose: NOT MET" in missed.out
+    assert "spec AP within 1000 mm for 95 % at every pose: MET" in missed.out
+
+
 # changes and correlations --------------------------------------------------------------------------------------------
 
 

@@ -211,6 +211,7 @@ def test_view_and_report_show_the_fit_of_the_command(run, folder, quick, monkeyp
     for command in ("view", "report"):
         made = run(command, quick, "--samples", "200", "--calibrate", "data.csv", "--out", "page.html")
         assert made.code == 0
+        assert "W_NO_REPEATABILITY" in made.err
         page = (folder / "page.html").read_text("utf-8")
         assert f"Residuals: {rms['before']} mm rms before, {rms['after']} mm after" in page
     assert 'href="#calibration"' in page

@@ -135,6 +135,7 @@ WRONG = {
     "calibrate --forecast --means-free": "--means-free belongs to --population",
     "calibrate --factory x.conf --forecast": "--factory takes no --forecast",
     "calibrate --factory x.conf": "is none of UR3, UR5",
+    "calibrate --forecast --pose paper --q '0 10 20 30 deg'": "exclude each other",
     "calibrate --forecast --plan 3": "--forecast and --plan exclude each other",
     "calibrate --forecast --csv x.csv": "--csv belongs to --plan",
     "calibrate 4dof.errors.yaml --plan 3 data.csv": "--plan takes no data",
