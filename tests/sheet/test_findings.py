@@ -51,7 +51,6 @@ MISTAKES = [
     ("{uniform: 0.05 mm}", "{unifrom: 0.05 mm}", "E_INPUT", "did you mean 'uniform'"),
     ("        mean: 1e-5", "        sigma: 1e-5", "E_SHEET", "'sigma' is no setting of the law uniform"),
     # options that another law has
-    ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, k: 2}", "E_INPUT", "'k' is no setting of the law uniform"),
     ("{uniform: 0.05 mm}", "{normal: {std: 0.05 mm}, k: 2}", "E_INPUT", "k has no effect here"),
     # keys that stand twice
     ("statics: nominal", "statics: nominal\ntip: link4", "E_DUPLICATE_KEY", "'tip' is given twice, first in line 3"),
@@ -62,11 +61,8 @@ MISTAKES = [
     ("{at: tool, mass: mass, com", "{at: tool, com", "E_MISSING_KEY", "'mass' is missing"),
     # units
     ("{uniform: 0.05 mm}", "{uniform: 0.05}", "E_UNIT", "has no unit"),
-    ("    mean: 1 kg", "    mean: 1 mm", "E_UNIT", "not a unit of mass"),
     ("      span: 100 mm", "      span: 100", "E_SHEET", "span: '100' has no unit; a length needs one of: m, cm, mm"),
-    ("      span: 100 mm", "      span: 100,0 mm", "E_SHEET", "'100,0 mm'"),
     ("EI: 8000 N*m^2", "EI: 8000 N*m/rad", "E_SHEET", "not a unit of bending"),
-    ("        uniform: 1e-6 rad/(N*m)", "        uniform: 1e-6 um/N", "E_SHEET", "angular compliance"),
     ("com: 0 0 0 mm", "com: 0 0 mm", "E_INPUT", "expected 3"),
     # sizes
     ("{uniform: 0.05 mm}", "{uniform: -0.05 mm}", "E_INPUT", "negative"),
@@ -85,7 +81,6 @@ MISTAKES = [
     ("    normal: 0.06 kg", "    normal: {sigma: 0.02 kg}", "E_INPUT", "{std:"),
     ("{disc: 0.1 mm}", "{joint_normal: 1 mm}", "E_INPUT", "standard deviations"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1e308 m, 1 mm]}}", "E_UNIT", "too large"),
-    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 deg]}}", "E_UNIT", "not a unit of length"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, mean: [1 mm]}", "E_INPUT", "list of 2"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [10, 01]}", "E_INPUT", "2 rows of 2"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [[1, 0.5], [0.4, 1]]}", "E_INPUT", "symm"),
@@ -102,7 +97,6 @@ MISTAKES = [
     ("x: pair.x", "x: pair", "E_SHEET", "'pair.x'"),
     ("mass: mass", "mass: a1", "E_SHEET", "'a1' is a length; expected a mass"),
     ("locked: {}", "locked: {finger: 0.04 m}", "E_NAME", "no joint named 'finger'"),
-    ("locked: {}", "locked: {joint1: 0.04 m}", "E_UNIT", "not a unit of angle"),
     ("  a1: {", "  a 1: {uniform: 1 mm}\n  1a: {uniform: 1 mm}\n  a1: {", None, ""),
     (
         "  pair: {disc: 0.1 mm}",
@@ -112,18 +106,13 @@ MISTAKES = [
     ),
     # poses
     ("paper: -90 3 88 -91 deg", "paper: -90 3 88 deg", "E_INPUT", "3 joint values for 4 joints"),
-    ("paper: -90 3 88 -91 deg", "paper: -90 3 88 -91", "E_UNIT", "has no unit"),
     ("paper: -90 3 88 -91 deg", "paper: [0 deg, 0 deg, 0, 0 deg]", "E_UNIT", "has no unit"),
     ("paper: -90 3 88 -91 deg", "paper: {joint1: 0 deg}", "E_INPUT", "no value for the joints joint2, joint3, joint4"),
-    ("paper: -90 3 88 -91 deg", "paper: nan 0 0 0 deg", "E_UNIT", ""),
     ("paper: -90 3 88 -91 deg", "paper: [[1], 2, 3, 4]", "E_SHEET", "joint values in chain order"),
     ("    joint3: 90 deg", "    jonit3: 90 deg", "E_NAME", "did you mean 'joint3'"),
     # gravity and the rest of the top
     ("gravity: 0 0 -9.81 m/s^2", "gravity: 0 0 -9.81", "E_SHEET", "earth, moon, none"),
-    ("gravity: 0 0 -9.81 m/s^2", "gravity: 0 -9.81 m/s^2", "E_SHEET", "three numbers"),
-    ("gravity: 0 0 -9.81 m/s^2", "gravity: [0, 0, -9.81]", "E_SHEET", "one value"),
     ("statics: nominal", "statics: dynamic", "E_SHEET", "'nominal'"),
-    ("precision-pin: 1", "precision-pin: 1.0", "E_SHEET", "'1'"),
     # sources
     ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame", "E_SHEET", "one kind with its settings"),
     ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame:", "E_SHEET", "settings of frame are missing"),
@@ -138,7 +127,6 @@ MISTAKES = [
     # set-up of a measurement, approach of a pose
     ("statics: nominal", "measurement: {kind: planes}", "E_SHEET", "measurement.kind: input should be 'position', 'pose',"),
     ("statics: nominal", "measurement: {kind: plane}", None, "the measurement of a plane needs plane"),
-    ("statics: nominal", "measurement: {std: 0.1}", None, "std: '0.1' has no unit; a length needs one of"),
     ("statics: nominal", "measurement: {std: 0 mm}", None, "std must be above zero, got '0 mm'"),
     ("statics: nominal", "measurement: {taget: 1 2 3 mm}", None, "unknown key 'taget': did you mean 'target'"),
     ("statics: nominal", "measurement: {load: [{at: tol, mass: 1 kg}]}", None, "no link named 'tol'; did you mean 'tool'?"),
@@ -151,10 +139,7 @@ MISTAKES = [
     ("paper: -90", "paper: {q: 0 0 0 0 deg, approach: previous}\n  old: -90", None, "pose, but this is the first"),
     ("paper: -90", "paper: {q: 0 0 0 0 deg, aproach: previous}\n  old: -90", None, "unknown key 'aproach' beside q: and"),
     ("paper: -90", "paper: {approach: joint2 +}\n  old: -90", None, "approach: needs the joint values as q:"),
-    ("paper: -90", "paper: {q: 1 2 3 deg, approach: joint2 +}\n  old: -90", None, "3 joint values for 4 joints"),
     # shapes
-    ("locked: {}", "locked: [joint1]", None, "keys with values"),
-    ("locked: {}", "locked: {joint1: [0 deg]}", None, "one value"),
     ("tip: tool", "tip: [tool]", None, "one value"),
     ("{uniform: 0.05 mm}", "{uniform: 1e300 m}", None, "'1e300 m' is too large; at most 1e+50 m"),
 ]  # fmt: skip
@@ -231,7 +216,6 @@ def test_a_wrong_chain_does_not_hide_wrong_settings(refuse: Refuse) -> None:
     ("section", "line", "message"),
     [
         ("poses: [1, 2]", 3, "keys with values"),
-        ("parameters: [1]", 3, "keys with values"),
         ("sources: {beam: {}}", 3, "expected a list"),
         ("robot: [4dof.urdf]", 3, "is given twice"),
         ("poses:\n  good: 0 0 0 0 rad\n  p:\n    joint1: {a: 1 deg}", 5, "joint values"),
