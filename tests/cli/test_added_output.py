@@ -13,24 +13,11 @@ from precision_pin.cli import commands
 from precision_pin.robot.examples import PAPER_SHEET
 
 OUTPUT = '''
-"""The variance of every random number, as CSV."""
-
-import csv
-import io
 import click
 
-from precision_pin.cli.targets import Outputs
 from precision_pin.base.files import write_text
+from precision_pin.cli.targets import Outputs
 from precision_pin.model.error_model import ErrorModel
-
-
-def variances_csv(model):
-    """Return the text."""
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(("component", "variance"))
-    writer.writerows(zip(model.space.components, model.space.covariance.diagonal().tolist()))
-    return text.getvalue()
 
 
 @click.command("variances")
@@ -41,7 +28,9 @@ def command(sheet, out):
     outputs = Outputs({"--out": out})
     outputs.check()
     outputs.refuse_inputs([sheet])
-    write_text(out, variances_csv(ErrorModel.load(sheet)))
+    space = ErrorModel.load(sheet).space
+    rows = zip(space.components, space.covariance.diagonal().tolist())
+    write_text(out, "component,variance\\n" + "".join(f"{name},{variance!r}\\n" for name, variance in rows))
     return 0
 '''
 

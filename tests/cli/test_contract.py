@@ -6,7 +6,6 @@ import fnmatch
 import re
 from pathlib import Path
 
-import click
 import numpy as np
 import pytest
 
@@ -80,8 +79,6 @@ def test_help_has_what_is_declared(run, one) -> None:
         assert " ".join(option.help.split()) in text
     assert " ".join(one.description.replace("\b", "").split()) in text
     assert one.summary in " ".join(run("--help").out.split())
-    flags = {option.opts[0] for option in load_command(one.name).params if isinstance(option, click.Option)}
-    assert flags >= {"--json", "--out", "--quiet", "--all-warnings", "--tip", "--set"}
 
 
 @every

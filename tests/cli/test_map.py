@@ -1,4 +1,4 @@
-"""``precision-pin map``: table, files, exit codes, wrong input."""
+"""``map`` and ``path``: tables, files, exit codes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import json
 
 import pytest
 from scipy import stats
+
+from cli.conftest import LONG
 
 SHEET = "4dof.errors.yaml"
 GRID = """
@@ -95,28 +97,53 @@ def test_the_map_as_netcdf(run, folder, new_files):
     assert new_files() == {"grid.yaml", "map.nc"}
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--relative-to", "nowhere"), "--relative-to: no pose named 'nowhere'"),
-        (("--samples", "0"), "the number of samples must be a whole number from 1"),
-        (("--verify", "-1"), "verify, a number of poses, must be a whole number from 0"),
-    ],
-)
-def test_wrong_input_is_one_line(run, new_files, options, message):
-    done = run("map", SHEET, *options)
-    assert done.code == 2
-    assert len(done.said) == 1
-    assert message in done.said[0]
-    assert new_files() == set()
-
-
-@pytest.mark.parametrize("options", [("--json", "map.json"), ("--json", "-"), ("--out", "plots")])
-def test_a_json_that_is_too_large_is_refused_before_the_work(run, folder, new_files, monkeypatch, options):
+def test_a_json_that_is_too_large_is_refused_before_the_work(run, new_files, monkeypatch):
     monkeypatch.setattr("precision_pin.analyses.map.map_poses.LARGEST_FILE", 1000)
     monkeypatch.setattr("precision_pin.analyses.map.map_poses.first_order", None)
-    refused = run("map", SHEET, *options)
-    assert (refused.code, refused.out) == (2, "")
-    assert "the JSON of a map of" in refused.err
-    assert "write it as netCDF (--netcdf" in refused.err
+    for options in (("--json", "map.json"), ("--json", "-"), ("--out", "plots")):
+        refused = run("map", SHEET, *options)
+        assert (refused.code, refused.out) == (2, "")
+        assert "the JSON of a map of" in refused.err
+        assert "write it as netCDF (--netcdf" in refused.err
     assert new_files() == set()
+
+
+# path ----------------------------------------------------------------------------------------------------------------
+
+FEW = ("--samples", "500")
+
+
+@pytest.fixture
+def way(folder):
+    (folder / "way.csv").write_text(f"t,y_axis [mm],{LONG} [deg]\n0,-200,0\n2,0,45\n8,300,-30\n")
+    return ("path", "gantry.errors.yaml", "--trajectory", "way.csv")
+
+
+@pytest.mark.slow
+def test_table_json_and_plot_of_a_path(run, folder, way):
+    done = run(*way, "--step", "1 s", *FEW, "--spec", "1 mm", "--out", "plots")
+    assert done.code == 0
+    assert done.out.startswith("largest error along the path: 95 % of robots within |d|")
+    assert "a path of 9 poses, 8 s" in done.out
+    assert "spec |d| within 1 mm for 95 % along the whole path: MET" in done.out
+    assert (folder / "plots" / "path.svg").exists()
+    saved = json.loads((folder / "plots" / "path.json").read_text())
+    assert saved["poses"][-1]["time"] == 8.0
+    assert saved["poses"][0]["q"]["y_axis"] == pytest.approx(-0.2)
+    # the joint is off by 0.3 mrad as 3 σ wherever it stands, and nothing else turns the tool
+    within = saved["maximum"]["attitude"]["quantile_interval"]["0.95"]
+    assert within[0] <= 1.96 * 0.1e-3 <= within[1]
+    low, high = saved["band"]["attitude"]["factor_interval"]
+    assert low <= 1.96 * 0.1e-3 / saved["poses"][0]["attitude"]["quantile"] <= high
+    assert run(*way, *FEW, "--spec", "0.01 mm", "--quiet").code == 1
+
+
+def test_a_path_that_takes_long_is_refused_with_the_time_unless_its_robots_are_asked_for(run, way, monkeypatch):
+    monkeypatch.setattr("precision_pin.analyses.path._LONG", 2 * 3 * 10_000 - 1)
+    monkeypatch.setattr("precision_pin.analyses.path._LOOKED", 0.0)
+    refused = run(*way)
+    assert refused.code == 2
+    assert "error E_USAGE: 3 poses with 10,000 robots each take about 0 minutes here; --samples 1000" in refused.err
+    assert run(*way, "--samples", "10000").code == 0
+    monkeypatch.setattr("precision_pin.analyses.path._LONG", 2 * 3 * 10_000)
+    assert run(*way).code == 0

@@ -1,104 +1,73 @@
-"""``check``, ``init``, ``mcpc``, ``schema``, ``doctor``, help and version."""
+"""``check``, ``init``, ``mcpc``, ``schema``, ``doctor``, ``explain``, help and version."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import itertools
-import json
 import math
 import re
 
 import click
-import jsonschema
 import pytest
-from ruamel.yaml import YAML
 
 from cli.conftest import GANTRY
 from precision_pin.base.versions import _version
 from precision_pin.cli.commands import list_commands, load_command
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sheet import json_schema
 
 FINDING = re.compile(r"[^:\n]+(:\d+)?: (error|warning) [EW]_[A-Z_]+: .+")
 
-# check ---------------------------------------------------------------------------------------------------------------
 
-
-def test_check_of_a_good_sheet_and_of_a_good_urdf(run):
+def test_check_of_what_is_good_and_of_a_urdf_without_sheet_and_tip(run):
     for arguments in ((), ("4dof.urdf",), ("4dof.errors.yaml",), ("gantry.urdf", "gantry.errors.yaml")):
         outcome = run("check", *arguments)
         assert (outcome.code, outcome.out, outcome.err_lines[-1]) == (0, "", "no errors, 0 warnings"), arguments
         assert all(": note " in line for line in outcome.err_lines[:-1]), arguments
-
-
-def test_check_of_a_urdf_needs_no_sheet_and_no_tip(run):
     outcome = run("check", "forked.urdf")
-    assert outcome.code == 0
-    assert outcome.err == "no errors, 1 warning\n"
+    assert (outcome.code, outcome.err) == (0, "no errors, 1 warning\n")
     assert re.match(r"forked\.urdf:\d+: warning W_BRANCHED: .*'left', 'right'", outcome.out)
-
-
-def test_check_with_a_tip_looks_at_the_chain_too(run):
+    # with a tip it looks at the chain too
     assert run("check", "forked.urdf", "--tip", "left").code == 0
     outcome = run("check", "forked.urdf", "--tip", "lfet")
     assert outcome.code == 2
     assert "no link named 'lfet'; did you mean 'left'?" in outcome.out
 
 
-def test_check_lists_every_finding_of_a_urdf_with_its_line(run, folder):
-    text = (folder / "4dof.urdf").read_text()
-    lines = text.replace('<mass value="1.4"/>', '<mass value="-1"/>', 1).replace(
-        '<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', 1
-    )
-    (folder / "bad.urdf").write_text(lines)
-    mass = 1 + lines[: lines.index('"-1"')].count("\n")
-    axis = 1 + lines[: lines.index('<axis xyz="0 0 0"/>')].count("\n")
+def test_check_lists_every_finding_of_a_urdf_with_its_line_and_as_json(run, folder):
+    text = (folder / "4dof.urdf").read_text().replace('<mass value="1.4"/>', '<mass value="-1"/>', 1)
+    text = text.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', 1)
+    (folder / "bad.urdf").write_text(text)
     outcome = run("check", "bad.urdf")
     assert outcome.code == 2
     printed = outcome.out.splitlines()
     assert all(FINDING.fullmatch(line) for line in printed)
-    assert any(line.startswith(f"bad.urdf:{mass}: error ") for line in printed)
-    assert any(line.startswith(f"bad.urdf:{axis}: error ") for line in printed)
+    for mark in ('"-1"', '<axis xyz="0 0 0"/>'):
+        line = 1 + text[: text.index(mark)].count("\n")
+        assert any(one.startswith(f"bad.urdf:{line}: error ") for one in printed)
     # analyze refuses with the same errors, on stderr
     (folder / "bad.yaml").write_text((folder / "4dof.errors.yaml").read_text())
     refused = run("analyze", "bad.urdf", "bad.yaml")
     assert (refused.code, refused.out) == (2, "")
     assert {line for line in printed if " error " in line} <= set(refused.err_lines)
-
-
-def test_check_lists_every_finding_of_a_sheet_with_its_line(run, folder):
-    sheet = (folder / "gantry.errors.yaml").read_text("utf-8").splitlines()
-    sheet[2] = "posse:"
-    sheet[-2] = "  - joint_ofset: {joint: y_axis, offset: {uniform: 0.1 mm}}"
-    sheet[-1] = "  - joint_offset: {joint: y_axis, offset: {uniform: 0.1}}"
-    (folder / "bad.yaml").write_text("\n".join(sheet), "utf-8")
-    outcome = run("check", "bad.yaml")
-    assert outcome.code == 2
-    printed = outcome.out.splitlines()
-    assert all(FINDING.fullmatch(line) for line in printed)
-    # shape first: while the top level is not understood, nothing below it is
-    assert any(line.startswith("bad.yaml:3: error E_UNKNOWN_KEY: ") and "'poses'" in line for line in printed)
-    sheet[2] = "poses:"
-    (folder / "bad.yaml").write_text("\n".join(sheet), "utf-8")
-    printed = run("check", "bad.yaml").out.splitlines()
-    assert any(line.startswith("bad.yaml:7: error ") and "'joint_offset'" in line for line in printed)
-    assert any(line.startswith("bad.yaml:8: error ") and "0.1" in line and "mm" in line for line in printed)
+    outcome = run("check", "--json", "bad.urdf")
+    assert (outcome.code, outcome.err, sorted(outcome.json)) == (2, "", ["errors", "warnings"])
+    for entry in outcome.json["errors"]:
+        assert sorted(entry) == ["code", "file", "line", "message"]
+        assert f"bad.urdf:{entry['line']}: error {entry['code']}: {entry['message']}" in printed
+    sheet = (folder / "4dof.errors.yaml").read_text("utf-8")
+    (folder / "good.yaml").write_text(re.sub(r"accept:.*\n.*\n", "", sheet), "utf-8")
+    good = run("check", "--json", "good.yaml")
+    assert (good.code, good.json, good.err) == (0, {"errors": [], "warnings": []}, "")
+    assert [entry["code"] for entry in run("check", "--json", "forked.urdf").json["warnings"]] == ["W_BRANCHED"]
+    assert len(run("check", "--json", "nosuch.urdf").json["errors"]) == 1
 
 
 @pytest.mark.slow
 def test_a_broken_mesh_is_one_warning_of_check_and_no_hindrance_of_view(run, folder):
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
-    cases = {
-        "far.obj": (f"{corners}f 1 2 99999999999\n", "face indices outside its 3 vertices"),
-        "zero.obj": (f"{corners}f 0 1 2\n", "face indices outside its 3 vertices"),
-        "huge.obj": ("v 1e308 0 0\nv -1e308 0 0\nv 0 1e308 0\nf 1 2 3\n", "vertices farther than 1e+30"),
-        "cut.stl": ("\0" * 83 + "\1" + "\0" * 50, "claims 16777216 triangles"),
-        "text.dae": ("no XML", "not well-formed XML"),
-        "empty.stl": ("", "is empty"),
-        "missing.stl": (None, "does not exist"),
-    }
-    for name, (content, words) in cases.items():
-        if content is not None:
-            (folder / name).write_text(content)
+    (folder / "far.obj").write_text(f"{corners}f 1 2 99999999999\n")
+    for name, words in (("missing.stl", "does not exist"), ("far.obj", "face indices outside its 3 vertices")):
         mesh = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
         robot = GANTRY.replace('<link name="tool"/>', f'<link name="tool">\n    {mesh}\n  </link>')
         (folder / "gantry.urdf").write_text(robot, encoding="utf-8")
@@ -106,39 +75,8 @@ def test_a_broken_mesh_is_one_warning_of_check_and_no_hindrance_of_view(run, fol
         outcome = run("check", "gantry.urdf")
         assert (outcome.code, outcome.err) == (0, "no errors, 1 warning\n"), name
         assert re.fullmatch(rf"gantry\.urdf:{line}: warning W_MESH_[A-Z]+: .*{re.escape(words)}.*\n", outcome.out), name
-        if name in ("far.obj", "huge.obj"):
-            drawn = run("view", "gantry.errors.yaml", "--samples", "100", "--out", "page.html")
-            assert (drawn.code, "Traceback" in drawn.err, (folder / "page.html").exists()) == (0, False, True), name
-
-
-def test_check_as_json(run, folder):
-    text = (folder / "4dof.urdf").read_text().replace('<mass value="1.4"/>', '<mass value="-1"/>', 1)
-    (folder / "bad.urdf").write_text(text)
-    outcome = run("check", "--json", "bad.urdf")
-    assert outcome.code == 2
-    assert outcome.err == ""
-    found = outcome.json
-    assert sorted(found) == ["errors", "warnings"]
-    assert found["errors"]
-    for entry in (*found["errors"], *found["warnings"]):
-        assert sorted(entry) == ["code", "file", "line", "message"]
-        assert re.fullmatch(r"[EW]_[A-Z_]+", entry["code"])
-        assert entry["file"] == "bad.urdf"
-        assert entry["line"] is None or entry["line"] >= 1
-    (folder / "good.yaml").write_text(
-        re.sub(r"accept:.*\n.*\n", "", (folder / "4dof.errors.yaml").read_text("utf-8")), "utf-8"
-    )
-    good = run("check", "--json", "good.yaml")
-    assert (good.code, good.json, good.err) == (0, {"errors": [], "warnings": []}, "")
-    warned = run("check", "--json", "forked.urdf")
-    assert warned.code == 0
-    assert [entry["code"] for entry in warned.json["warnings"]] == ["W_BRANCHED"]
-    missing = run("check", "--json", "nosuch.urdf")
-    assert missing.code == 2
-    assert len(missing.json["errors"]) == 1
-
-
-# mcpc ----------------------------------------------------------------------------------------------------------------
+    drawn = run("view", "gantry.errors.yaml", "--samples", "100", "--out", "page.html")
+    assert (drawn.code, "Traceback" in drawn.err, (folder / "page.html").exists()) == (0, False, True)
 
 
 def test_mcpc_prints_the_papers_table_1(run):
@@ -156,85 +94,44 @@ def test_mcpc_prints_the_papers_table_1(run):
     ]
 
 
-def test_mcpc_as_json(run):
+def test_mcpc_as_json_and_of_a_urdf_alone(run):
+    assert run("mcpc", "4dof.urdf").out == run("mcpc").out
     data = run("mcpc", "--json").json
-    assert sorted(data) == ["base", "links", "tip"]
-    assert (data["base"], data["tip"]) == ("base", "tool")
+    assert (sorted(data), data["base"], data["tip"]) == (["base", "links", "tip"], "base", "tool")
     keys = ["alpha", "beta", "gamma", "joint", "link", "prismatic", "shift", "turn", "x", "y", "z"]
     assert all(sorted(row) == keys for row in data["links"])
     assert data["links"][1]["alpha"] == pytest.approx(-math.pi / 2, abs=1e-15)
-    assert data["links"][1]["y"] == pytest.approx(-0.085, abs=1e-15)
-    assert data["links"][4]["z"] == pytest.approx(-0.274, abs=1e-15)
+    assert (data["links"][1]["y"], data["links"][4]["z"]) == (pytest.approx(-0.085), pytest.approx(-0.274))
     assert [row["gamma"] is None for row in data["links"]] == [True, True, True, True, False]
-
-
-def test_mcpc_of_a_urdf_alone(run):
-    assert run("mcpc", "4dof.urdf").out == run("mcpc").out
     outcome = run("mcpc", "forked.urdf", "--tip", "right", "--json")
-    assert outcome.code == 0
-    assert outcome.json["tip"] == "right"
     # which of its tips is meant is settled
-    assert outcome.err == ""
+    assert (outcome.code, outcome.json["tip"], outcome.err) == (0, "right", "")
 
 
-# init ----------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_init_then_analyze_unedited(run, folder):
-    outcome = run("init", "gantry.urdf", "--out", "fresh.yaml")
-    assert outcome.code == 0
-    assert outcome.out == ""
-    assert outcome.err.endswith("now: precision-pin analyze fresh.yaml\n")
-    assert run("check", "fresh.yaml").code == 0
-    assert run("analyze", "fresh.yaml", "--samples", "100").code == 0
-
-
-def test_init_to_stdout_and_by_default_beside_the_user(run, folder):
+def test_init_to_stdout_or_beside_the_user_and_over_a_sheet_only_when_told(run, folder):
     printed = run("init", "forked.urdf", "--tip", "left", "--out", "-")
-    assert printed.code == 0
-    assert run("init", "forked.urdf", "--tip", "left").code == 0
-    assert (folder / "forked.errors.yaml").read_text("utf-8") == printed.out
+    outcome = run("init", "forked.urdf", "--tip", "left")
+    assert (printed.code, outcome.code, outcome.out) == (0, 0, "")
+    assert outcome.err.endswith("now: precision-pin analyze forked.errors.yaml\n")
+    before = (folder / "forked.errors.yaml").read_text("utf-8")
+    assert before == printed.out
+    refused = run("init", "forked.urdf", "--tip", "right")
+    assert (refused.code, refused.out, len(refused.err_lines)) == (2, "", 1)
+    assert "forked.errors.yaml exists; --force overwrites it" in refused.err
+    assert (folder / "forked.errors.yaml").read_text("utf-8") == before
+    assert run("init", "forked.urdf", "--tip", "right", "--force").code == 0
+    assert (folder / "forked.errors.yaml").read_text("utf-8") != before
 
 
-def test_init_overwrites_only_when_told(run, folder):
-    before = (folder / "gantry.errors.yaml").read_bytes()
-    refused = run("init", "gantry.urdf")
-    assert (refused.code, refused.out) == (2, "")
-    assert len(refused.err_lines) == 1
-    assert "--force" in refused.err
-    assert (folder / "gantry.errors.yaml").read_bytes() == before
-    assert run("init", "gantry.urdf", "--force").code == 0
-    assert (folder / "gantry.errors.yaml").read_bytes() != before
-
-
-# schema and doctor ---------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_schema_is_valid_and_the_papers_sheet_keeps_it(run):
+def test_schema_and_doctor(run, monkeypatch):
     outcome = run("schema")
-    assert (outcome.code, outcome.err) == (0, "")
-    schema = outcome.json
-    validator = jsonschema.Draft202012Validator
-    validator.check_schema(schema)
-    sheet = json.loads(json.dumps(YAML(typ="safe").load(PAPER_SHEET.read_text(encoding="utf-8"))))
-    validator(schema).validate(sheet)
-    for wrong in ({"precision-pin": 1}, sheet | {"sauces": []}, sheet | {"sources": [{"lenght": {}}]}):
-        with pytest.raises(jsonschema.ValidationError):
-            validator(schema).validate(wrong)
-
-
-def test_doctor_names_versions_and_paths(run):
+    assert (outcome.code, outcome.err, outcome.json) == (0, "", json_schema())
     outcome = run("doctor")
     assert (outcome.code, outcome.err) == (0, "")
     for name in ("precision-pin", "pin", "numpy", "numba"):
         assert re.search(rf"^{name} +{re.escape(importlib.metadata.version(name))}$", outcome.out, re.MULTILINE), name
     assert str(PAPER_SHEET) in outcome.out
     assert "MISSING" not in outcome.out
-
-
-def test_doctor_without_metadata_of_a_library(run, monkeypatch):
     real = importlib.metadata.version
 
     def version(name: str) -> str:
@@ -253,29 +150,16 @@ def test_doctor_without_metadata_of_a_library(run, monkeypatch):
 # help and version ----------------------------------------------------------------------------------------------------
 
 
-def test_help_lists_every_command(run):
-    outcome = run("--help")
-    assert outcome.code == 0
-    for name in ("analyze", "check", "init", "mcpc", "schema", "doctor"):
-        assert re.search(rf"^  {name} +\S", outcome.out, re.MULTILINE), name
-
-
-def test_help_of_analyze_names_every_option_of_the_contract(run):
+def test_help_of_analyze_names_every_option_of_the_contract_and_version(run):
     out = run("analyze", "--help").out
     for option in (
         "--pose", "--q", "--tip", "--base", "--package-dir", "--samples", "--seed", "--model", "--spec", "--json", "--out",
     ):  # fmt: skip
         assert re.search(rf"^  {option} ", out, re.MULTILINE), option
     assert "100,000" in out
-
-
-def test_version(run):
     outcome = run("--version")
-    assert outcome.code == 0
-    assert outcome.out.split()[-1] == importlib.metadata.version("precision-pin")
-
-
-def test_no_command_shows_the_help(run):
+    assert (outcome.code, outcome.out.split()[-1]) == (0, importlib.metadata.version("precision-pin"))
+    # no command shows the help
     outcome = run()
     assert outcome.code == 2
     assert "\nDecide what to change:\n" in outcome.out + outcome.err
@@ -308,17 +192,16 @@ def test_help_has_every_option_once_under_a_heading(run, name):
         assert "Fit:     calibrate SHEET DATA.csv " in sections[0]
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_is_made_for_each_shell(run, monkeypatch, shell):
-    monkeypatch.setenv("_PRECISION_PIN_COMPLETE", f"{shell}_source")
-    made = run()
-    assert (made.code, made.err) == (0, "")
-    assert f"_PRECISION_PIN_COMPLETE={shell}_complete" in made.out
-    monkeypatch.setenv("_PRECISION_PIN_COMPLETE", f"{shell}_complete")
+def test_completion_is_made_for_each_shell(run, monkeypatch):
+    for shell in ("bash", "zsh", "fish"):
+        monkeypatch.setenv("_PRECISION_PIN_COMPLETE", f"{shell}_source")
+        made = run()
+        assert (made.code, made.err) == (0, "")
+        assert f"_PRECISION_PIN_COMPLETE={shell}_complete" in made.out
+    monkeypatch.setenv("_PRECISION_PIN_COMPLETE", "bash_complete")
     monkeypatch.setenv("COMP_WORDS", "precision-pin analyze --spec")
-    monkeypatch.setenv("COMP_CWORD", "--spec" if shell == "fish" else "2")
-    offered = run().out.split()
-    assert [word for word in offered if word.rpartition(",")[2].startswith("--spec")] or "--spec-everywhere" in offered
+    monkeypatch.setenv("COMP_CWORD", "2")
+    assert "plain,--spec-everywhere" in run().out.split()
 
 
 def test_codes_are_explained(run):

@@ -1,19 +1,31 @@
-"""The installed command as a process: what it imports, signals, pipes, streams."""
+"""The installed command as a process: what it imports, signals, pipes, streams, and what the system does not give."""
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
+import llvmlite.binding as llvm
 import pytest
+from fuzzing.interrupts import CASES, disturb, run_undisturbed
 
-HEAVY = (
+from precision_pin.base import interrupts
+from precision_pin.base.errors import OutputError
+from precision_pin.base.files import whole_folder, write_text
+from precision_pin.cli import streams
+from precision_pin.cli.resources import shortage
+
+HEAVY = {
     "numpy",
     "scipy",
     "pinocchio",
@@ -25,7 +37,9 @@ HEAVY = (
     "xarray",
     "tqdm",
     "yourdfpy",
-)
+}
+FULL = "precision-pin: error E_OUTPUT: cannot write to the standard output: No space left on device\n"
+needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
 
 
 def imported(*arguments: str) -> set[str]:
@@ -41,144 +55,76 @@ def imported(*arguments: str) -> set[str]:
     return set(done.stderr.split())
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("--help",), ("--version",), ("analyze", "--help"), ("nosuch",)],
-)
+@pytest.mark.parametrize("arguments", [("--help",), ("analyze", "--help"), ("nosuch",)])
 def test_help_imports_nothing_heavy(arguments):
-    assert imported(*arguments) & set(HEAVY) == set()
+    assert imported(*arguments) & HEAVY == set()
 
 
 @pytest.mark.slow
 def test_tables_need_no_matplotlib_and_mcpc_no_compiler():
-    assert imported("mcpc") & {"matplotlib", "numba", "meshcat", "xarray", "yourdfpy"} == set()
-    assert (
-        imported("analyze", "--samples", "10", "--json", "-") & {"matplotlib", "meshcat", "xarray", "yourdfpy"} == set()
-    )
+    light = {"matplotlib", "meshcat", "xarray", "yourdfpy"}
+    assert imported("mcpc") & (light | {"numba"}) == set()
+    assert imported("analyze", "--samples", "10", "--json", "-") & light == set()
+
+
+def shell(line: str, folder: Path) -> tuple[int, str, str]:
+    """Run a line in which PP is the command; return exit code, stdout and stderr."""
+    command = line.replace("PP", f"{sys.executable} -m precision_pin")
+    done = subprocess.run(["bash", "-c", command], cwd=folder, capture_output=True, text=True, timeout=60)
+    return done.returncode, done.stdout, done.stderr
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", [("precision-pin",), ("-m", "precision_pin")])
-def test_installed_and_as_a_module(command, executable):
-    line = [executable] if command == ("precision-pin",) else [sys.executable, *command]
-    done = subprocess.run([*line, "mcpc", "--json"], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0
-    assert done.stderr == ""
-    assert json.loads(done.stdout)["tip"] == "tool"
+def test_exit_codes_and_streams_of_the_installed_command(executable, folder):
+    asked = ["analyze", "--samples", "100", "--json", "-", "--spec", "1 nm", "--q", "0 0 0 200 deg"]
+    done = subprocess.run([executable, *asked], cwd=folder, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["spec"][0]["met"] is False
+    assert "W_JOINT_LIMIT" in done.stderr
 
 
-@pytest.mark.slow
-def test_exit_codes_and_streams(executable, folder):
-    def outcome(*arguments: str) -> tuple[int, str, str]:
-        done = subprocess.run(
-            [executable, "analyze", "--samples", "100", *arguments],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
-        return done.returncode, done.stdout, done.stderr
-
-    code, out, err = outcome("--json", "-", "--spec", "1 nm", "--q", "0 0 0 200 deg")
-    assert code == 1
-    assert json.loads(out)["spec"][0]["met"] is False
-    assert "W_JOINT_LIMIT" in err
-    code, out, err = outcome("--pose", "nosuch")
-    assert (code, out) == (2, "")
-    assert err.count("\n") == 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("after", [0.5, 3.0])
-def test_ctrl_c_in_a_long_run(executable, folder, new_files, after):
-    arguments = ["analyze", "--samples", "100000000000", "--json", "result.json", "--out", "plots"]
-    process = subprocess.Popen(
-        [executable, *arguments], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        time.sleep(after)
-        assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-        begun = time.monotonic()
-        out, err = process.communicate(timeout=30)
-        taken = time.monotonic() - begun
-    finally:
-        process.kill()
-    assert (process.returncode, out) == (130, "")
-    # where the sampler had never run on this machine, that it is being compiled was said before
-    assert re.fullmatch(r"(compiling the sampler[^\n]*\n)?interrupted\n", err)
-    assert taken < 5
-    assert new_files() == set()
-
-
-@pytest.mark.slow
-def test_ctrl_c_while_the_sampler_is_compiled(executable, folder, new_files, tmp_path_factory):
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path_factory.mktemp("cache"))}
-    process = subprocess.Popen(
-        [executable, "analyze", "--samples", "100000000000"],
-        cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
-        assert process.stderr is not None
-        assert process.stderr.readline().startswith("compiling the sampler")
-        time.sleep(1.5)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=5)
-    finally:
-        process.kill()
-    assert (process.returncode, out, err) == (130, "", "interrupted\n")
-    assert new_files() == set()
-
-
-def closed_pipe() -> int:
-    """Return a pipe to write to that nobody reads, as after ``| head`` has left."""
-    reading, writing = os.pipe()
-    os.close(reading)
-    return writing
+# streams -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "code"),
-    [
-        pytest.param(
-            ("analyze", "--samples", "100", "--json", "result.json", "--spec", "1 nm"), 1, marks=pytest.mark.slow
-        ),
-        pytest.param(("schema",), 0, marks=pytest.mark.slow),
-        (("check", "forked.urdf"), 0),
-    ],
+    [(("analyze", "--samples", "100", "--json", "result.json", "--spec", "1 nm"), 1), (("schema",), 0)],
 )
 def test_a_reader_that_has_gone_is_no_error(executable, folder, arguments, code):
-    writing = closed_pipe()
+    """As after ``| head`` has left: a pipe to write to that nobody reads."""
+    reading, writing = os.pipe()
+    os.close(reading)
     try:
         done = subprocess.run(
             [executable, *arguments], cwd=folder, stdout=writing, stderr=subprocess.PIPE, text=True, timeout=60
         )
     finally:
         os.close(writing)
-    assert "Traceback" not in done.stderr
-    assert "Errno" not in done.stderr
-    assert "Exception" not in done.stderr
+    assert not re.search("Traceback|Errno|Exception", done.stderr)
     assert done.returncode == code
     if arguments[0] == "analyze":  # what was asked for besides is written
         assert json.loads((folder / "result.json").read_text("utf-8"))["samples"] == 100
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
-@pytest.mark.parametrize(
-    "arguments",
-    [("analyze", "--samples", "100"), ("init", "4dof.urdf", "--out", "-")],
-)
-def test_a_stdout_that_is_full(executable, folder, arguments):
-    with open("/dev/full", "w") as device:
-        done = subprocess.run(
-            [executable, *arguments], cwd=folder, stdout=device, stderr=subprocess.PIPE, text=True, timeout=60
-        )
-    assert done.returncode == 2
-    assert [line for line in done.stderr.splitlines() if " warning W_" not in line] == [
-        "precision-pin: error E_OUTPUT: cannot write to the standard output: No space left on device"
-    ]
+@needs_full
+def test_streams_that_are_full(folder):
+    assert shell("PP --help > /dev/full", folder) == (2, "", FULL)
+    code, _, err = shell("PP analyze --samples 100 > /dev/full", folder)
+    assert (code, [line for line in err.splitlines(keepends=True) if " warning W_" not in line]) == (2, [FULL])
+    # a full stderr changes nothing
+    assert shell("PP nosuch 2> /dev/full", folder) == (2, "", "")
+
+
+@pytest.mark.slow
+def test_closed_streams(folder):
+    code, _, err = shell("PP init 4dof.urdf --out new.yaml >&- 2>&- <&-", folder)
+    assert (code, "Traceback" in err) == (0, False)
+    # no stream's number was given to the file
+    assert (folder / "new.yaml").read_text("utf-8").startswith("# Error sheet of the robot")
+    code, _, err = shell("PP mcpc >&-", folder)
+    assert (code, err) == (0, "")
 
 
 @pytest.mark.slow
@@ -203,13 +149,294 @@ def test_a_file_whose_name_is_not_utf8(executable, folder):
 
 
 @pytest.mark.slow
-def test_without_a_stdout(executable, folder):
-    done = subprocess.run(
-        ["sh", "-c", 'exec "$0" mcpc >&-', executable],
-        cwd=folder,
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=60,
+def test_a_working_folder_that_is_gone_and_too_little_address_space(folder):
+    code, out, err = shell("mkdir gone; cd gone; rmdir ../gone; PP export --out new", folder)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "No such file or directory" in err
+    if sys.platform != "linux":
+        pytest.skip("macOS has no such limit")
+    code, out, err = shell("ulimit -v 600000; PP analyze", folder)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "error E_RESOURCES: the address space is limited to 614 MB" in err
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError(), "not enough memory"),
+        (RuntimeError("can't start new thread"), "no more threads"),
+        (RuntimeError("std::bad_alloc"), "not enough memory"),
+        (ImportError("libx.so: cannot allocate memory in static TLS block"), "not enough memory"),
+        (OSError(errno.EMFILE, os.strerror(errno.EMFILE)), "Too many open files; a limit"),
+    ],
+)
+def test_what_the_system_does_not_give(error, words):
+    found = shortage(error)
+    assert found is not None
+    assert str(found).startswith("precision-pin: error E_RESOURCES: ")
+    assert words in str(found)
+    assert shortage(ValueError("planted")) is None
+    assert shortage(OSError(errno.ENOENT, "no such file")) is None
+
+
+def test_threads_that_do_not_start(run, monkeypatch):
+    def refused(_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    outcome = run("mcpc")
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert "E_RESOURCES: the system lets no thread start" in outcome.err
+
+
+def test_a_lack_of_memory_in_a_command_is_one_line(run, monkeypatch):
+    def greedy(*_: object) -> object:
+        raise MemoryError
+
+    monkeypatch.setattr("precision_pin.model.error_model.ErrorModel.from_sheet", greedy)
+    outcome = run("analyze")
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert "E_RESOURCES" in outcome.err
+
+
+def test_a_pipe_that_is_full_for_now_is_waited_for():
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    text = "x" * 200_000
+    with subprocess.Popen(["wc", "-c"], stdin=reading, stdout=subprocess.PIPE) as reader:
+        os.close(reading)
+        stream = io.TextIOWrapper(io.BufferedWriter(streams._Tolerant(writing)), "utf-8")
+        stream.write(text)
+        stream.flush()
+        os.close(writing)
+        assert reader.communicate()[0].split() == [b"200000"]
+
+
+@needs_full
+def test_output_is_told_lost_once(monkeypatch):
+    with open("/dev/full", "wb") as device:
+        stream = io.TextIOWrapper(io.BufferedWriter(streams._Tolerant(device.fileno())), "utf-8")
+        monkeypatch.setattr(sys, "stdout", stream)
+        print("text")
+        with pytest.raises(OutputError, match="No space left"):
+            streams.raise_if_output_lost()
+        streams.raise_if_output_lost()
+
+
+def test_what_clears_a_progress_bar_comes_before_what_follows():
+    code = "from precision_pin.cli.streams import *; prepare_streams(); sys.stderr.write('bar\\r'); os._exit(0)"
+    done = subprocess.run([sys.executable, "-c", f"import os, sys; {code}"], capture_output=True, timeout=60)
+    assert done.stderr == b"bar\r"
+
+
+# signals: what is half-written goes, what must be whole is, and the exit code tells the signal -------------------------
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_the_sampler_is_compiled(executable, folder, new_files, tmp_path_factory):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path_factory.mktemp("cache"))}
+    process = subprocess.Popen(
+        [executable, "analyze", "--samples", "100000000000"],
+        cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("compiling the sampler")
+        time.sleep(1.5)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=5)
+    finally:
+        process.kill()
+    assert (process.returncode, out, err) == (130, "", "interrupted\n")
+    assert new_files() == set()
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Left(BaseException):
+    """The process would have ended here."""
+
+
+@pytest.fixture
+def heeded(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    def leave(code: int) -> None:
+        raise Left(code)
+
+    monkeypatch.setattr(os, "_exit", leave)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as nohup, under which tests may run, it would stay ignored
+    interrupts.take_over()
+    yield
+    interrupts.end()
+
+
+def signals_in(monkeypatch: pytest.MonkeyPatch, owner: type, name: str, number: int, *, after: bool) -> None:
+    """Let a signal come before or after a step of writing."""
+    real = getattr(owner, name)
+
+    def disturbed(*arguments: object, **settings: object) -> object:
+        result = real(*arguments, **settings) if after else None
+        signal.raise_signal(number)
+        return result if after else real(*arguments, **settings)
+
+    monkeypatch.setattr(owner, name, disturbed)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("after", [False, True])
+@pytest.mark.parametrize("step", ["write_bytes", "replace"])
+def test_a_file_is_whole_or_as_before(heeded, tmp_path, monkeypatch, capfd, number, step, after):
+    (tmp_path / "file").write_text("before")
+    signals_in(monkeypatch, Path, step, number, after=after)
+    with pytest.raises(Left) as left:
+        write_text(tmp_path / "file", "new")
+    assert left.value.args == (128 + number,)
+    assert (tmp_path / "file").read_text() == ("new" if step == "replace" and after else "before")
+    assert os.listdir(tmp_path) == ["file"]
+    assert capfd.readouterr().err == {2: "interrupted\n", 15: "terminated\n", 1: "hung up\n"}[number]
+
+
+def write_in(folder: Path, *names: str) -> None:
+    with whole_folder(folder) as stage:
+        for name in names:
+            (stage / name).write_text(name)
+
+
+@pytest.mark.parametrize("after", [False, True])
+@pytest.mark.parametrize("step", ["mkdir", "write_text"])
+def test_a_folder_is_not_there_if_it_is_not_whole(heeded, tmp_path, monkeypatch, step, after):
+    signals_in(monkeypatch, Path, step, signal.SIGTERM, after=after)
+    with pytest.raises(Left):
+        write_in(tmp_path / "a" / "b", "one")
+    assert os.listdir(tmp_path) == []
+
+
+def test_files_of_a_folder_are_moved_all_or_none(heeded, tmp_path, monkeypatch):
+    signals_in(monkeypatch, Path, "replace", signal.SIGINT, after=True)
+    with pytest.raises(Left):
+        write_in(tmp_path / "new", "one", "two", "three")
+    assert sorted(os.listdir(tmp_path / "new")) == ["one", "three", "two"]
+
+
+@pytest.mark.slow
+def test_of_two_processes_that_write_one_folder_one_writes_all_of_it(tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from precision_pin.base.files import whole_folder\n"
+        "for line in sys.stdin:\n"
+        "    with whole_folder(Path(line.strip())) as stage:\n"
+        "        for k in range(300): (stage / str(k)).write_text(sys.argv[1])\n"
+        "        print(flush=True); sys.stdin.readline()\n"
+        "    print(flush=True)\n"
     )
-    assert done.returncode == 0
-    assert done.stderr == ""
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", code, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        )
+        for name in "ab"
+    ]
+    mixed = []
+    for round_ in range(10):
+        for text in (f"{tmp_path}/{round_}\n", "\n"):  # all files are written, then both move theirs
+            for process in both:
+                process.stdin.write(text)
+            for process in both:
+                process.stdout.readline()
+        found = {file.read_text() for file in (tmp_path / str(round_)).iterdir()}
+        mixed += [round_] if len(found) > 1 else []
+    for process in both:
+        process.communicate()
+    assert mixed == []
+
+
+def test_work_that_is_worth_keeping_is_unwound_and_a_second_signal_is_not_waited_for(heeded):
+    with pytest.raises(KeyboardInterrupt), interrupts.unwinding():
+        signal.raise_signal(signal.SIGTERM)
+    assert interrupts.came() == signal.SIGTERM
+    with pytest.raises(Left):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_signal_in_an_import_ends_the_process_at_once(heeded, tmp_path, monkeypatch):
+    (tmp_path / "signals_in_it.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(Left), interrupts.unwinding():
+        import signals_in_it  # noqa: F401
+
+
+def test_a_signal_in_the_compiler_is_heeded_when_it_is_done(heeded, capfd):
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine()
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly("define void @f() {\n ret void\n}"), machine)
+    # LLVM, which is C, calls this: an exception would be printed and lost
+    engine.set_object_cache(lambda module, code: signal.raise_signal(signal.SIGTERM))
+    with interrupts.unwinding():
+        engine.finalize_object()
+    assert interrupts.came() == signal.SIGTERM
+    with pytest.raises(KeyboardInterrupt):
+        interrupts.raise_if_interrupted()
+    assert capfd.readouterr().err == ""
+
+
+def test_a_signal_in_a_finaliser_is_heeded_when_it_is_done(heeded, capfd):
+    class Ended:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGHUP)
+
+    with interrupts.unwinding():
+        Ended()
+    with pytest.raises(KeyboardInterrupt):
+        interrupts.raise_if_interrupted()
+    assert capfd.readouterr().err == ""
+
+
+def test_signals_that_are_ignored_stay_so():
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    interrupts.take_over()
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    interrupts.end()
+
+
+def test_other_threads_take_no_signals():
+    before = [signal.getsignal(number) for number in SIGNALS]
+    thread = threading.Thread(target=interrupts.take_over)
+    thread.start()
+    thread.join()
+    assert [signal.getsignal(number) for number in SIGNALS] == before
+    interrupts.end()
+
+
+@pytest.mark.slow
+def test_a_process_that_is_deep_in_a_library_ends_all_the_same():
+    code = (
+        "import time\n"
+        "from precision_pin.base import interrupts\n"
+        "interrupts.take_over(); interrupts.begin()\n"
+        "import ctypes\n"
+        "print('deep', flush=True)\n"
+        "libc = ctypes.CDLL(None)\n"
+        "end = time.monotonic() + 30\n"
+        "while time.monotonic() < end: libc.sleep(30)\n"
+    )
+    # a library in C that takes up its sleep again
+    code = code.replace("libc.sleep(30)", "libc.poll(None, 0, 30000)")
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=20)
+    assert (process.returncode, err) == (143, b"terminated\n")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "number", "share"),
+    [
+        ("init", signal.SIGTERM, 0.3),
+        ("analyze, journal", signal.SIGINT, 0.6),
+    ],
+)
+def test_a_signal_at_some_time(case, number, share):
+    usual = run_undisturbed(CASES[case])
+    assert disturb(case, usual, number, share * usual.seconds, whole_group=False).wrong == []

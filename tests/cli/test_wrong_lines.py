@@ -1,214 +1,247 @@
-"""Wrong command lines: each ends with code 2, lines that name the problem, no traceback, and nothing written."""
+"""Wrong command lines end with code 2 and lines that name the problem, and write nothing; hostile names stay one line."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shlex
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-LINE = re.compile(r"[^\n]+: (error|warning) [EW]_[A-Z_]+: [^\n]+")
-A = ("analyze", "--samples", "10")
-PAPER = "4dof.errors.yaml"
+from precision_pin.base.errors import LONGEST_LINE, Finding, InputError, UnknownNameError, one_line, shown, visible
+
+LINE = re.compile(r"[^\n]+: (error|warning|note) [EWN]_[A-Z_]+: [^\n]+")
+JOINTS = "joint1 [deg],joint2 [deg],joint3 [deg],joint4 [deg]"
+LENGTH = "x" * 300
 
 WRONG = {
     # commands and options
-    "unknown command": (("analyse",), "no command named 'analyse'; did you mean 'analyze'?"),
-    "unknown command far from any": (("qqq",), "valid: allocate, analyze, .*check, "),
-    "option before the command": (("--samples", "10", "analyze"), "--samples"),
-    "unknown option": (("analyze", "--sampels", "10"), "No such option:? '?--sampels'?.*--samples"),
-    "option without its value": (("analyze", "--seed"), "'--seed' requires an argument"),
-    "unknown model": (("analyze", "--model", "quadratic"), "'quadratic' is not one of 'exact', 'linear'"),
-    "flag with a value": (("check", "--json=yes"), "--json"),
-    "argument too many": (("schema", "extra"), "unexpected extra argument"),
-    "doctor with a robot": (("doctor", "4dof.urdf"), "unexpected extra argument"),
-    "init without a robot": (("init",), "Missing argument 'ROBOT.urdf'"),
+    "analyse": "no command named 'analyse'; did you mean 'analyze'?",
+    "--samples 10 analyze": "--samples",
+    "analyze --sampels 10": "No such option:? '?--sampels'?.*--samples",
+    "analyze --samples": "'--samples' requires an argument.*see precision-pin analyze --help",
+    "analyze --model quadratic": "'quadratic' is not one of 'exact', 'linear'",
+    "analyze --spec 1 mm @ 95 %": "E_USAGE: one robot and one sheet are expected.*need quotes",
     # samples and seed
-    "no samples": (("analyze", "--samples", "0"), "samples must be a whole number from 1 to .*got 0"),
-    "negative samples": (("analyze", "--samples", "-5"), "samples must be a whole number from 1 .*got -5"),
-    "absurd samples": (("analyze", "--samples", "1000000000001"), "samples must be a whole number from 1 to 1e\\+12"),
-    "samples beyond any integer type": (("analyze", "--samples", "9" * 30), "samples must be a whole number"),
-    "samples with an exponent": (("analyze", "--samples", "1e5"), "'--samples': '1e5' is not a valid integer"),
-    "half a sample": (("analyze", "--samples", "10.5"), "'10.5' is not a valid integer"),
-    "negative seed": ((*A, "--seed", "-1"), "seed must be a whole number from 0 to 2\\^64 - 1, got -1"),
-    "seed of 65 bits": ((*A, "--seed", str(2**64)), "seed must be a whole number from 0 to 2\\^64 - 1"),
-    "seed in words": ((*A, "--seed", "random"), "'random' is not a valid integer"),
-    # places
-    "empty tip of a sheet": ((*A, "--tip", ""), "no link named ''; valid: base, "),
-    "empty base of a sheet": ((*A, "--base", ""), "no link named ''; valid: base, "),
+    "analyze --samples 0": "samples must be a whole number from 1 to .*got 0",
+    "analyze --seed -1": "seed must be a whole number from 0 to 2\\^64 - 1, got -1",
     # specifications
-    "spec without a unit": (
-        (*A, "--spec", "0.5"),
-        "'0.5' has no unit: '0.5 mm' limits the position, '0.5 mrad' the attitude",
-    ),
-    "spec with a wrong unit": ((*A, "--spec", "0.5 kg"), "'kg' in '0.5 kg' is not a unit of length or angle"),
-    "spec of an unknown quantity": ((*A, "--spec", "w 0.5 mm"), "quantity of a specification named 'w'"),
-    "position limited by an angle": ((*A, "--spec", "x 1 mrad"), "x is limited by a length"),
-    "attitude limited by a length": ((*A, "--spec", "attitude 1 mm"), "attitude is limited by an angle"),
-    "spec of zero": ((*A, "--spec", "0 mm"), "the limit must be positive"),
-    "negative spec": ((*A, "--spec", "-1 mm"), "the limit must be positive"),
-    "spec not a number": ((*A, "--spec", "nan mm"), "nan mm"),
-    "spec of infinity": ((*A, "--spec", "1e999 mm"), "not finite"),
-    "spec of certainty": ((*A, "--spec", "1 mm @ 100 %"), "the probability must lie above 0 and below 1"),
-    "percent without its sign": ((*A, "--spec", "1 mm @ 95"), "the probability must lie above 0 and below 1"),
-    "spec of no probability": ((*A, "--spec", "1 mm @"), "1 mm @"),
-    "probability with a unit": ((*A, "--spec", "1 mm @ 95 mm"), "is not a unit of ratio"),
-    "empty spec": ((*A, "--spec", ""), "specification ''"),
-    "second spec wrong": ((*A, "--spec", "1 mm", "--spec", "1"), "'1' has no unit"),
+    "analyze --spec '1 mm' --spec 0.5": "'0.5' has no unit: '0.5 mm' limits the position, '0.5 mrad' the attitude",
+    "analyze --spec '0 mm'": "the limit must be positive",
+    "analyze --spec '1 mm @ 95 mm'": "is not a unit of ratio",
+    "analyze --all-poses --spec-everywhere": "--spec-everywhere needs a --spec",
     # poses and joint values
-    "unknown pose": ((*A, "--pose", "papper"), "no pose named 'papper'; did you mean 'paper'?"),
-    "empty pose": ((*A, "--pose", ""), "no pose named ''"),
-    "pose and joint values": ((*A, "--pose", "paper", "--q", "0 0 0 0 deg"), "--pose and --q exclude each other"),
-    "too few joint values": ((*A, "--q", "1 2 3 deg"), "--q: 3 joint values for 4 joints.*joint1, joint2"),
-    "too many joint values": ((*A, "--q", "1 2 3 4 5 deg"), "--q: 5 joint values for 4 joints"),
-    "too few in a list": ((*A, "--q", "1 deg, 2 deg"), "--q: 2 joint values for 4 joints"),
-    "joint values without a unit": ((*A, "--q", "1 2 3 4"), "--q: '1 2 3 4' has no unit; an? angle needs one of: rad"),
-    "joint values in a wrong unit": ((*A, "--q", "1 2 3 4 mm"), "--q: 'mm' in '1 2 3 4 mm' is not a unit of angle"),
-    "joint values in words": ((*A, "--q", "up"), "--q: expected a number with a unit.*'up'"),
-    "empty joint values": ((*A, "--q", ""), "--q: expected a number"),
-    "a joint missing": ((*A, "--q", "joint1: 0 deg, joint2: 0 deg"), "--q: no value for the joints joint3, joint4"),
-    "an unknown joint": ((*A, "--q", "joint7: 0 deg"), "--q: no joint on the chain named 'joint7'; did you mean"),
-    "a joint twice": ((*A, "--q", "joint1: 0 deg, joint1: 1 deg"), "--q: the joint 'joint1' is given twice"),
-    "names and none mixed": ((*A, "--q", "joint1: 0 deg, 1 deg"), "--q: '1 deg' names no joint"),
-    "infinite joint value": ((*A, "--q", "1e999 0 0 0 deg"), "--q: .*not finite"),
-    "one unit for joints that turn and slide": (
-        (*A, "gantry.urdf", "--q", "1 2 m"),
-        "--q: .*revolute and prismatic joints",
-    ),
-    "angle for a sliding joint": (
-        (*A, "gantry.urdf", "--q", "1 deg, 2 deg"),
-        "--q: 'deg' in '1 deg' is not a unit of length",
-    ),
-    "no pose anywhere": ((*A, "poseless.yaml"), "poseless.yaml: error E_POSE: the sheet has no poses; .*--q"),
-    # tip, base, package folder
-    "unknown tip": ((*A, "--tip", "tol"), "no link named 'tol'; did you mean 'tool'?"),
-    "unknown base": ((*A, "--base", "bass"), "no link named 'bass'; did you mean 'base'?"),
-    "tip is the base": ((*A, "--tip", "base"), "no joint moves between 'base' and 'base'"),
-    "no tip where there are several": (("mcpc", "forked.urdf"), "2 leaves; name one as the tip: left, right"),
-    "init without the tip it needs": (("init", "forked.urdf"), "2 leaves; name one as the tip: left, right"),
+    "analyze --pose papper": "no pose named 'papper'; did you mean 'paper'?",
+    "analyze --q '1 2 3 deg'": "--q: 3 joint values for 4 joints.*joint1, joint2",
+    "analyze --q '1 deg, 2 deg'": "--q: 2 joint values for 4 joints",
+    "analyze --q '1 2 3 4'": "--q: '1 2 3 4' has no unit; an? angle needs one of: rad",
+    "analyze --q 'joint1: 0 deg, joint2: 0 deg'": "--q: no value for the joints joint3, joint4",
+    "analyze --q 'joint7: 0 deg'": "--q: no joint on the chain named 'joint7'; did you mean",
+    "analyze --q 'joint1: 0 deg, joint1: 1 deg'": "--q: the joint 'joint1' is given twice",
+    "analyze --q 'joint1: 0 deg, 1 deg'": "--q: '1 deg' names no joint",
+    "analyze gantry.urdf --q '1 2 m'": "--q: .*revolute and prismatic joints",
+    "analyze gantry.urdf --q '1 deg, 2 deg'": "--q: 'deg' in '1 deg' is not a unit of length",
+    "analyze poseless.yaml": "poseless.yaml: error E_POSE: the sheet has no poses; .*--q",
+    "analyze --pose paper --q '0 0 0 0 deg'": "--pose and --q exclude each other",
+    "view --pose paper --all-poses --out page.html": "--pose and --all-poses exclude each other",
+    "report --out page.html --all-poses --grid way.csv": "--all-poses and --grid exclude each other",
+    "analyze gantry.urdf --all-poses --until '95 % to 0.01 mm'": "--until is for one pose, and 2 are given",
+    "report gantry.urdf --trajectory long.csv --out page.html": "long.csv:14: error E_TRAJECTORY: more than 12 poses",
+    "report many.yaml --all-poses --out page.html": "13 poses; a report shows at most 12",
+    "analyze --trajectory way.csv --json way.csv": "way.csv: it is an input of this command",
+    "analyze --trajectory way.csv --step '2 parsec'": "is not a unit of time or angle or length",
+    "analyze --trajectory way.csv --step '0 s'": "way.csv: error E_TRAJECTORY: --step '0 s': time_step must be positive",
+    "analyze --trajectory way.csv --step '1 s' --step '1 ms'": "--step '1 ms': a second step of time",
+    "analyze --trajectory way.csv --step '1e-9 s'": "--step '1e-9 s': the steps make 1,000,000,001 poses",
+    "analyze --trajectory still.csv": "still.csv:3: error E_TRAJECTORY: the time stands still at 0 s; it must increase",
+    "map --all-poses --journal run.journal": "a journal keeps sampled poses; give the number of samples too",
+    # approach and target
+    "analyze --approach joint2": "--approach: 'joint2' is no approach",
+    "analyze --approach previous": "--approach previous is the way from the pose before, and there is one pose",
+    "analyze --target '0 200 mm'": "--target: '0 200 mm' has 2 numbers, expected 3; write it as '0 0",
+    # one pose relative to another
+    "analyze gantry.urdf --relative-to home --all-poses": "--relative-to is for one pose",
+    "analyze gantry.urdf --relative-to home --until '95 % to 1 mm'": "--until and --relative-to exclude each other",
+    "analyze gantry.urdf --relative-to home --processes 2": "--processes and --relative-to exclude each other",
+    "analyze gantry.urdf --relative-to home --spec '1 mm' --spec-everywhere": "--spec-everywhere and --relative-to",
+    # tip and base
+    "analyze --tip tol": "no link named 'tol'; did you mean 'tool'?",
+    "analyze --base bass": "no link named 'bass'; did you mean 'base'?",
+    "analyze --tip base": "no joint moves between 'base' and 'base'",
+    # changes
+    "analyze --set payload.mass=": "--set: 'PATH=VALUE' is expected",
+    "analyze --set 'payloud.mass=1 kg'": "no source named 'payloud'; did you mean 'payload'",
+    "mcpc gantry.urdf --set 'payload.mass=1 kg'": "--set changes a sheet, and none is given",
     # files
-    "missing robot": ((*A, "nosuch.urdf"), "nosuch.urdf: error E_FILE_MISSING: there is no file"),
-    "missing robot with a sheet": ((*A, "nosuch.urdf", PAPER), "nosuch.urdf: error E_"),
-    "missing sheet": ((*A, "nosuch.yaml"), "nosuch.yaml: error E_FILE: the sheet does not exist"),
-    "missing robot for mcpc": (("mcpc", "nosuch.urdf"), "nosuch.urdf: error E_"),
-    "missing robot for init": (("init", "nosuch.urdf"), "nosuch.urdf: error E_"),
-    "two robots": ((*A, "4dof.urdf", "gantry.urdf", PAPER), "one robot and one sheet are expected"),
-    "two sheets": ((*A, PAPER, "gantry.errors.yaml"), "one robot and one sheet are expected"),
-    "robot without a sheet": ((*A, "forked.urdf"), "precision-pin init forked.urdf"),
-    "a folder as robot": ((*A, "."), "error E_FILE"),
-    "a folder as sheet": (
-        (*A, "4dof.urdf", "folder.yaml"),
-        "folder.yaml: error E_FILE: the sheet is not a regular file",
-    ),
-    "a robot in place of a sheet": ((*A, "4dof.urdf", "gantry.urdf"), "one robot and one sheet are expected"),
-    "text that is no XML": ((*A, "notes.txt", PAPER), "notes.txt:1: error E_"),
-    "a sheet that is no YAML": ((*A, "broken.yaml"), "broken.yaml:[23]: error E_YAML"),
-    "an empty sheet": ((*A, "empty.yaml"), "empty.yaml:1: error E_SHEET: a sheet must begin with"),
-    "a sheet that is not text": ((*A, "binary.yaml"), "binary.yaml: error E_FILE: the sheet is not UTF-8"),
-    "a name far too long": ((*A, "x" * 300 + ".urdf"), "error E_FILE"),
-    "a sheet's name far too long": ((*A, "x" * 300 + ".yaml"), "error E_FILE"),
-    "unknown example": ((*A, "example:ur55", PAPER), "no example robot named 'ur55'; did you mean 'ur5'"),
-    "example without a name": (("mcpc", "example:"), "no example robot named ''"),
-    "an empty argument": ((*A, ""), "error E_FILE"),
-    "the sheet's robot is missing": ((*A, "orphan.yaml"), "gone.urdf: error E_"),
+    "analyze nosuch.urdf 4dof.errors.yaml": "nosuch.urdf: error E_",
+    "analyze nosuch.yaml": "nosuch.yaml: error E_FILE: the sheet does not exist",
+    "analyze 4dof.urdf gantry.urdf 4dof.errors.yaml": "one robot and one sheet are expected",
+    "analyze .": "error E_FILE",
+    "analyze 4dof.urdf folder.yaml": "folder.yaml: error E_FILE: the sheet is not a regular file",
+    "analyze notes.txt 4dof.errors.yaml": "notes.txt:1: error E_",
+    "analyze broken.yaml": "broken.yaml:[23]: error E_YAML",
+    "analyze example:ur55 4dof.errors.yaml": "no example robot named 'ur55'; did you mean 'ur5'",
+    "analyze ''": "error E_FILE",
+    "analyze orphan.yaml": "gone.urdf: error E_",
     # places to write to
-    "json into nowhere": ((*A, "--json", "no/where.json"), "no does not exist"),
-    "json onto a folder": ((*A, "--json", "folder.yaml"), "it is a folder"),
-    "out onto a file": ((*A, "--out", "notes.txt"), "it is a file"),
-    "init onto a folder": (("init", "gantry.urdf", "--out", "folder.yaml"), "it is a folder"),
-    "init over a sheet": (("init", "gantry.urdf"), "gantry.errors.yaml exists; --force overwrites it"),
-    "page into nowhere": (("view", "--samples", "10", "--out", "no/page.html"), "no does not exist"),
-    "page of too many samples": (("view", "--samples", "1000000", "--out", "page.html"), "more than a page can show"),
-    "page exaggerated by nothing": (("view", "--samples", "10", "--factor", "0", "--out", "page.html"), "factor"),
-    "page exaggerated below nothing": (("view", "--samples", "10", "--factor", "-3", "--out", "page.html"), "factor"),
-    "page exaggerated by no number": (("view", "--samples", "10", "--factor", "nan", "--out", "page.html"), "factor"),
-    "page with wrong joint values": (
-        ("view", "--q", "1 deg", "--out", "page.html"),
-        "--q: 1 joint values for 4 joints",
-    ),
+    "analyze --json nowhere/result.json": "nowhere does not exist",
+    "analyze --json 4dof.urdf/result.json": "4dof.urdf is not a folder",
+    "analyze --json folder.yaml": "cannot write folder.yaml: it is a folder",
+    "analyze --json new/": "cannot write new/: it is a folder",
+    "analyze --out 4dof.urdf": "cannot write to the folder 4dof.urdf: it is a file",
+    "analyze --out 4dof.urdf/plots": "4dof.urdf is not a folder",
+    "analyze --out ''": "--out names no folder",
+    "analyze --json new --journal ./new": "--journal and --json name the same file",
+    "analyze --journal plots/j --out plots": "lies in the folder of --out",
+    "init gantry.urdf --out folder.yaml": "it is a folder",
+    "mcpc 4dof.urdf --package-dir nosuch": "Directory 'nosuch' does not exist",
+    "report --out ''": "--out names no file",
+    "view --samples 10 --out no/page.html": "no does not exist",
+    # what single commands take
+    "view --samples 1000000 --out page.html": "more than a page can show",
+    "view --samples 10 --factor 0 --out page.html": "factor",
+    "export": "Missing option '--out'",
+    "export --out ''": "--out names no folder",
+    "export --out o --units 0": "--units 0: from 1 to 100000 robots",
+    "export --out o --first -1": "--first -1: units -1 to -1 do not exist",
+    "export --out o --first 18446744073709551616": "do not exist, from 0 to 2\\^64 - 1",
+    "export --out taken": "cannot write taken/units.csv: it is a folder",
+    "export made.urdf 4dof.errors.yaml --out o": "made.urdf:2: error E_XACRO: unprocessed xacro",
+    "export soft.yaml --out o": "does not come to rest|buckles|half a turn",
+    "map --relative-to nowhere": "--relative-to: no pose named 'nowhere'",
+    "path --pose paper": "a path has two poses or more",
+    "path gantry.urdf --all-poses --samples 10": "10 samples do not resolve the 95 % quantile",
+    "compensate --mode pose --weights '1 2'": "six numbers are expected",
+    "compare gantry.errors.yaml": "two sheets are needed, A.yaml B.yaml; or one and what --set changes in it",
+    "compare gantry.errors.yaml gantry.errors.yaml": "gantry.errors.yaml is given twice",
+    "compare gantry.errors.yaml 4dof.errors.yaml": "only arms with the same joints can be compared",
+    "iso9283 --target '1 2 3'": "--target: ",
+    "iso9283 --spec '1 mm'": "no figure of a specification named '1'",
+    "iso9283 --load 3": "--load: ",
+    "iso9283 --measured nothing.csv": "nothing.csv",
+    "allocate": "allocate:",
+    "simulate --out r.csv --unit -1": "--unit must be a whole number from 0 to 2\\^64 - 1",
+    "simulate --out r.csv --cycles 1": "--cycles must be a whole number from 2",
+    "simulate --out r.csv --cycles 3 --kind distance": "--cycles are positions or poses",
+    "simulate --out r.csv --std '0 mm'": "above zero",
+    "calibrate": "nothing to do: give readings \\(DATA.csv\\), --forecast, --plan M or --factory FILE",
+    "calibrate 4dof.errors.yaml --population": "at least two robots are needed",
+    "calibrate 4dof.errors.yaml --population a.csv b.csv --plan 3": "--population takes no --plan",
+    "calibrate 4dof.errors.yaml a.csv b.csv": "several robots need --population",
+    "calibrate --forecast --means-free": "--means-free belongs to --population",
+    "calibrate --factory x.conf --forecast": "--factory takes no --forecast",
+    "calibrate --factory x.conf": "is none of UR3, UR5",
+    "calibrate --forecast --pose paper --q '0 10 20 30 deg'": "exclude each other",
+    "calibrate --forecast --plan 3": "--forecast and --plan exclude each other",
+    "calibrate --forecast --csv x.csv": "--csv belongs to --plan",
+    "calibrate 4dof.errors.yaml --plan 3 data.csv": "--plan takes no data",
+    "calibrate --plan 9 --random 8": "the number of poses to choose must be a whole number from 1 to 8, the number of",
+    "calibrate --forecast --criterion D": "--criterion belongs to --plan",
+    "calibrate 4dof.errors.yaml --forecast data.csv": "--forecast takes no data",
+    "calibrate 4dof.errors.yaml data.csv --random 3": "the measured poses are those of the data",
+    "calibrate --forecast --urdf x.urdf": "--no-prior, --only, --urdf and --sheet belong to a calibration with data",
+    "calibrate --forecast --std 0.1": "--std",
+    "calibrate --forecast --at nowhere": "nowhere",
+    "calibrate 4dof.errors.yaml flat.csv": "flat.csv.*no column for z; a position needs x, y, z",
+    "calibrate 4dof.errors.yaml angle.csv": "angle.csv.*'deg' of the column 'x' is not a unit of length",
+    # names that are too long, whatever they name
+    f"analyze --json {LENGTH}": "error E_",
+    f"analyze --out {LENGTH}": "error E_",
+    f"view --out {LENGTH}.html": "error E_",
+    f"analyze {LENGTH[:250]}.urdf": "error E_",
+    f"view --trajectory {LENGTH} --out page.html": "error E_",
+    f"mcpc 4dof.urdf --package-dir {LENGTH}": "error E_",
+}
+FILES = {
+    "notes.txt": "remember the milk\n",
+    "broken.yaml": "precision-pin: 1\nrobot: [4dof.urdf\n",
+    "orphan.yaml": "precision-pin: 1\nrobot: gone.urdf\n",
+    "poseless.yaml": "precision-pin: 1\nrobot: 4dof.urdf\n",
+    "many.yaml": "precision-pin: 1\nrobot: 4dof.urdf\nposes:\n"
+    + "".join(f"  p{k}: {k} 0 0 0 deg\n" for k in range(13)),
+    "way.csv": "t,joint1,joint2,joint3,joint4\n0,0,0,0,0\n1,1,0,0,0\n",
+    "still.csv": "t,joint1,joint2,joint3,joint4\n0,0,0,0,0\n0,1,0,0,0\n",
+    "long.csv": "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage,y_axis\n" + "0,0\n" * 15,
+    "made.urdf": '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:arm/></robot>',
+    "flat.csv": f"{JOINTS},x [mm],y [mm]\n0,0,0,0,1,2\n",
+    "angle.csv": f"{JOINTS},x [deg],y [mm],z [mm]\n0,0,0,0,1,2,3\n",
 }
 
 
 @pytest.fixture
 def odd_files(folder):
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
     (folder / "folder.yaml").mkdir()
-    (folder / "notes.txt").write_text("remember the milk\n")
-    (folder / "broken.yaml").write_text("precision-pin: 1\nrobot: [4dof.urdf\n")
-    (folder / "empty.yaml").write_text("")
-    (folder / "binary.yaml").write_bytes(b"precision-pin: 1\n\xff\xfe\n")
-    (folder / "orphan.yaml").write_text("precision-pin: 1\nrobot: gone.urdf\n")
-    (folder / "poseless.yaml").write_text("precision-pin: 1\nrobot: 4dof.urdf\n")
+    (folder / "plots").mkdir()
+    (folder / "taken" / "units.csv").mkdir(parents=True)
+    soft = (folder / "4dof.errors.yaml").read_text("utf-8") + "  - frame: {joint: joint2, rx: {fixed: 200 deg}}\n"
+    (folder / "soft.yaml").write_text(soft, "utf-8")
     return folder
 
 
-@pytest.mark.fast(32)
-@pytest.mark.parametrize("case", WRONG)
-def test_a_wrong_command_line(run, odd_files, contents, case):
-    arguments, message = WRONG[case]
-    before = contents()
-    outcome = run(*arguments)
+def error_of(outcome) -> str:
+    """Return the one line that is no warning or note; the first command of a fresh installation says that it compiles."""
     assert outcome.code == 2, outcome
+    lines = [line for line in (outcome.out + outcome.err).splitlines() if not line.startswith("compiling the sampler")]
+    assert all(LINE.fullmatch(line) for line in lines), lines
+    (line,) = [line for line in lines if ": error E_" in line]
+    assert len(line) < 1000
+    return line
+
+
+@pytest.mark.fast(50)
+@pytest.mark.parametrize("line", WRONG)
+def test_a_wrong_command_line(run, odd_files, contents, line):
+    before = contents()
+    outcome = run(*shlex.split(line))
     assert outcome.out == ""
-    assert "Traceback" not in outcome.err
-    lines = outcome.err_lines
-    assert 1 <= len(lines) <= 10
-    assert all(LINE.fullmatch(line) for line in lines), outcome.err
-    assert any(" error " in line and re.search(message, line) for line in lines), outcome.err
+    assert re.search(WRONG[line], error_of(outcome)), outcome.err
     assert contents() == before
 
 
-@pytest.mark.parametrize("command", ["analyze", "check", "mcpc"])
-def test_a_sheet_with_many_mistakes_names_each(run, folder, contents, command):
-    text = (folder / PAPER).read_text()
+def test_a_sheet_with_many_mistakes_names_each(run, folder, contents):
+    text = (folder / "4dof.errors.yaml").read_text()
     mistakes = {
         "{uniform: 0.25 mm}\n  a3": "{uniform: -0.25 mm}\n  a3",  # a negative tolerance
         "a1: {uniform: 0.05 mm}": "a1: {uniform: 0.05}",  # no unit
         "length: {joint: joint4": "length: {joint: joint5",  # no such joint
         "beam: {link: link2,": "beam: {lnik: link2,",  # an unknown key
         "mass: 1 kg": "mass: 1 kg, mass: 2 kg",  # a key twice
-        "radius: 0.1 mm, span: 100 mm}\n  - axis_install: {joint: joint3": "span: 100 mm}\n  - axis_install: {joint: joint3",
     }
     for old, new in mistakes.items():
         assert text.count(old) == 1, old
         text = text.replace(old, new)
     (folder / "bad.yaml").write_text(text)
     before = contents()
-    outcome = run(command, "bad.yaml")
-    assert outcome.code == 2
-    printed = (outcome.out if command == "check" else outcome.err).splitlines()
-    assert all(LINE.fullmatch(line) and line.startswith("bad.yaml:") for line in printed)
-    for mark in ("-0.25", "0.05}", "joint5", "lnik", "mass: 2 kg"):
-        number = next(k for k, line in enumerate(text.splitlines(), start=1) if mark in line)
-        assert any(line.startswith(f"bad.yaml:{number}: error ") for line in printed), (mark, printed)
+    for command in ("analyze", "check"):
+        outcome = run(command, "bad.yaml")
+        assert outcome.code == 2
+        printed = (outcome.out if command == "check" else outcome.err).splitlines()
+        assert all(LINE.fullmatch(line) and line.startswith("bad.yaml:") for line in printed)
+        for mark in ("-0.25", "0.05}", "joint5", "lnik", "mass: 2 kg"):
+            number = next(k for k, line in enumerate(text.splitlines(), start=1) if mark in line)
+            assert any(line.startswith(f"bad.yaml:{number}: error ") for line in printed), (mark, printed)
     assert contents() == before
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names")
-@pytest.mark.parametrize("name", ["pipe.urdf", "pipe.yaml"])
-def test_a_pipe_is_refused_and_not_waited_for(run, folder, name):
-    os.mkfifo(folder / name)
-    outcome = run("check", name)
-    assert outcome.code == 2
-    assert "error E_FILE" in outcome.out
 
 
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("a1: {uniform: 0.05 mm}", "a1: {uniform: 1e300 m}"),
         ("a1: {uniform: 0.05 mm}", "a1: {uniform: 1e45 m}"),
-        ("a1: {uniform: 0.05 mm}", "a1: {normal: 1 m, k: 1e-300}"),
         ("a1: {uniform: 0.05 mm}", "a1: {normal: 1 m, k: 1e-100}"),
         ("mass: 1 kg", "mass: 1e300 kg"),
         ("-9.81 m/s^2", "-1e305 m/s^2"),
         ("link2, EI: 8000", "link2, EI: 1e-300"),
-        ("{joint: joint1, radius: 0.1 mm", "{joint: joint1, radius: 1e300 mm"),
         ("{joint: joint1, radius: 0.1 mm, span: 100", "{joint: joint1, radius: 0.1 mm, span: 1e-300"),
         ("{joint: joint1, radius: 0.1 mm", "{joint: joint1, radius: 20 m"),
     ],
 )
 def test_numbers_beyond_all_reason(run, folder, contents, old, new):
-    text = (folder / PAPER).read_text()
+    text = (folder / "4dof.errors.yaml").read_text()
     assert text.count(old) == 1
     (folder / "absurd.yaml").write_text(text.replace(old, new))
     before = contents()
@@ -217,3 +250,126 @@ def test_numbers_beyond_all_reason(run, folder, contents, old, new):
     assert re.search("too large|too small|must lie|positive|beyond", outcome.err)
     assert all(LINE.fullmatch(line) for line in outcome.err_lines)
     assert contents() == before
+
+
+# outputs in the place of inputs --------------------------------------------------------------------------------------
+
+SHEET = """precision-pin: 1
+robot: gantry.urdf
+poses: {home: [0 mm, 0 deg]}
+sources:
+  - joint_offset: {joint: y_axis, offset: {empirical: {samples: {file: TABLE, column: gap}}}}
+"""
+TABLE = "gap [mm]\n" + "\n".join(f"{k / 100}" for k in range(50)) + "\n"
+MESH = '<link name="tool"><visual><geometry><mesh filename="part.stl"/></geometry></visual></link>'
+INPUTS = (
+    "analyze --json 4dof.errors.yaml 4dof.errors.yaml",
+    "analyze 4dof.errors.yaml --json ./4dof.urdf",
+    "analyze 4dof.urdf 4dof.errors.yaml --json soft.urdf",
+    "analyze 4dof.urdf 4dof.errors.yaml --json hard.urdf",
+    "analyze table0.yaml --json table.csv",
+    "analyze mesh.urdf gantry.errors.yaml --json part.stl",
+    "analyze 4dof.urdf 4dof.errors.yaml --journal 4dof.errors.yaml",
+    "analyze table1.yaml --out plots",
+    "budget table2.yaml --out plots/",
+    "report 4dof.errors.yaml --out sheet.html",
+    "view 4dof.errors.yaml --trajectory way.csv --out way.html",
+    "export table3.yaml --out .",
+    "simulate 4dof.errors.yaml --trajectory way.csv --out way.csv",
+    "init 4dof.urdf --force --out 4dof.urdf",
+    "init mesh.urdf --force --out part.stl",
+)
+
+
+@pytest.mark.fast(8)
+@pytest.mark.parametrize("line", INPUTS)
+def test_no_input_is_written_over(run, odd_files, contents, monkeypatch, line):
+    os.symlink("4dof.urdf", odd_files / "soft.urdf")
+    os.link(odd_files / "4dof.urdf", odd_files / "hard.urdf")
+    # pages are refused by their names first: these could be pages
+    os.symlink("4dof.errors.yaml", odd_files / "sheet.html")
+    os.symlink("way.csv", odd_files / "way.html")
+    for number, table in enumerate(("table.csv", "plots/analysis.json", "plots/budget-3.png", "units.csv")):
+        (odd_files / table).write_text(TABLE)
+        (odd_files / f"table{number}.yaml").write_text(SHEET.replace("TABLE", table))
+    (odd_files / "part.stl").write_text("solid part\nendsolid part\n")
+    gantry = (odd_files / "gantry.urdf").read_text("utf-8")
+    (odd_files / "mesh.urdf").write_text(gantry.replace('<link name="tool"/>', MESH))
+    model = "precision_pin.model.error_model.ErrorModel.from_sheet"
+    monkeypatch.setattr(model, lambda *_: pytest.fail("work was begun"))
+    before = contents()
+    assert re.search(r"cannot write \S+: it is an input of this command", error_of(run(*line.split())))
+    assert contents() == before
+
+
+# names that forge lines, turn the writing or have no end -------------------------------------------------------------
+
+FORGED = "precision-pin: error E_FORGED: forged"
+HOSTILE = f"a\u202eb\u2066c\u200bd\ufeffe\x1b[31m\x9b31mred\x85\n{FORGED}\r\n\u2028{FORGED}"
+ENDLESS = HOSTILE + "N" * 300_000
+
+
+@pytest.mark.slow
+@settings(max_examples=50, deadline=None)
+@given(st.text())
+def test_a_message_is_one_printable_line_that_tells_names_apart(text):
+    line = one_line(text)
+    assert line.isprintable()
+    assert len(line) <= LONGEST_LINE
+    if text.isprintable() and len(text) <= 260:
+        assert line == text
+    if len(text) <= 80:
+        assert eval(shown(text)) == text
+    assert visible(text).isprintable()
+
+
+@pytest.mark.parametrize("name", [ENDLESS, "w " * 50_000], ids=["hostile", "words"])
+def test_findings_and_errors(name):
+    finding = Finding("error", "E_X", f"no joint named {name}", f"/{name}.urdf", 3)
+    assert finding.message == f"no joint named {name}"  # for those who want it whole
+    for line in (
+        str(finding),
+        str(InputError(f"the file {name} is not there")),
+        str(UnknownNameError("joint", name, ["a", name + "b"])),
+    ):
+        assert line.isprintable()
+        assert len(line) < LONGEST_LINE + 600
+        assert FORGED not in line.splitlines()
+
+
+NAMED = (
+    "NAME", "analyze --NAME", "analyze --seed NAME", "analyze --pose NAME", "analyze --q NAME", "analyze --spec NAME",
+    "analyze --until NAME", "mcpc 4dof.urdf --tip NAME", "mcpc NAME.urdf", "analyze NAME.yaml", "mcpc example:NAME",
+    "analyze --json NAME/x", "mcpc 4dof.urdf --package-dir NAME",
+)  # fmt: skip
+
+
+@pytest.mark.fast(7)
+@pytest.mark.parametrize("line", NAMED)
+def test_names_in_command_lines(run, line):
+    outcome = run(*(word.replace("NAME", ENDLESS) for word in line.split()))
+    assert outcome.code == 2
+    assert outcome.out == ""
+    (said,) = [line for line in outcome.err.split("\n")[:-1] if " warning " not in line]
+    assert said.isprintable()
+    assert len(said) < LONGEST_LINE + 600
+
+
+@pytest.mark.slow
+def test_names_in_tables_and_json(run, folder):
+    name = HOSTILE.replace("\x1b", "").replace("\x9b", "")  # which XML has not
+    attribute = "".join(f"&#{ord(one)};" for one in name)
+    robot = (folder / "gantry.urdf").read_text("utf-8").replace('"y_axis"', f'"{attribute}"')
+    (folder / "hostile.urdf").write_text(robot, "utf-8")
+    quoted = json.dumps(name)
+    sheet = f"precision-pin: 1\nrobot: hostile.urdf\nposes: {{{quoted}: [0 mm, 0 deg]}}\n"
+    sheet += f"sources:\n  - joint_offset: {{joint: {quoted}, offset: {{uniform: 0.1 mm}}}}\n"
+    (folder / "hostile.yaml").write_text(sheet, "utf-8")
+    for command in ("analyze", "mcpc", "worst-case", "exact-law"):
+        few = ("--samples", "200") if command != "mcpc" else ()
+        outcome = run(command, *few, "hostile.yaml")
+        assert outcome.code == 0, outcome.err
+        assert all(line.isprintable() for line in (outcome.out + outcome.err).split("\n"))
+        assert not any(line.startswith(FORGED) for line in outcome.out.splitlines())
+    result = run("analyze", "--samples", "10", "hostile.yaml", "--json", "-").json
+    assert (result["pose"]["name"], name in result["pose"]["q"]) == (name, True)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin.draws.laws import Normal, Triangular, Uniform
+from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.beam import Beam
-from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.payload import Payload
 from support.checks.common import one_link
@@ -36,39 +35,16 @@ def paper_model_with_random_masses() -> ErrorModel:
     return ErrorModel(model.chain, named(model), [*rest, *loaded])
 
 
-def slope_of(remainders) -> float:
-    return float(np.polyfit(np.log2(HALVINGS), np.log2(remainders), 1)[0])
-
-
 CASES = {
-    "paper": (paper_model, PAPER_Q, 1.0),
-    "paper, random masses": (paper_model_with_random_masses, PAPER_Q, 1.0),
-    "seven joints": (lambda: everything(seven_joint_arm()), SEVEN_Q, 1.0),
-    "seven joints that turn": (lambda: everything(seven_joint_arm(prismatic=())), SEVEN_Q, 1.0),
+    "paper": (paper_model, PAPER_Q),
+    "paper, random masses": (paper_model_with_random_masses, PAPER_Q),
+    "seven joints": (lambda: everything(seven_joint_arm()), SEVEN_Q),
+    "seven joints that turn": (lambda: everything(seven_joint_arm(prismatic=())), SEVEN_Q),
 }
 
 
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
-def test_the_tangent_leaves_a_remainder_of_second_order(case, seed):
-    """|exact(x̄ + sΔ) - e0 - sJΔ| goes as s² with gravity on, on the deflected arm."""
-    build, q, deviations = CASES[case]
-    model = build()
-    at = model.at(q)
-    error, jacobian = at.tangent
-    np.testing.assert_array_equal(error, at.exact(model.space.mean[:, None])[:, 0])
-    delta = spread_out(model, seed, deviations)
-    remainders = []
-    for s in HALVINGS:
-        exact = at.exact((model.space.mean + s * delta)[:, None])[:, 0]
-        remainders.append(np.linalg.norm(exact - error - s * jacobian @ delta))
-    assert slope_of(remainders) == pytest.approx(2.0, abs=0.05)
-    assert remainders[-1] > 1e-11  # well above rounding, so that the slope means something
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("name", ["paper", "seven"])
-def test_superposition_is_of_second_order_without_gravity_and_with_zero_means(name, seed):
+def test_superposition_is_of_second_order_without_gravity_and_with_zero_means(name):
     if name == "paper":
         loaded = paper_model()
         chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
@@ -79,35 +55,24 @@ def test_superposition_is_of_second_order_without_gravity_and_with_zero_means(na
         model, q = ErrorModel(chain, Space(), geometry(chain)), SEVEN_Q
     np.testing.assert_array_equal(model.space.mean, 0)
     at = model.at(q)
-    delta = spread_out(model, seed)
+    delta = spread_out(model, 1)
     remainders = [np.linalg.norm(at.exact(s * delta[:, None]) - at.linear(s * delta[:, None])) for s in HALVINGS]
-    assert slope_of(remainders) == pytest.approx(2.0, abs=0.05)
+    slope = np.polyfit(np.log2(HALVINGS), np.log2(remainders), 1)[0]
+    assert slope == pytest.approx(2.0, abs=0.05)
     np.testing.assert_allclose(at.jacobian, at.linear(np.eye(model.space.size)), rtol=1e-12, atol=1e-13)
-
-
-def test_under_gravity_the_two_differ_and_the_tangent_is_right():
-    """The slope of exact to the payload, at a deflection of a few centimetres: superposition misses it."""
-    model = paper_model_with_random_masses()
-    at = model.at(PAPER_Q)
-    column = model.space.index["payload[tool].mass"]
-    numbers = np.tile(model.space.mean[:, None], 2)
-    numbers[column] += [0.5e-3, -0.5e-3]
-    exact, linear = (np.diff(engine(numbers), axis=1)[:, 0] / -1e-3 for engine in (at.exact, at.linear))
-    np.testing.assert_allclose(at.jacobian[:, column], exact, rtol=1e-6)
-    assert np.linalg.norm(at.jacobian[:3, column] - linear[:3]) > 1e-3 * np.linalg.norm(linear[:3])
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_tangent_against_finite_differences(case):
     """Fourth-order differences over a tenth of a deviation or so, every column to 1e-7 of its size."""
-    build, q, _ = CASES[case]
+    build, q = CASES[case]
     model = build()
-    at = model.at(q)
-    check_columns(model, at)
+    check_columns(model, model.at(q))
 
 
 def check_columns(model: ErrorModel, at) -> None:
     mean = model.space.mean
+    np.testing.assert_array_equal(at.tangent[0], at.exact(mean[:, None])[:, 0])
     steps = np.maximum(np.abs(mean) * 1e-3, 1e-4)
     points = np.repeat(mean[:, None], 4 * model.space.size, axis=1)
     for k, step in enumerate(steps):
@@ -142,17 +107,6 @@ def test_the_covariance_is_that_of_the_tangent():
     np.testing.assert_allclose(at.covariance, spread @ spread.T, rtol=1e-9)
 
 
-def test_twice_the_error_twice_the_linear_model_bit_for_bit():
-    """No products and zero means: a power of two passes through every sum."""
-    chain = seven_joint_arm()
-    model = ErrorModel(chain, Space(), geometry(chain))
-    at = model.at(SEVEN_Q)
-    x = model.space.sample(1, 0, 200)
-    np.testing.assert_array_equal(at.linear(2 * x), 2 * at.linear(x))
-    np.testing.assert_array_equal(at.linear(-x), -at.linear(x))
-    assert not np.array_equal(at.exact(2 * x), 2 * at.exact(x))
-
-
 def test_zero_tolerance_zero_spread():
     chain = seven_joint_arm()
     model = ErrorModel(chain, Space(), geometry(chain, scale=0.0))
@@ -164,18 +118,6 @@ def test_zero_tolerance_zero_spread():
     np.testing.assert_allclose(at.exact(x), 0, atol=1e-14)
     assert np.ptp(at.exact(x), axis=1).max() == 0
     np.testing.assert_array_equal(at.covariance, 0)
-    loaded = [
-        Payload(at="tool", mass=Uniform(0.0, mean=2.0)),
-        Beam(link="link2", EI=Triangular(0.0, mean=800.0)),
-        JointCompliance(joint="joint1", compliance=Normal(0.0, mean=1e-4)),
-        JointOffset(joint="joint5", offset=Uniform(0.0, mean=1e-3)),
-    ]
-    model = ErrorModel(chain, Space(), loaded)
-    at = model.at(SEVEN_Q)
-    errors = at.exact(model.space.sample(1, 0, 50))
-    assert np.ptp(errors, axis=1).max() == 0
-    assert np.abs(errors).max() > 1e-4
-    np.testing.assert_array_equal(at.covariance, 0)
 
 
 def test_without_gravity_no_load_displaces_anything():
@@ -186,13 +128,6 @@ def test_without_gravity_no_load_displaces_anything():
     np.testing.assert_array_equal(at.linear(x), 0)
     np.testing.assert_allclose(at.exact(x), 0, atol=1e-14)
     np.testing.assert_array_equal(at.jacobian, 0)
-    # beside other sources they change nothing either
-    rest = geometry(chain)
-    alone = ErrorModel(chain, space, rest).at(SEVEN_Q)
-    both = ErrorModel(chain, space, [*rest, *laden]).at(SEVEN_Q)
-    x = both.space.sample(1, 0, 10)
-    rows = [both.space.index[name] for name in alone.space.components]
-    np.testing.assert_allclose(both.exact(x), alone.exact(x[rows]), atol=1e-14)
 
 
 @pytest.mark.parametrize(("half_width", "warned"), [(0.080, True), (0.093, False)])

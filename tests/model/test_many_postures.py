@@ -14,11 +14,11 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.examples import shipped_sheets
-from precision_pin.sources import Backlash, Beam, Clearance, Encoder, JointCompliance, Length, Payload, Table
+from precision_pin.sources import Backlash, Beam, Clearance, Encoder, JointCompliance, Payload
 from precision_pin.terms.bound_source import BoundSource, own_draws, terms_at_many, with_quantities
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term
-from sources.test_depends_on import ARMS, CASES, TOLERANCE, Liar, measured
+from sources.test_depends_on import ARMS, CASES, Liar, measured
 
 ALONE = {"backlash", "clearance"}
 """Kinds whose terms may change with the side that a load presses on: they are made at one pose after another."""
@@ -28,7 +28,7 @@ def configurations(chain, poses: int, seed: int = 5):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (len(chain.joints), poses))
 
 
-@pytest.mark.fast(28)
+@pytest.mark.fast(14)
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize(("kind", "source"), [case[:2] for case in CASES])
 def test_terms_made_together_are_those_made_one_by_one(kind, source, arm):
@@ -51,16 +51,6 @@ def test_terms_made_together_are_those_made_one_by_one(kind, source, arm):
         assert np.allclose(at.posture.pose, alone.posture.pose, rtol=0, atol=1e-14)
 
 
-def test_measured_rows_are_the_same_at_every_pose(tmp_path):
-    chain = ARMS["base to tool"]
-    model = ErrorModel(chain, Space(), [measured(tmp_path)])
-    assert isinstance(model.sources[0], Table)
-    assert model.sources[0].accepts_many(chain)
-    q = configurations(chain, 3)
-    for at, alone in zip(model.at_columns(q), (model.at(q[:, k]) for k in range(3)), strict=True):
-        assert np.array_equal(at.table.twists, alone.table.twists)
-
-
 def together(chain, sources, q):
     """Return the terms at many poses, None where they cannot be made together."""
     space = with_quantities(Space().including(own_draws(sources, [s.label() for s in sources])), sources,
@@ -69,6 +59,17 @@ def together(chain, sources, q):
     many = chain.at_columns(q)
     each = [chain.at(q[:, k]) for k in range(q.shape[1])]
     return terms_at_many(Posture(chain, many.q, many.joint_poses, chain.loads), each, bound)
+
+
+def test_measured_rows_and_clearances_in_random_directions_are_made_together(tmp_path):
+    chain = ARMS["base to tool"]
+    q = configurations(chain, 5)
+    clearance = Clearance(joint="joint2", diametral=(2e-5,), span=0.08, direction="random")
+    for source in (measured(tmp_path), clearance):
+        assert together(chain, [source], q) is not None
+        model = ErrorModel(chain, Space(), [source])
+        for k, at in enumerate(model.at_columns(q)):
+            assert np.allclose(at.table.twists, model.at(q[:, k]).table.twists, rtol=0, atol=1e-14)
 
 
 @pytest.mark.slow
@@ -131,12 +132,8 @@ def test_several_twists_at_one_posture_are_refused():
 # first-order models --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*W_COLLISION")  # joint values at random
-@pytest.mark.parametrize("sheet", ["4dof", "ur5"])
-def test_tangents_are_those_of_one_pose(sheet):
-    model = ErrorModel.load(shipped_sheets()[sheet])
-    q = configurations(model.chain, 9)
+def check_tangents(model: ErrorModel, q) -> int:
+    """Compare with the tangents pose by pose; return in how many parts they were made."""
     found = list(tangents(model.at_columns(q)))
     error = np.concatenate([part.error for part in found], axis=1)
     jacobian = np.concatenate([part.jacobian for part in found], axis=2)
@@ -144,23 +141,20 @@ def test_tangents_are_those_of_one_pose(sheet):
         e, j = model.at(q[:, k]).tangent
         assert np.allclose(error[:, k], e, rtol=0, atol=1e-14)
         assert np.allclose(jacobian[:, :, k], j, rtol=0, atol=1e-12 * np.abs(j).max())
+    return len(found)
 
 
 @pytest.mark.slow
-def test_tangents_where_formulas_change_between_poses():
+@pytest.mark.filterwarnings("ignore:.*W_COLLISION")  # joint values at random
+def test_tangents_are_those_of_one_pose():
+    for sheet in ("4dof", "ur5"):
+        model = ErrorModel.load(shipped_sheets()[sheet])
+        assert check_tangents(model, configurations(model.chain, 9)) == 1
+    # where formulas change between poses
     chain = ARMS["base to tool"]
-    sources = [
-        Backlash(joint="joint2", backlash=Normal(1e-4, mean=1e-3), band=60.0),
-        Beam(link="link3", EI=Uniform(1e3, mean=1e4)),
-    ]
-    model = ErrorModel(chain, Space(), sources)
-    q = configurations(chain, 30)
-    found = list(tangents(model.at_columns(q)))
-    assert len(found) > 1
-    jacobian = np.concatenate([part.jacobian for part in found], axis=2)
-    for k in range(30):
-        j = model.at(q[:, k]).jacobian
-        assert np.allclose(jacobian[:, :, k], j, rtol=0, atol=1e-12 * np.abs(j).max())
+    backlash = Backlash(joint="joint2", backlash=Normal(1e-4, mean=1e-3), band=60.0)
+    model = ErrorModel(chain, Space(), [backlash, Beam(link="link3", EI=Uniform(1e3, mean=1e4))])
+    assert check_tangents(model, configurations(chain, 30)) > 1
 
 
 def test_an_error_of_half_a_turn_is_refused():
@@ -168,16 +162,3 @@ def test_an_error_of_half_a_turn_is_refused():
     model = ErrorModel(chain, Space(), [JointCompliance(joint="joint2", compliance=10.0)])
     with pytest.raises(InputError, match="half a turn or more"):
         list(tangents(model.at_columns(configurations(chain, 3))))
-
-
-def test_many_poses_with_clearance_and_a_length():
-    chain = ARMS["base to tool"]
-    sources = [
-        Clearance(joint="joint2", diametral=(2e-5,), span=0.08, direction="random"),
-        Length(joint="joint3", parameters=(TOLERANCE,)),
-    ]
-    model = ErrorModel(chain, Space(), sources)
-    q = configurations(chain, 5)
-    assert together(chain, sources, q) is not None
-    for k, at in enumerate(model.at_columns(q)):
-        assert np.allclose(at.table.twists, model.at(q[:, k]).table.twists, rtol=0, atol=1e-14)

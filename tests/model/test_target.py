@@ -22,7 +22,7 @@ TOOL_SOURCES = """
 """
 
 
-@pytest.fixture(scope="module", params=["nominal", "equilibrium"])
+@pytest.fixture(scope="module", params=["equilibrium", "nominal"])
 def arms(request, tmp_path_factory) -> tuple[pp.ErrorModel, pp.ErrorModel]:
     """Return the paper's arm, which bends under a payload, with a warm and badly mounted tool; and the same with a target."""
     folder = tmp_path_factory.mktemp("arm")
@@ -85,10 +85,10 @@ def test_the_sampler_many_postures_and_robots_as_built_speak_of_the_target(arms)
     assert len(list(AsBuilt.prepare(target, POSES[:, 0], sheet="target.yaml").units(0, 0, 2))) == 2
 
 
-def test_inverse_kinematics_brings_the_target_to_a_place(arms):
-    _, target = arms
+def test_inverse_kinematics_brings_the_target_to_a_place():
+    chain = pp.ErrorModel.load(PAPER_SHEET).with_({"target": "30 -80 200 mm"}).chain
     places = pp.box_places([1.0, 2.0], 0.4, 0.3)
-    poses = pp.place_grid(target.chain, places, pp.Orientation.free(), branches="all")
+    poses = pp.place_grid(chain, places, pp.Orientation.free(), branches="all")
     assert len(poses) >= 4
     for q, node in zip(poses.q.T, poses.node, strict=True):
         pose = pp.ErrorModel.load(PAPER_SHEET).chain.at(q).pose
@@ -99,20 +99,15 @@ def test_a_target_of_the_command_line_replaces_the_sheets(tmp_path):
     (tmp_path / "4dof.urdf").write_bytes(PAPER_SHEET.with_name("4dof.urdf").read_bytes())
     text = PAPER_SHEET.read_text(encoding="utf-8")
     (tmp_path / "a.yaml").write_text(text.replace("tip: tool", "tip: tool\ntarget: 0 0 1 cm"))
-    assert read(tmp_path / "a.yaml").chain.target.tolist() == [0, 0, 0.01]
-    assert read(tmp_path / "a.yaml", overrides=Overrides(target="1 2 3 mm")).chain.target.tolist() == [
-        0.001,
-        0.002,
-        0.003,
-    ]
-    assert read(tmp_path / "a.yaml").with_changes({"target": "0 3 0 mm"}).chain.target.tolist() == [0, 0.003, 0]
+    own = read(tmp_path / "a.yaml")
+    given = read(tmp_path / "a.yaml", overrides=Overrides(target="1 2 3 mm"))
+    found = [one.chain.target.tolist() for one in (own, given, own.with_changes({"target": "0 3 0 mm"}))]
+    assert found == [[0, 0, 0.01], [0.001, 0.002, 0.003], [0, 0.003, 0]]
     bare = read(tmp_path / "a.yaml", overrides=Overrides(target="0 0 0 mm")).chain
     assert bare.tip_label == "tool"
     for wrong, message in (
         ("0 0 mm", "target: '0 0 mm' has 2 numbers, expected 3; write it as '0 0 100 mm', in the tip's axes"),
-        ("0 0 1", "target: '0 0 1' has no unit; a length needs one of"),
         ("0 0 1 deg", "target: 'deg' in '0 0 1 deg' is not a unit of length"),
-        ("0 0 2 km", "target: 'km' in '0 0 2 km' is not a unit of length"),
         ("0 0 2000 m", "target: '0 0 2000 m' is farther than 1,000 m from the tip"),
     ):
         (tmp_path / "b.yaml").write_text(text.replace("tip: tool", f"tip: tool\ntarget: {wrong}"))

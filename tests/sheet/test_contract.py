@@ -1,19 +1,24 @@
-"""The contract's example, and each rule that the contract states below it."""
+"""The contract's example, each rule that the contract states below it, and the JSON schema of a sheet."""
 
+import json
 import math
+from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from ruamel.yaml import YAML
 
 from precision_pin.base.errors import SheetError
 from precision_pin.draws.draw import Draw, Scope
-from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.draws.laws import Normal, Uniform, laws_of_sheets
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.sheet import Sheet, parse_pose, read
+from precision_pin.sheet import json_schema, parse_pose, read
+from precision_pin.sources import catalogue
 
-from .conftest import Load, Write
+from .conftest import Load, Refuse, Write
 
 CONTRACT = """\
 precision-pin: 1
@@ -87,88 +92,13 @@ def test_the_example_of_the_contract_means_what_the_paper_says(write: Write) -> 
 def test_the_paper_s_sheet_loads_without_a_word() -> None:
     sheet = read(PAPER_SHEET)
     assert sheet.findings == ()
-    assert [draw.law for draw in sheet.space.draws] == [
-        Uniform(half_width) for half_width in (5e-5, 5e-5, 2.5e-4, 5e-5, 2.5e-4, 5e-5)
-    ]
+    assert [draw.law for draw in sheet.space.draws] == [Uniform(k * 1e-5) for k in (5, 5, 25, 5, 25, 5)]
     assert len(sheet.sources) == 15
-
-
-def laws(load: Load, *texts: str) -> list[Law]:
-    lines = [f"  p{k}: {text}\n" for k, text in enumerate(texts)]
-    return [draw.law for draw in load(HEAD + "parameters:\n" + "".join(lines)).space.draws]
-
-
-@pytest.mark.parametrize(
-    ("text", "law"),
-    [
-        ("{fixed: 0.1 mm}", Fixed(1e-4)),
-        ("{fixed: -0.1 mm}", Fixed(-1e-4)),
-        ("{uniform: 0.05 mm}", Uniform(5e-5)),
-        ("{uniform: 0.05 mm, mean: -2 mm}", Uniform(5e-5, -2e-3)),
-        ("{triangular: 1 mrad, mean: 1 deg}", Triangular(1e-3, math.pi / 180)),
-        ("{normal: 0.3 mm}", Normal(0.3e-3 / 3)),
-        ("{normal: 0.3 mm, k: 2}", Normal(0.3e-3 / 2)),
-        ("{normal: 0.3 mm, mean: 1 mm, k: 4.5}", Normal(0.3e-3 / 4.5, 1e-3)),
-        ("{normal: {std: 0.3 mm}}", Normal(0.3e-3)),
-        ("{normal: {std: 0.3 mm}, mean: 1 m}", Normal(0.3e-3, 1.0)),
-        ("{normal: 0.3 mm, truncated: true}", TruncatedNormal(0.3e-3 / 3, 0.0, 3.0)),
-        ("{normal: 0.3 mm, truncated: True, k: 2}", TruncatedNormal(0.3e-3 / 2, 0.0, 2.0)),
-        ("{normal: 0.3 mm, truncated: false}", Normal(0.3e-3 / 3)),
-        ("{normal: {std: 0.3 mm}, truncated: true, k: 2.5}", TruncatedNormal(0.3e-3, 0.0, 2.5)),
-        ("{disc: 0.1 mm}", Disc(1e-4)),
-        ("{circle: 0.1 mm}", Circle(1e-4)),
-        ("{joint_normal: {std: [1 mm, 2 mm]}}", JointNormal(((1e-6, 0.0), (0.0, 4e-6)))),
-        ("{uniform: 0 mm}", Uniform(0.0)),
-    ],
-)
-def test_laws(load: Load, text: str, law: Law) -> None:
-    (seen,) = laws(load, text)
-    assert type(seen) is type(law)
-    np.testing.assert_allclose(seen.covariance, law.covariance, rtol=1e-14)
-    np.testing.assert_allclose(seen.mean_vector, law.mean_vector, rtol=1e-15)
-    assert seen.support(np.ones(law.size)) == pytest.approx(law.support(np.ones(law.size)), rel=1e-14)
-
-
-def test_a_truncated_normal_is_cut_at_its_half_width(load: Load) -> None:
-    for k in (1, 2, 3, 6):
-        (law,) = laws(load, f"{{normal: 0.3 mm, truncated: true, k: {k}}}")
-        assert law.support([1.0]) == pytest.approx(3e-4, rel=1e-15)
-
-
-def test_joint_normal_with_mean_and_correlation(load: Load) -> None:
-    text = "{joint_normal: {std: [1 mm, 2 mm]}, mean: [1 cm, -1 mm], correlation: [[1, -0.5], [-0.5, 1]], scope: pose}"
-    (draw,) = load(HEAD + f"parameters:\n  j: {text}\n").space.draws
-    np.testing.assert_allclose(draw.law.covariance, [[1e-6, -1e-6], [-1e-6, 4e-6]], rtol=1e-14)
-    np.testing.assert_allclose(draw.law.mean_vector, [0.01, -0.001], rtol=1e-15)
-    assert draw.components == ("j.0", "j.1")
-    assert draw.scope is Scope.POSE
-
-
-@pytest.mark.parametrize("scope", ["unit", "pose", "visit"])
-def test_scopes(load: Load, scope: str) -> None:
-    (draw,) = load(HEAD + f"parameters: {{a: {{uniform: 1 mm, scope: {scope}}}}}\n").space.draws
-    assert draw.scope is Scope(scope)
-
-
-def test_components_of_a_law_of_several_numbers_are_used_by_name(load: Load) -> None:
-    sheet = load(
-        HEAD
-        + "parameters: {p: {disc: 0.1 mm}, j: {joint_normal: {std: [1 mm, 1 mm]}}}\n"
-        + "sources:\n  - frame: {joint: joint2, x: p.x, y: p.y, z: j.1}\n"
-    )
-    assert sheet.sources[0].settings()["z"] == "j.1"
-    assert sheet.space.components == ("p.x", "p.y", "j.0", "j.1")
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [
-        ("0 0 -9.81 m/s^2", [0, 0, -9.81]),
-        ("1 -2 3000 mm/s^2", [1e-3, -2e-3, 3.0]),
-        ("earth", [0, 0, -9.81]),
-        ("moon", [0, 0, -1.62]),
-        ("none", [0, 0, 0]),
-    ],
+    [("1 -2 3000 mm/s^2", [1e-3, -2e-3, 3.0]), ("earth", [0, 0, -9.81]), ("moon", [0, 0, -1.62]), ("none", [0, 0, 0])],
 )
 def test_gravity(load: Load, text: str, expected: list[float]) -> None:
     np.testing.assert_allclose(load(HEAD + f"gravity: {text}\n").chain.gravity, expected, rtol=1e-15)
@@ -205,63 +135,24 @@ def test_parameters_of_a_length_one_or_several(load: Load) -> None:
         assert sheet.sources[0].settings()["along"] == "link"
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_ways_to_write_a_pose(load: Load, write: Write) -> None:
+    ways = (
         "-90 3 88 -91 deg",
-        "[-90 deg, 3 deg, 88 deg, -91 deg]",
         "[-0.25 turn, 180 arcmin, 88°, -91 deg]",
         "{joint4: -91 deg, joint3: 88 deg, joint2: 3 deg, joint1: -90 deg}",
-    ],
-)
-def test_ways_to_write_a_pose(load: Load, text: str) -> None:
-    sheet = load(HEAD + f"poses: {{p: {text}}}\n")
-    np.testing.assert_allclose(np.degrees(sheet.poses["p"]), [-90, 3, 88, -91], rtol=1e-15)
-
-
-SLIDING = "precision-pin: 1\nrobot: finger.urdf\ntip: fingertip\n"
-
-
-def test_a_chain_that_turns_and_slides(load: Load) -> None:
-    sheet = load(
-        SLIDING
-        + "poses: {p: [90 deg, 0 rad, 0 rad, 0 rad, 20 mm]}\n"
-        + "sources:\n"
-        + "  - joint_compliance: {joint: finger, compliance: 1 um/N}\n"
-        + "  - joint_offset: {joint: finger, offset: {uniform: 0.1 mm}}\n"
-        + "  - joint_offset: {joint: joint1, offset: {uniform: 0.1 mrad}}\n"
     )
+    sheet = load(HEAD + "poses:\n" + "".join(f"  p{k}: {text}\n" for k, text in enumerate(ways)))
+    for values in sheet.poses.values():
+        np.testing.assert_allclose(np.degrees(values), [-90, 3, 88, -91], rtol=1e-15)
+    # what the command line uses
+    np.testing.assert_allclose(parse_pose("1 2 3 4 rad", sheet.chain), [1, 2, 3, 4])
+    sliding = "precision-pin: 1\nrobot: finger.urdf\ntip: fingertip\n"
+    compliance = "sources: [{joint_compliance: {joint: finger, compliance: 1 um/N}}]\n"
+    sheet = load(f"{sliding}poses: {{p: [90 deg, 0 rad, 0 rad, 0 rad, 20 mm]}}\n{compliance}")
     np.testing.assert_allclose(sheet.poses["p"], [math.pi / 2, 0, 0, 0, 0.02], rtol=1e-15)
     assert sheet.sources[0].settings()["compliance"] == 1e-6
-
-
-@pytest.mark.parametrize("pose", ["0 0 0 0 0 deg", "0 0 0 0 0.02 m"])
-def test_one_unit_for_a_chain_that_turns_and_slides_is_refused(write: Write, pose: str) -> None:
     with pytest.raises(SheetError, match="revolute and prismatic joints"):
-        read(write(SLIDING + f"poses: {{p: {pose}}}\n"))
-
-
-def test_order_of_sources_and_parameters_never_matters(write: Write) -> None:
-    model = ErrorModel.load(write(CONTRACT))
-    head, parameters, sources = CONTRACT.replace("parameters:\n", "|").replace("sources:\n", "|").split("|")
-    turned = ["".join(reversed(part.splitlines(keepends=True))) for part in (parameters, sources)]
-    other = ErrorModel.load(write(f"{head}parameters:\n{turned[0]}sources:\n{turned[1]}"))
-    rows = [other.space.index[name] for name in model.space.components]
-    x, y = model.space.sample(1, 0, 20), other.space.sample(1, 0, 20)
-    np.testing.assert_array_equal(y[rows], x)
-    difference = other.at("paper").exact(y) - model.at("paper").exact(x)
-    assert np.abs(difference).max() < 1e-15
-
-
-@pytest.mark.filterwarnings(
-    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.base.errors.PrecisionPinWarning"
-)
-def test_two_sources_of_one_kind_at_one_place_are_told_apart(load: Load, write: Write) -> None:
-    text = HEAD + "sources:\n" + "  - joint_offset: {joint: joint1, offset: {uniform: 1 mrad}}\n"
-    text += "  - joint_offset: {joint: joint1, offset: {normal: 1 mrad}}\n"
-    names = ErrorModel.load(write(text)).space.components
-    assert len(names) == 2
-    assert set(names) == {"joint_offset[joint1].offset", "joint_offset[joint1]#2.offset"}
+        read(write(f"{sliding}poses: {{p: 0 0 0 0 0 deg}}\n"))
 
 
 def test_paths_are_relative_to_the_sheet_not_to_the_caller(
@@ -272,6 +163,121 @@ def test_paths_are_relative_to_the_sheet_not_to_the_caller(
     assert read(path).chain.tip == "tool"
 
 
-def test_parse_pose_is_what_the_command_line_uses(load: Load) -> None:
-    sheet: Sheet = load(HEAD)
-    np.testing.assert_allclose(parse_pose("1 2 3 4 rad", sheet.chain), [1, 2, 3, 4])
+# the JSON schema -----------------------------------------------------------------------------------------------------
+
+WHOLE = """\
+precision-pin: 1
+robot: 4dof.urdf
+parameters:
+  a1: ±0.05 mm
+  a3: {normal: 0.05 mm}
+  a5: {triangular: 0.05 mm}
+  c: {lognormal: {std: 1e-6 rad/(N*m)}, mean: 1e-5 rad/(N*m)}
+  hum: {arcsine: 5 um}
+  side: {two_point: 0.02 mm, centre: 1 mm, probability: 0.3}
+  seen: {empirical: {samples: 0.1 0.2 mm}}
+  listed: {empirical: {samples: [0.1 mm, 0.2 mm]}}
+  filed: {empirical: {samples: {file: single.csv, column: gap}}}
+  table: {empirical: {quantiles: [[0, 0.1 mm], [1, 0.2 mm]]}}
+  sets: {rows: [[0.1 mm, 0.2 mm], [0.3 mm, 0.4 mm]]}
+  taken: {rows: {file: gauge.csv, columns: [gap, shim]}}
+correlations:
+  - {parameters: [a1, c], correlation: 0.5}
+  - {parameters: [a3, a5], matrix: [[1, 0.5], [0.5, 1]]}
+sources:
+  - table: {joint: joint2, file: plane.csv, scope: visit}
+  - joint_offset: {joint: joint4, offset: ±0.02 deg, assumed: true}
+measurement: {kind: plane, plane: {point: 0 0 1 mm, normal: 0 0 1}, target_known: false, load: none}
+"""
+
+
+def faults(text: str) -> list[str]:
+    """Return what the schema says of a sheet as an editor sees it, with the types of YAML."""
+    sheet: Any = YAML(typ="safe", pure=True).load(text)
+    validator = jsonschema.Draft202012Validator(json_schema())
+    return [error.message for error in validator.iter_errors(json.loads(json.dumps(sheet)))]
+
+
+@pytest.fixture
+def tables(folder) -> None:
+    (folder / "plane.csv").write_text("x [mm], rz [deg]\n0.1, 0.2\n", encoding="utf-8")
+    (folder / "gauge.csv").write_text("gap [um], shim [mm]\n-30, 0.1\n10, 0.3\n", encoding="utf-8")
+    (folder / "single.csv").write_text("gap [mm]\n0.3\n0.1\n", encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("tables")
+def test_the_schema_passes_what_the_reader_reads(load: Load) -> None:
+    sheet = load(WHOLE)
+    assert len(sheet.space.draws) == 12
+    assert len(sheet.space.correlations) == 2
+    sockets = "{kind: socket, sockets: [0 0 1 mm], base: free, load: [{at: tool, mass: 1 kg}]}"
+    seen = "{visible_from: 2 0 0 m, facing: 0 0 1, cone: 30 deg, target_known: true}"
+    head = WHOLE.partition("measurement:")[0]
+    texts = [PAPER_SHEET.read_text("utf-8"), CONTRACT, WHOLE, *(f"{head}measurement: {one}" for one in (sockets, seen))]
+    assert [faults(text) for text in texts] == [[]] * 5
+
+
+@pytest.mark.fast(4)
+@pytest.mark.usefixtures("tables")
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("precision-pin: 1", "precision-pin: 2"),
+        ("robot: 4dof.urdf", "robot: 4dof.urdf\nstatic: nominal"),
+        ("robot: 4dof.urdf", "robot: 4dof.urdf\nstatics: dynamic"),
+        ("a1: ±0.05 mm", "a1: 0.05 mm"),
+        ("{normal: 0.05 mm}", "{nromal: 0.05 mm}"),
+        ("{normal: 0.05 mm}", "{normal: 0.05 mm, uniform: 1 mm}"),
+        ("{normal: 0.05 mm}", "{normal: 0.05 mm, scope: day}"),
+        ("{std: 1e-6 rad/(N*m)}", "1e-6 rad/(N*m)"),
+        ("probability: 0.3", "chance: 0.3"),
+        ("samples: 0.1 0.2 mm", "sample: 0.1 0.2 mm"),
+        ("{file: single.csv, column: gap}", "{column: gap}"),
+        ("columns: [gap, shim]", "columns: gap"),
+        ("[a1, c], correlation: 0.5", "[a1], correlation: 0.5"),
+        ("[a1, c], correlation: 0.5", "[a1, c]"),
+        ("matrix: [[1, 0.5], [0.5, 1]]", "matrix: 0.5"),
+        ("- table:", "- tabel:"),
+        ("file: plane.csv, ", ""),
+        ("file: plane.csv", "file: [plane.csv]"),
+        ("joint: joint4, offset", "joint: joint4, ofset"),
+        ("±0.02 deg, assumed", "0.02, assumed"),
+        ("kind: plane,", "kind: planes,"),
+        ("target_known: false", "target_known: perhaps"),
+        ("load: none", "load: [{mass: 1 kg}]"),
+    ],
+)
+def test_the_schema_refuses_what_the_reader_refuses(refuse: Refuse, old: str, new: str) -> None:
+    assert WHOLE.count(old) == 1
+    text = WHOLE.replace(old, new)
+    assert faults(text)
+    assert refuse(text)
+
+
+def test_it_is_a_schema_with_every_kind_of_source_and_every_law() -> None:
+    schema = json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert json.loads(json.dumps(schema)) == schema
+    kinds = {next(iter(choice["properties"])) for choice in schema["properties"]["sources"]["items"]["oneOf"]}
+    assert kinds == set(catalogue())
+    assert {"length", "axis_install", "beam", "joint_compliance", "payload", "frame", "joint_offset", "mcpc"} <= kinds
+    assert set(laws_of_sheets()) <= set(schema["$defs"]["law"]["properties"])
+    assert set(schema["properties"]) == {
+        "precision-pin", "robot", "tip", "base", "gravity", "statics", "locked", "poses", "parameters", "sources",
+        "correlations", "target", "calibrated", "allocate", "measurement", "provenance", "accept", "limits", "keep_out",
+    }  # fmt: skip
+    assert set(schema["required"]) == {"precision-pin", "robot"}
+    assert schema["additionalProperties"] is False
+
+
+def test_every_reference_leads_somewhere() -> None:
+    schema = json_schema()
+
+    def references(node: Any) -> set[str]:
+        if isinstance(node, dict):
+            own = {node["$ref"]} if "$ref" in node else set()
+            return own.union(*(references(value) for value in node.values()))
+        return set().union(*(references(value) for value in node)) if isinstance(node, list) else set()
+
+    assert {reference.removeprefix("#/$defs/") for reference in references(schema)} <= set(schema["$defs"])

@@ -2,9 +2,7 @@
 
 import pytest
 
-from precision_pin.base.errors import Finding
-
-from .conftest import Load, Refuse
+from .conftest import Refuse
 
 SHEET = """\
 precision-pin: 1
@@ -44,82 +42,46 @@ sources:
 """
 
 
-def line_of(text: str, part: str) -> int:
-    (number,) = [k for k, line in enumerate(text.splitlines(), start=1) if part in line]
-    return number
-
-
-def test_the_sheet_itself_is_right(load: Load) -> None:
-    assert load(SHEET).findings == ()
-
-
 # what is replaced, by what, the code, what the message says; the line is that of the replacement's last line
 MISTAKES = [
     # keys that do not exist, at every level
     ("statics: nominal", "static: nominal", "E_UNKNOWN_KEY", "did you mean 'statics'"),
-    ("statics: nominal", "colour: red", "E_UNKNOWN_KEY", "valid: accept, allocate, base, calibrated, correlations, gravity"),
-    ("statics: nominal", "version: 1", "E_UNKNOWN_KEY", "'version'"),
-    ("  - beam:", "  - beem:", "E_UNKNOWN_KEY", "did you mean 'beam'"),
     ("EI: 8000 N*m^2, GI", "EI: 8000 N*m^2, GIp", "E_UNKNOWN_KEY", "did you mean 'GI'"),
     ("      span: 100 mm", "      span: 100 mm\n      strat: 3 mm", "E_UNKNOWN_KEY", "did you mean 'start'"),
-    ("    mean: 1 kg", "    men: 1 kg", "E_INPUT", "did you mean 'mean'"),
     ("{uniform: 0.05 mm}", "{unifrom: 0.05 mm}", "E_INPUT", "did you mean 'uniform'"),
     ("        mean: 1e-5", "        sigma: 1e-5", "E_SHEET", "'sigma' is no setting of the law uniform"),
     # options that another law has
-    ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, k: 2}", "E_INPUT", "'k' is no setting of the law uniform"),
-    ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, truncated: true}", "E_INPUT", "'truncated'"),
-    ("{disc: 0.1 mm}", "{disc: 0.1 mm, mean: 1 mm}", "E_INPUT", "'mean'"),
     ("{uniform: 0.05 mm}", "{normal: {std: 0.05 mm}, k: 2}", "E_INPUT", "k has no effect here"),
     # keys that stand twice
     ("statics: nominal", "statics: nominal\ntip: link4", "E_DUPLICATE_KEY", "'tip' is given twice, first in line 3"),
     ("statics: nominal", "statics: nominal\nstatics: nominal", "E_DUPLICATE_KEY", "is given twice"),
     ("    joint4: 0 deg", "    joint4: 0 deg\n    joint1: 1 deg", "E_DUPLICATE_KEY", "first in line 10"),
     ("EI: 8000 N*m^2", "EI: 8000 N*m^2, EI: 1 N*m^2", "E_DUPLICATE_KEY", "'EI'"),
-    ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, uniform: 1 mm}", "E_DUPLICATE_KEY", "'uniform'"),
-    ("      span: 100 mm", "      span: 100 mm\n      span: 1 mm", "E_DUPLICATE_KEY", "'span'"),
     # keys that are missing
     ("{at: tool, mass: mass, com", "{at: tool, com", "E_MISSING_KEY", "'mass' is missing"),
     # units
     ("{uniform: 0.05 mm}", "{uniform: 0.05}", "E_UNIT", "has no unit"),
-    ("    mean: 1 kg", "    mean: 1", "E_UNIT", "has no unit"),
-    ("    mean: 1 kg", "    mean: 1 mm", "E_UNIT", "not a unit of mass"),
     ("      span: 100 mm", "      span: 100", "E_SHEET", "span: '100' has no unit; a length needs one of: m, cm, mm"),
-    ("      span: 100 mm", "      span: 100 deg", "E_SHEET", "'deg' in '100 deg' is not a unit of length"),
-    ("      span: 100 mm", "      span: 100,0 mm", "E_SHEET", "'100,0 mm'"),
     ("EI: 8000 N*m^2", "EI: 8000 N*m/rad", "E_SHEET", "not a unit of bending"),
-    ("        mean: 1e-5 rad/(N*m)", "        mean: 1e-5", "E_SHEET", "has no unit"),
-    ("        uniform: 1e-6 rad/(N*m)", "        uniform: 1e-6 um/N", "E_SHEET", "angular compliance"),
-    ("com: 0 0 0 mm", "com: 0 0 0", "E_SHEET", "has no unit"),
     ("com: 0 0 0 mm", "com: 0 0 mm", "E_INPUT", "expected 3"),
     # sizes
     ("{uniform: 0.05 mm}", "{uniform: -0.05 mm}", "E_INPUT", "negative"),
-    ("    normal: 0.06 kg", "    normal: -0.06 kg", "E_INPUT", "negative"),
     ("    normal: 0.06 kg", "    normal: {std: -0.02 kg}", "E_INPUT", "negative"),
     ("        uniform: 1e-6", "        uniform: -1e-6", "E_SHEET", "negative"),
-    ("{disc: 0.1 mm}", "{disc: -0.1 mm}", "E_INPUT", "negative"),
     ("      span: 100 mm", "      span: 0 mm", None, "positive"),
     # laws
     ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, normal: 0.05 mm}", "E_INPUT", "exactly one of"),
     ("{uniform: 0.05 mm}", "{mean: 0.05 mm}", "E_INPUT", "exactly one of"),
-    ("{uniform: 0.05 mm}", "{}", "E_INPUT", "exactly one of"),
     ("{uniform: 0.05 mm}", "0.05 mm", "E_INPUT", "expected a law"),
-    ("{uniform: 0.05 mm}", "[0.05 mm]", "E_INPUT", "expected a law"),
-    ("{uniform: 0.05 mm}", "{uniform: [0.05 mm]}", "E_INPUT", "a number with a unit"),
     ("{uniform: 0.05 mm}", "{uniform: {std: 1 mm}}", "E_INPUT", "a number with a unit"),
     ("    scope: visit", "    scope: day", "E_INPUT", "unit, pose, visit"),
     ("    scope: visit", "    k: 0", "E_INPUT", "k must be positive"),
-    ("    scope: visit", "    k: -2", "E_INPUT", "k must be positive"),
-    ("    scope: visit", "    k: 2 mm", "E_UNIT", "ratio"),
     ("    scope: visit", "    k: 1e-9\n    truncated: true", None, "k of a truncated normal"),
     ("    scope: visit", "    truncated: yes", "E_INPUT", "true or false"),
     ("    normal: 0.06 kg", "    normal: {sigma: 0.02 kg}", "E_INPUT", "{std:"),
     ("{disc: 0.1 mm}", "{joint_normal: 1 mm}", "E_INPUT", "standard deviations"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1e308 m, 1 mm]}}", "E_UNIT", "too large"),
-    ("{disc: 0.1 mm}", "{joint_normal: {std: []}}", "E_INPUT", "standard deviations"),
-    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 deg]}}", "E_UNIT", "not a unit of length"),
-    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, mean: 1 mm}", "E_INPUT", "list of 2"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, mean: [1 mm]}", "E_INPUT", "list of 2"),
-    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: 0.5}", "E_INPUT", "2 rows of 2"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [10, 01]}", "E_INPUT", "2 rows of 2"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [[1, 0.5], [0.4, 1]]}", "E_INPUT", "symm"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [[1, 2], [2, 1]]}", "E_INPUT", "above 1"),
@@ -129,19 +91,12 @@ MISTAKES = [
     ("tip: tool", "tip: tol", "E_NAME", "did you mean 'tool'"),
     ("tip: tool", "base: bas", "E_NAME", "did you mean 'base'"),
     ("joint: joint2, along", "joint: jont2, along", "E_NAME", "did you mean 'joint2'"),
-    ("along: z of joint1", "along: z of joint9", "E_NAME", "did you mean"),
     ("along: z of joint1", "along: up", "E_INPUT", "[-]x|y|z of JOINT"),
-    ("link: link2", "link: lnik2", "E_NAME", "did you mean 'link2'"),
     ("{at: tool", "{at: gripper", "E_NAME", "valid: base, link1"),
-    ("joint: joint2, along: z of joint1", "frame: toool, along: z of joint1", "E_NAME", "did you mean 'tool'"),
     ("parameters: [a1]", "parameters: [a2]", "E_SHEET", "no parameter named 'a2'; valid: a1, mass, pair.x"),
-    ("parameters: [a1]", "parameters: a2", "E_SHEET", "no parameter named 'a2'"),
     ("x: pair.x", "x: pair", "E_SHEET", "'pair.x'"),
     ("mass: mass", "mass: a1", "E_SHEET", "'a1' is a length; expected a mass"),
-    ("parameters: [a1]", "parameters: [mass]", "E_SHEET", "'mass' is a mass; expected a length"),
     ("locked: {}", "locked: {finger: 0.04 m}", "E_NAME", "no joint named 'finger'"),
-    ("locked: {}", "locked: {joint1: 0.04 m}", "E_UNIT", "not a unit of angle"),
-    ("locked: {}", "locked: {joint1: 0.04}", "E_UNIT", "has no unit"),
     ("  a1: {", "  a 1: {uniform: 1 mm}\n  1a: {uniform: 1 mm}\n  a1: {", None, ""),
     (
         "  pair: {disc: 0.1 mm}",
@@ -151,28 +106,16 @@ MISTAKES = [
     ),
     # poses
     ("paper: -90 3 88 -91 deg", "paper: -90 3 88 deg", "E_INPUT", "3 joint values for 4 joints"),
-    ("paper: -90 3 88 -91 deg", "paper: -90 3 88 -91 0 deg", "E_INPUT", "5 joint values for 4 joints"),
-    ("paper: -90 3 88 -91 deg", "paper: -90 3 88 -91", "E_UNIT", "has no unit"),
-    ("paper: -90 3 88 -91 deg", "paper: -90 3 88 -91 mm", "E_UNIT", "not a unit of angle"),
-    ("paper: -90 3 88 -91 deg", "paper: [0 deg, 0 deg]", "E_INPUT", "2 joint values for 4 joints"),
     ("paper: -90 3 88 -91 deg", "paper: [0 deg, 0 deg, 0, 0 deg]", "E_UNIT", "has no unit"),
     ("paper: -90 3 88 -91 deg", "paper: {joint1: 0 deg}", "E_INPUT", "no value for the joints joint2, joint3, joint4"),
-    ("paper: -90 3 88 -91 deg", "paper: nan 0 0 0 deg", "E_UNIT", ""),
     ("paper: -90 3 88 -91 deg", "paper: [[1], 2, 3, 4]", "E_SHEET", "joint values in chain order"),
     ("    joint3: 90 deg", "    jonit3: 90 deg", "E_NAME", "did you mean 'joint3'"),
-    ("    joint3: 90 deg", "    joint3: 90 mm", "E_UNIT", "not a unit of angle"),
     # gravity and the rest of the top
     ("gravity: 0 0 -9.81 m/s^2", "gravity: 0 0 -9.81", "E_SHEET", "earth, moon, none"),
-    ("gravity: 0 0 -9.81 m/s^2", "gravity: 0 -9.81 m/s^2", "E_SHEET", "three numbers"),
-    ("gravity: 0 0 -9.81 m/s^2", "gravity: mars", "E_SHEET", "earth, moon, none"),
-    ("gravity: 0 0 -9.81 m/s^2", "gravity: [0, 0, -9.81]", "E_SHEET", "one value"),
     ("statics: nominal", "statics: dynamic", "E_SHEET", "'nominal'"),
-    ("precision-pin: 1", "precision-pin: 2", "E_SHEET", "'1'"),
-    ("precision-pin: 1", "precision-pin: 1.0", "E_SHEET", "'1'"),
     # sources
     ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame", "E_SHEET", "one kind with its settings"),
     ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame:", "E_SHEET", "settings of frame are missing"),
-    ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame: [1]", "E_SHEET", "settings of frame are missing"),
     ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - {}", "E_SHEET", "0 keys"),
     ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - {beam: {}, frame: {}}", "E_SHEET", "2 keys"),
     ("joint: joint3, x: pair.x", "joint: joint3, link: link2, x: pair.x", "E_INPUT", "one of joint"),
@@ -181,6 +124,24 @@ MISTAKES = [
     ("      radius: 0.1 mm", "      radius: {uniform: 0.1 mm}", "E_SHEET", "expected a plain quantity, not a law"),
     ("EI: 8000 N*m^2", "EI: 0 N*m^2", "E_INPUT", "must be positive"),
     ("EI: 8000 N*m^2", "EI: {disc: 1 N*m^2}", "E_SHEET", "under parameters:"),
+    # set-up of a measurement, approach of a pose
+    ("statics: nominal", "measurement: {kind: planes}", "E_SHEET", "measurement.kind: input should be 'position', 'pose',"),
+    ("statics: nominal", "measurement: {kind: plane}", None, "the measurement of a plane needs plane"),
+    ("statics: nominal", "measurement: {std: 0 mm}", None, "std must be above zero, got '0 mm'"),
+    ("statics: nominal", "measurement: {taget: 1 2 3 mm}", None, "unknown key 'taget': did you mean 'target'"),
+    ("statics: nominal", "measurement: {load: [{at: tol, mass: 1 kg}]}", None, "no link named 'tol'; did you mean 'tool'?"),
+    ("statics: nominal", "measurement: {load: [{at: tool, mass: 1 mm}]}", None, "load.0.mass: "),
+    ("statics: nominal", "measurement: {kind: socket, sockets: [1 2 mm]}", None, "sockets.0: '1 2 mm' has 2 numbers, expected"),
+    ("paper: -90", "paper: {q: 0 0 0 0 deg, approach: {jont2: +}}\n  old: -90", None, "on the chain named 'jont2'; did you"),
+    ("paper: -90", "paper: {q: 0 0 0 0 deg, approach: {joint2: up}}\n  old: -90", None, "must be +, - or 0, got 'up'"),
+    ("paper: -90", "paper: {q: 0 0 0 0 deg, approach: {joint2: {a: +}}}\n  old: -90", None, "joint values"),
+    ("paper: -90", "paper: {q: 0 0 0 0 deg, approach: [+, -]}\n  old: -90", None, "2 directions of approach for 4 joints"),
+    ("paper: -90", "paper: {q: 0 0 0 0 deg, approach: previous}\n  old: -90", None, "pose, but this is the first"),
+    ("paper: -90", "paper: {q: 0 0 0 0 deg, aproach: previous}\n  old: -90", None, "unknown key 'aproach' beside q: and"),
+    ("paper: -90", "paper: {approach: joint2 +}\n  old: -90", None, "approach: needs the joint values as q:"),
+    # shapes
+    ("tip: tool", "tip: [tool]", None, "one value"),
+    ("{uniform: 0.05 mm}", "{uniform: 1e300 m}", None, "'1e300 m' is too large; at most 1e+50 m"),
 ]  # fmt: skip
 
 
@@ -199,13 +160,6 @@ def test_one_mistake_gives_one_finding_at_its_line(
     else:
         assert [(finding.code, finding.line) for finding in found] == [(code, last)], found
     assert message in found[-1].message
-
-
-def test_mistakes_of_several_lines_keep_their_line(refuse: Refuse) -> None:
-    # line 29 begins the source; the law's settings stand two and three lines below
-    text = SHEET.replace("uniform: 1e-6 rad", "uniform: -1e-6 rad")
-    (finding,) = refuse(text)
-    assert finding.line == line_of(text, "uniform: -1e-6") == SHEET.splitlines().index("      compliance:") + 2
 
 
 EIGHT = """\
@@ -262,16 +216,8 @@ def test_a_wrong_chain_does_not_hide_wrong_settings(refuse: Refuse) -> None:
     ("section", "line", "message"),
     [
         ("poses: [1, 2]", 3, "keys with values"),
-        ("poses: 12", 3, "keys with values"),
-        ("parameters: [1]", 3, "keys with values"),
         ("sources: {beam: {}}", 3, "expected a list"),
-        ("sources: beam", 3, "expected a list"),
-        ("locked: [joint1]", 3, "keys with values"),
-        ("locked: {joint1: [0 deg]}", 3, "one value"),
-        ("tip: [tool]", 3, "one value"),
         ("robot: [4dof.urdf]", 3, "is given twice"),
-        ("poses:\n  str: [[1], 2]", 4, "joint values"),
-        ("poses:\n  dict: {joint1: [1]}", 4, "joint values"),
         ("poses:\n  good: 0 0 0 0 rad\n  p:\n    joint1: {a: 1 deg}", 5, "joint values"),
     ],
 )
@@ -281,15 +227,8 @@ def test_wrong_shapes(refuse: Refuse, section: str, line: int, message: str) -> 
     assert message in found[0].message
 
 
-def test_an_unknown_joint_in_one_of_many_sources_is_at_that_source(refuse: Refuse) -> None:
-    lines = [f"  - joint_offset: {{joint: joint{k}, offset: {{uniform: 1 mrad}}}}\n" for k in (1, 2, 7, 3, 8)]
-    found = refuse("precision-pin: 1\nrobot: 4dof.urdf\nsources:\n" + "".join(lines))
-    assert [(finding.code, finding.line) for finding in found] == [("E_NAME", 6), ("E_NAME", 8)]
-
-
 def test_findings_print_as_the_contract_says(refuse: Refuse) -> None:
     (finding,) = refuse(SHEET.replace("statics: nominal", "static: nominal"))
-    assert isinstance(finding, Finding)
     where, severity, rest = str(finding).split(" ", 2)
     assert where.endswith("sheet.yaml:5:")
     assert severity == "error"

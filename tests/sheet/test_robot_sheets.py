@@ -18,7 +18,6 @@ import precision_pin as pp
 from precision_pin.cli import inputs
 from precision_pin.draws.draw import Scope
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, shipped_sheet, shipped_sheets
-from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet import read
 
 POSES = ("ready", "stretched", "folded")
@@ -60,11 +59,6 @@ def model_of(robot: str) -> pp.ErrorModel:
     return pp.ErrorModel.load(shipped_sheets()[robot])
 
 
-@functools.cache
-def forecast(robot: str, pose: str) -> MonteCarloResult:
-    return pp.monte_carlo(model_of(robot), pose, samples=40_000)
-
-
 def test_the_shipped_sheets_are_found():
     assert set(shipped_sheets()) == {"4dof", *MEASURED}
     assert shipped_sheets()["4dof"] == PAPER_SHEET
@@ -104,26 +98,14 @@ def test_every_tolerance_has_a_citation_or_is_called_an_assumption(robot):
     text = text_of(robot)
     known = references(text)
     assert len(known) >= 4
+    for mark, reference in known.items():
+        assert re.search(r"\b(19|20)\d\d\b", reference), reference
+        assert text.count(mark) > 1, mark
     for comment, lines in groups(text):
         cited = set(re.findall(r"\[\d+\]", comment))
         assert lines, comment
         assert cited or "assumption" in comment, lines[0]
         assert cited <= set(known), comment
-
-
-@pytest.mark.parametrize("robot", MEASURED)
-def test_every_reference_names_a_year_and_is_used(robot):
-    text = text_of(robot)
-    for mark, reference in references(text).items():
-        assert re.search(r"\b(19|20)\d\d\b", reference), reference
-        assert text.count(mark) > 1, mark
-
-
-@pytest.mark.parametrize("robot", MEASURED)
-def test_blank_lines_part_the_groups_and_no_line_stands_without_a_comment(robot):
-    body = text_of(robot).split("sources:\n")[1]
-    for block in body.strip("\n").split("\n\n"):
-        assert block.lstrip().startswith("#"), block
 
 
 # --- loads ---
@@ -138,29 +120,20 @@ def test_no_finding_about_the_sheet(robot):
     assert tuple(sheet.poses) == POSES
 
 
-@pytest.mark.fast(4)
-@pytest.mark.parametrize(("robot", "pose"), CASES)
-def test_analyses_run_without_a_warning(robot, pose):
-    assert forecast(robot, pose).warnings == ()
-    assert np.all(np.isfinite(forecast(robot, pose).covariance))
-
-
 # --- forecasts ---
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(("robot", "pose"), CASES)
-def test_the_header_states_the_forecast(robot, pose):
+def test_the_header_states_the_forecast_and_measured_arms_lie_within(robot, pose):
+    found = pp.monte_carlo(model_of(robot), pose, samples=40_000)
+    assert found.warnings == ()
     stated = re.search(rf"^#   {pose} +median ([\d.]+) mm, 95 % ([\d.]+) mm$", text_of(robot), re.MULTILINE)
     assert stated is not None
-    norm = forecast(robot, pose).position.norm
+    norm = found.position.norm
     # rounded to 0.1 mm, of 100,000 samples; these are 40,000
     for probability, number in zip((0.5, 0.95), stated.groups(), strict=True):
         assert norm.quantile(probability) == pytest.approx(float(number) * 1e-3, rel=0.02, abs=0.06e-3)
-
-
-@pytest.mark.parametrize(("robot", "pose"), CASES)
-def test_measured_arms_lie_within_the_forecast(robot, pose):
-    norm = forecast(robot, pose).position.norm
     chances = [norm.cdf(value * 1e-3) for value in MEASURED[robot][pose]]
     assert min(chances) > 0.005
     assert max(chances) < 0.9995
@@ -225,52 +198,31 @@ def test_repeatability_is_that_of_the_data_sheet(robot):
 # --- the command line ---
 
 
-@pytest.fixture
-def urdfs() -> dict[str, Path]:
+def test_which_sheet_goes_with_an_example(tmp_path, monkeypatch, capsys):
     if not example_urdfs():
         pytest.skip("example-robot-data is not installed")
-    return example_urdfs()
-
-
-def test_an_example_alone_goes_with_its_shipped_sheet(urdfs, capsys):
-    found = inputs.find_inputs(["example:ur5"], sheet_needed=True)
-    assert found == inputs.Inputs(urdfs["ur5"], shipped_sheets()["ur5"])
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err == "example:ur5: with the sheet that comes with precision-pin, ur5.errors.yaml\n"
-
-
-def test_a_sheet_that_is_named_comes_first(urdfs, capsys):
+    monkeypatch.chdir(tmp_path)
+    # a sheet that is named comes first
     found = inputs.find_inputs(["example:ur5", "mine.yaml"], sheet_needed=True)
-    assert found == inputs.Inputs(urdfs["ur5"], Path("mine.yaml"))
+    assert found == inputs.Inputs(example_urdfs()["ur5"], Path("mine.yaml"))
     assert inputs.find_inputs(["example:ur5"], sheet_needed=False).sheet is None
     assert capsys.readouterr().err == ""
-
-
-def test_a_sheet_beside_the_robot_comes_first(tmp_path, monkeypatch, capsys):
-    robot, beside = tmp_path / "ur5_robot.urdf", tmp_path / "ur5_robot.errors.yaml"
-    robot.touch()
-    beside.touch()
-    monkeypatch.setattr(inputs, "resolve_robot", lambda text: robot)
-    assert inputs.find_inputs(["example:ur5"], sheet_needed=True) == inputs.Inputs(robot, beside)
-    assert capsys.readouterr().err == ""
-
-
-def test_a_robot_that_comes_with_the_package_is_named_as_an_example_and_a_copy_of_its_sheet_comes_first(
-    tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
+    # a robot that comes with the package is named as an example, and a copy of its sheet comes first
     own = shipped_sheets()["ur5e"]
     assert inputs.find_inputs(["example:ur5e"], sheet_needed=True) == inputs.Inputs(own.with_name("ur5e.urdf"), own)
     Path("ur5e.errors.yaml").write_text(own.read_text(encoding="utf-8"), encoding="utf-8")
     found = inputs.find_inputs(["example:ur5e"], sheet_needed=True)
     assert found.sheet == Path("ur5e.errors.yaml")
     assert read(found.sheet).chain.tip == "tool0"
-    assert "of this folder" in capsys.readouterr().err
-
-
-def test_the_shipped_sheet_is_analysed_with_its_own_tip(urdfs):
-    found = inputs.find_inputs(["example:panda"], sheet_needed=True)
-    assert found.sheet is not None
-    model = pp.ErrorModel.load(found.sheet)
-    assert model.chain.tip == "panda_hand_tcp"
+    said = capsys.readouterr()
+    assert said.out == ""
+    shipped, copied = said.err.splitlines()
+    assert shipped == "example:ur5e: with the sheet that comes with precision-pin, ur5e.errors.yaml"
+    assert "of this folder" in copied
+    # one beside the robot comes before all
+    robot, beside = tmp_path / "ur5_robot.urdf", tmp_path / "ur5_robot.errors.yaml"
+    robot.touch()
+    beside.touch()
+    monkeypatch.setattr(inputs, "resolve_robot", lambda text: robot)
+    assert inputs.find_inputs(["example:ur5"], sheet_needed=True) == inputs.Inputs(robot, beside)
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,285 @@
+"""``allocate``, ``compare``, ``compensate``, ``iso9283``; ``--set`` and correlations: tables, files, exit codes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from cli.conftest import LONG
+from precision_pin import Chain, ErrorModel
+
+SHEET = "4dof.errors.yaml"
+
+# allocate ------------------------------------------------------------------------------------------------------------
+
+PATHS = [f"axis_install[joint{k}].radius" for k in range(1, 5)]
+
+
+def _sheet(folder, limit):
+    entries = "\n".join(f"    - {{path: '{path}', cost: {{reciprocal: 1 mm}}}}" for path in PATHS)
+    text = (folder / "4dof.errors.yaml").read_text()
+    (folder / "wanted.yaml").write_text(f"{text}\nallocate:\n  specs: ['{limit}']\n  tolerances:\n{entries}\n")
+    return "wanted.yaml"
+
+
+@pytest.mark.slow
+def test_tolerances_are_chosen_verified_and_written_as_a_sheet_with_the_front(run, folder, new_files):
+    done = run("allocate", _sheet(folder, "37.5 mm @ 95 %"), "--out", "made", "--pareto", "5")
+    assert done.code == 0, done.err
+    lines = done.out.splitlines()
+    assert lines[0].startswith("cost ")
+    assert max(map(len, lines)) <= 100
+    assert "cost against accuracy" in done.out
+    files = {"allocation.json", "allocation.png", "allocation.svg", "allocated.errors.yaml"}
+    assert new_files() == {"wanted.yaml", "made"} | {f"made/{name}" for name in files}
+    result = json.loads((folder / "made/allocation.json").read_text())
+    assert result["schema"] == "precision-pin/allocation/1"
+    (spec,) = result["specs"]
+    assert spec["met"]
+    assert spec["interval"][0] >= 0.95
+    assert [one["path"] for one in result["tolerances"]] == PATHS
+    costs = [point["cost"] for point in result["pareto"]]
+    assert len(costs) == 5
+    assert costs == sorted(costs, reverse=True)
+    assert len(ErrorModel.load(folder / "made/allocated.errors.yaml").poses) == len(result["poses"])
+    assert run("allocate", "wanted.yaml", "--pareto", "1").code == 2
+    assert run("allocate", "wanted.yaml", "--seconds", "0").code == 2
+
+
+@pytest.mark.slow
+def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder):
+    done = run("allocate", _sheet(folder, "1 mm"), "--out", "made")
+    assert done.code == 1
+    said = " ".join(done.out.split())
+    assert said.startswith(
+        "no allocation was found that meets position.norm 1 mm @ 95 %: with every tolerance at its least 0.00 %"
+    )
+    assert "in the way: constant part 36.8 mm (no tolerance; compensate or calibrate removes it), " in said
+    assert max(map(len, done.out.splitlines())) <= 100
+    assert not (folder / "made/allocated.errors.yaml").exists()
+    assert "no sheet is written" in done.err
+
+
+@pytest.mark.slow
+def test_what_is_to_be_allocated_is_read_by_check(run, folder):
+    text = (folder / _sheet(folder, "37.5 mm @ 95 %")).read_text()
+    assert run("check", "wanted.yaml").code == 0
+    for old, new, words in (
+        ("reciprocal: 1 mm", "reciprocal: 1 mrad", "unit such as mm"),
+        ("reciprocal: 1 mm", "reciprocal: 1e308 mm", "up to 1e+50 in SI"),
+        ("reciprocal: 1 mm}", "reciprocal: 1 mm}, maxi: 1 mm", "E_NAME: no key of tolerances[0] named 'maxi'"),
+        ("37.5 mm @ 95 %", "37.5 kg", "kg"),
+        ("joint4].radius", "joint3].radius", "listed twice"),
+        ("joint4].radius", "joint5].radius", "joint5"),
+        ("  specs:", "  poses: [nowhere]\n  specs:", "nowhere"),
+        ("  specs:", "  poses: nowhere\n  specs:", "list of names"),
+        ("  specs:", "  specifications:", "specifications"),
+    ):
+        assert old in text
+        (folder / "wanted.yaml").write_text(text.replace(old, new))
+        done = run("check", "wanted.yaml")
+        assert done.code == 2
+        assert done.out.startswith("wanted.yaml:")
+        assert words in done.out
+
+
+# compare -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_better_sheet_comes_first_and_the_verdicts_decide(run, folder):
+    text = (folder / "gantry.errors.yaml").read_text("utf-8")
+    (folder / "tighter.yaml").write_text(text.replace("uniform: 0.1 mm", "uniform: 0.05 mm"), "utf-8")
+    few = ("--samples", "2000")
+    asked = ("compare", "gantry.errors.yaml", "tighter.yaml", *few, "--pose", "home", "--spec")
+    done = run(*asked, "y 0.16 mm @ 99.9 %", "--out", "plots")
+    assert done.code == 1
+    assert done.out.startswith("'tighter.yaml' is better than 'gantry.errors.yaml': 95 % of robots within |d|")
+    assert "'gantry.errors.yaml': spec |dy| within 0.16 mm for 99.9 %: NOT MET" in done.out
+    assert "joint_offset[y_axis].offset.uniform  0.1 mm  ->  0.05 mm" in done.out
+    assert {one.name for one in (folder / "plots").iterdir()} == {f"comparison.{end}" for end in ("json", "png", "svg")}
+    assert max(map(len, done.out.splitlines())) <= 120
+    saved = json.loads((folder / "plots/comparison.json").read_text())
+    assert saved["schema"] == "precision-pin/comparison/1"
+    assert saved["met"]["gantry.errors.yaml"] is False
+    assert run(*asked, "y 1 mm @ 95 %", "--quiet").code == 0
+    changed = run("compare", "gantry.errors.yaml", *few, "--all-poses", "--set", "joint_offset[y_axis].offset=±0.2 mm")
+    assert changed.code == 0
+    assert changed.out.startswith("'gantry.errors.yaml --set' is worse than 'gantry.errors.yaml'")
+    assert "pose 'out'" in changed.out
+    assert "pose 'home'" in changed.out
+
+
+# compensate ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_corrected_arm_stands_where_it_was_meant_to(run, folder):
+    """The file is read by other commands: nominal pose at the corrected values plus the error there is the pose wanted."""
+    done = run("compensate", SHEET, "--csv", "right.csv")
+    assert done.code == 0
+    lines = done.out.splitlines()
+    assert lines[0].startswith("|d| at the means: from 36.77 mm at worst")
+    assert "to 0 mm" in lines[0]
+    assert any("position corrected" in line for line in lines)
+    assert max(map(len, lines)) <= 100
+    header, row = csv.reader((folder / "right.csv").read_text().splitlines())
+    assert header == [f"joint{k} [deg]" for k in range(1, 5)]
+    corrected = np.deg2rad([float(cell) for cell in row])
+    words = [line.split() for line in lines]
+    assert [[float(cell) for cell in line[2:]] for line in words if line[:1] and line[0] in ("joint1", "joint2")] == [
+        pytest.approx([asked, math.degrees(to), math.degrees(to) - asked], abs=1e-4)
+        for asked, to in zip((-90, 3), corrected, strict=False)
+    ]
+    error = run("analyze", SHEET, "--trajectory", "right.csv", "--samples", "1000", "--json", "-").json
+    chain = Chain.from_urdf(folder / "4dof.urdf", tip="tool")
+    wanted, reached = (chain.at(np.array(q)).pose[:3, 3] for q in (np.deg2rad([-90, 3, 88, -91]), corrected))
+    assert reached + error["nominal"]["position"] == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_a_trajectory_comes_back_with_its_columns_and_units(run, folder, new_files):
+    header = ["t", "joint4 [mrad]", "joint3", "joint2 [deg]", "joint1 [deg]"]
+    (folder / "way.csv").write_text(f"{','.join(header)}\n0,-1588,1.536,3,-90\n0.5,-1400,1.3,5,-70\n")
+    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--json", "right.json")
+    assert done.code == 0
+    first, *rows = csv.reader((folder / "right.csv").read_text().splitlines())
+    assert first == header
+    assert [float(row[0]) for row in rows] == [0, 0.5]
+    result = json.loads((folder / "right.json").read_text())
+    assert result["schema"] == "precision-pin/compensation/1"
+    units = (1e-3, 1, math.pi / 180, math.pi / 180)
+    for row, pose in zip(rows, result["poses"], strict=True):
+        cells = [float(cell) * unit for cell, unit in zip(row[1:], units, strict=True)]
+        assert cells[::-1] == pytest.approx(pose["q_corrected"], abs=1e-12)
+        assert np.linalg.norm(pose["after"]["position"]) < 1e-9
+    again = run("compensate", SHEET, "--trajectory", "right.csv", "--json", "-")
+    assert again.json["poses"][0]["q"] == pytest.approx(result["poses"][0]["q_corrected"], abs=1e-12)
+    assert new_files() == {"way.csv", "right.csv", "right.json"}
+
+
+@pytest.mark.slow
+def test_without_a_correction_the_code_is_one_and_no_joint_values_are_written(run, folder, new_files):
+    (folder / "way.csv").write_text("joint1,joint2,joint3,joint4\n0,0,0,0\n-1.571,0.0524,1.536,-1.588\n")
+    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv")
+    assert done.code == 1
+    assert "1 of 2 poses have no correction" in done.out
+    assert "the corrected joint values are not written: not every pose has them" in done.err
+    assert new_files() == {"way.csv"}
+
+
+@pytest.mark.slow
+def test_view_and_report_show_the_compensation(run, folder, contents):
+    (folder / "way.csv").write_text("joint4,joint3,joint2,joint1\n-1.588,1.536,0.0524,-1.571\n-1.4,1.3,0.1,-1.2\n")
+    for command, said in (("view", "at the means: from"), ("report", 'href="#compensation"')):
+        asked = (command, SHEET, "--samples", "200", "--compensate")
+        assert run(*asked, "way.csv", "--out", "page.html").code == 0
+        page = (folder / "page.html").read_text("utf-8")
+        assert said in page
+        before = contents()
+        refused = run(*asked, "nosuch.csv", "--out", "other.html")
+        assert (refused.code, len(refused.said)) == (2, 1)
+        assert contents() == before
+    assert "--compensate way.csv" in page
+
+
+# iso9283 -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def visits(folder):
+    """Add to the gantry what changes from visit to visit."""
+    text = (folder / "gantry.errors.yaml").read_text(encoding="utf-8")
+    more = f"  - joint_offset: {{joint: {LONG}, offset: {{normal: 0.02 mrad, scope: visit}}}}\n"
+    (folder / "visits.errors.yaml").write_text(text + more, encoding="utf-8")
+    return "visits.errors.yaml"
+
+
+@pytest.mark.slow
+def test_five_poses_and_a_target(run, folder, visits):
+    values = ("0 mm, 0 deg", "250 mm, 20 deg", "-250 mm, -30 deg", "300 mm, -10 deg", "-100 mm, 40 deg")
+    five = ("iso9283", visits, *(word for q in values for word in ("--q", q)), "--robots", "200")
+    found = run(*five, "--target", "0 300 0 mm", "--json", "result.json")
+    assert found.code == 0
+    lines = found.out.splitlines()
+    assert max(map(len, lines)) <= 100
+    assert {"P1", "P2", "P3", "P4", "P5", "AD", "RD", "E", "vAP:"} <= {line.split()[0] for line in lines if line}
+    data = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    assert data["schema"] == "precision-pin/iso9283/1"
+    assert (data["cycles"], data["robots"], data["target"]) == (30, 200, [0, 0.3, 0])
+    assert data["poses"]["P2"]["q"]["y_axis"] == pytest.approx(0.25)
+    assert data["poses"]["P1"]["position"] == pytest.approx([0.1, 0.3, 0.5])
+    shown = f"{1e3 * data['worst']['RP']['quantiles']['0.95']:.3g}"
+    assert lines[0].startswith(f"95 % of robots built will show RP of {shown[:4]}")
+    still = run("iso9283", "gantry.errors.yaml", "--pose", "home", "--robots", "60", "--cycles", "4")
+    assert still.code == 0
+    assert "W_NO_VISITS" in still.err
+    assert still.out.splitlines()[0].startswith("RP is 0: nothing in the sheet changes")
+
+
+def test_measured_cycles_stand_beside_the_forecast(run, folder, visits):
+    rows = ["pose,cycle,x [mm],y [mm],z [mm]"]
+    rows += [f"home,{cycle},100,{offset},500" for cycle, offset in enumerate((0, 5, -5, 0), start=1)]
+    (folder / "cycles.csv").write_text("\n".join(rows))
+    asked = ("iso9283", visits, "--all-poses", "--robots", "200", "--measured", "cycles.csv")
+    found = run(*asked, "--json", "result.json")
+    assert found.code == 0  # a robot that differs misses no specification
+    assert "measured: DIFFERS" in found.out
+    data = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    assert data["cycles"] == data["measured"]["cycles"] == 4
+    # distances from the barycentre 0, 5, 5, 0 mm: 2.5 + 3 · 2.887
+    assert data["measured"]["poses"]["P2"]["RP"] == pytest.approx((2.5 + 3 * (25 / 3) ** 0.5) * 1e-3)
+    assert data["measured"]["agrees"] is False
+    other = run(*asked, "--cycles", "30")
+    assert other.code == 2
+    assert "are 4, the forecast has 30 cycles" in other.err
+
+
+def test_a_missed_limit_of_a_figure_is_exit_code_1(run, visits):
+    asked = ("iso9283", visits, "--all-poses", "--robots", "200")
+    kept = run(*asked, "--spec", "RP 1 mm @ 95 %")
+    assert kept.code == 0
+    assert "spec RP within 1 mm for 95 % at every pose: MET - 100" in kept.out
+    missed = run(*asked, "--spec", "RP 1 um", "--spec", "AP 1 m")
+    assert missed.code == 1
+    assert "spec RP within 0.001 mm for 95 % at every pose: NOT MET" in missed.out
+    assert "spec AP within 1000 mm for 95 % at every pose: MET" in missed.out
+
+
+# changes and correlations --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_set_value_is_that_of_the_sheet_edited_by_hand(run, folder):
+    few = ("--samples", "400", "--json", "-")
+    (folder / "heavy.errors.yaml").write_text((folder / SHEET).read_text().replace("mass: 1 kg", "mass: 3 kg"))
+    edited, plain = (run("analyze", sheet, *few).json for sheet in ("heavy.errors.yaml", SHEET))
+    changed = run("analyze", SHEET, "--set", "payload.mass=3 kg", *few).json
+    assert changed["position"] == edited["position"] != plain["position"]
+    for command in ("budget", "check", "mcpc"):
+        done = run(command, SHEET, "--set", "payload.mas=3 kg")
+        assert done.code == 2
+        said = done.out if command == "check" else done.err
+        assert said.startswith("--set payload.mas: error E_UNKNOWN_KEY: unknown key 'mas': did you mean 'mass'?")
+
+
+def test_scores_and_pearson_of_correlated_parameters_are_reported(run, folder):
+    (folder / "correlated.errors.yaml").write_text(
+        "precision-pin: 1\nrobot: 4dof.urdf\ntip: tool\nposes: {paper: -90 3 88 -91 deg}\n"
+        "parameters:\n  one: {uniform: 0.05 mm}\n  two: {uniform: 0.2 mm}\n"
+        "correlations:\n  - {parameters: [one, two], correlation: 0.7}\n"
+        "sources:\n  - length: {joint: joint3, parameters: [one]}\n  - length: {joint: joint4, parameters: [two]}\n"
+    )
+    asked = ("analyze", "correlated.errors.yaml", "--samples", "100", "--all", "--json", "result.json")
+    text = run(*asked).out
+    (group,) = json.loads((folder / "result.json").read_text())["correlations"]
+    # two uniform numbers under a Gaussian copula: Pearson = 6/π asin(ρ/2) (Pearson, 1907)
+    pearson = 6 / math.pi * math.asin(0.35)
+    assert group["parameters"] == ["one", "two"]
+    assert group["scores"] == [[1.0, 0.7], [0.7, 1.0]]
+    assert abs(group["pearson"][0][1] - pearson) < 1e-9
+    assert f"correlation of one and two: 0.7 of the normal scores, {pearson:.4g} of the numbers (Pearson)" in text
