@@ -1,3 +1,5 @@
+"""Statics of a chain: torques, wrenches and loads against the potential energy, free bodies and Pinocchio."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -31,7 +33,6 @@ def values_of(chain: Chain) -> list[float]:
 PAIRS = [
     ("base", "tool"),
     ("tool", "base"),
-    ("link3", "bracket"),
     ("bracket", "finger"),
     ("half2", "base"),
     ("link5", "tool"),
@@ -72,7 +73,7 @@ def test_link_wrenches_against_free_bodies(base, tip):
 
 
 @pytest.mark.fast(2)
-@pytest.mark.parametrize("name", ["link1", "bracket", "half2", "link6", "tool", "finger"])
+@pytest.mark.parametrize("name", ["bracket", "half2", "finger"])
 def test_the_load_basis_is_the_slope_of_pinocchio_to_mass_and_first_moments(name):
     """Torques and wrenches are linear in mass and first moments, so differences over any step are exact."""
     chain = chain_between("base", "tool")
@@ -111,31 +112,8 @@ def rewritten(name: str, mass: float, com) -> str:
     return ARM.replace(old, new)
 
 
-@pytest.mark.slow
-def test_torques_are_linear_in_gravity_and_vanish_without_it():
-    def torque(gravity):
-        return chain_of(ARM, tip="tool", gravity=gravity).at(Q).load_torque
-
-    parts = [torque(tuple(row)) for row in np.diag(GRAVITY)]
-    np.testing.assert_allclose(torque(GRAVITY), sum(parts), atol=1e-12)
-    np.testing.assert_array_equal(torque((0, 0, 0)), np.zeros(7))
-    np.testing.assert_allclose(torque((-1.5, 2.5, 9.0)), -torque(GRAVITY), atol=1e-12)
-
-
-def test_turning_arm_and_gravity_together_changes_no_torque():
-    turned = ARM.replace(
-        '<robot name="arm">',
-        '<robot name="arm">' + link("ground") + joint("mount", "fixed", "ground", "base", (1, 2, 3), (0.3, -0.4, 1.2)),
-    )
-    rotation = PlainRobot.parse(turned).poses({})["base"][:3, :3]
-    tilted = chain_of(turned, tip="tool", gravity=tuple(rotation @ GRAVITY)).at(Q)
-    straight = chain_of(ARM, tip="tool", gravity=GRAVITY).at(Q)
-    np.testing.assert_allclose(tilted.load_torque, straight.load_torque, atol=1e-11)
-    np.testing.assert_allclose(tilted.link_wrench[1:], straight.link_wrench[1:], atol=1e-11)
-
-
 @pytest.mark.fast(2)
-@pytest.mark.parametrize("where", ["tool", "finger", "bracket", "link4", "half2", "base"])
+@pytest.mark.parametrize("where", ["tool", "finger", "half2", "base"])
 def test_a_payload_is_a_link_more(where):
     centre = (0.1, -0.2, 0.3)
     bolted = ARM.replace("</robot>", joint("bolted", "fixed", where, "cargo") + link("cargo", 2.5, centre) + "</robot>")
@@ -162,10 +140,8 @@ def test_payload_at_the_tip_by_default_and_none_of_zero_mass():
     ("payload", "error", "message"),
     [
         ((-1.0,), InputError, "mass of a payload must be zero or more and finite"),
-        ((float("nan"),), InputError, "mass of a payload must be zero or more and finite"),
         ((float("inf"),), InputError, "mass of a payload must be zero or more and finite"),
         ((1.0, (0, 0)), InputError, "centre of a payload must be three finite numbers"),
-        ((1.0, (0, 0, float("nan"))), InputError, "centre of a payload must be three finite numbers"),
         ((1.0, "there"), InputError, "centre of a payload must be three finite numbers.*'there'"),
         ((1.0, (0, 0, 0), "tol"), UnknownNameError, "no link named 'tol'; did you mean 'tool'"),
     ],
@@ -173,23 +149,6 @@ def test_payload_at_the_tip_by_default_and_none_of_zero_mass():
 def test_wrong_payloads_are_refused(payload, error, message):
     with pytest.raises(error, match=message):
         chain_of(ARM, tip="tool").with_payload(*payload)
-
-
-def test_branches_and_fingers_count():
-    """Without the bracket joint 1 carries less, by the moment of its weight; the finger's position matters."""
-    chain = chain_between("base", "tool")
-    bare = chain_between("base", "tool", rewritten("bracket", 1e-12, (0, 0, 0)))
-    mass, centre = READING.centres(EVERYTHING)["bracket"]
-    posture = chain.at(list(Q.values()))
-    axis, origin = posture.joint_axes[0], posture.joint_poses[0][:3, 3]
-    moment = axis @ np.cross(centre - origin, mass * np.array(GRAVITY))
-    difference = posture.load_torque - bare.at(list(Q.values())).load_torque
-    np.testing.assert_allclose(difference, [moment, 0, 0, 0, 0, 0, 0], atol=1e-10)
-    assert abs(moment) > 1
-    out = chain_of(ARM, tip="tool", gravity=GRAVITY, locked={"finger_joint": 0.5}).at(Q).load_torque
-    expected = READING.load_torque(tuple(Q), Q | {"finger_joint": 0.5}, GRAVITY)
-    np.testing.assert_allclose(out, expected, atol=1e-11)
-    assert np.abs(out - posture.load_torque).max() > 1e-2
 
 
 def test_splitting_a_link_or_adding_a_massless_one_changes_nothing():
@@ -221,24 +180,18 @@ def test_splitting_a_link_or_adding_a_massless_one_changes_nothing():
             )
         for one, two in zip(*results, strict=True):
             np.testing.assert_allclose(one, two, atol=1e-13)
+    cut = chain_of(arm((0.4, 1.2), (0.0, 0.0), (0.8, 2.4)))
+    assert [cut.link_frame(name).path_rank for name in ("p0", "p1", "p2")] == [0, 1, 2]
 
 
-def test_loads_by_their_random_factors_stay_apart():
-    """wrench_on groups by factors, and the groups add up to the wrench of all."""
-    chain = chain_between("base", "tool")
-    posture = chain.at(list(Q.values()))
-    point = np.array([0.1, 0.2, 0.3])
-    groups = [posture.wrench_on([load], point)[()] for load in posture.loads]
-    np.testing.assert_allclose(posture.wrench_on(posture.loads, point)[()], sum(groups), atol=1e-12)
-    shifted = point + np.array([0.5, -0.4, 0.2])
-    (here,), (there,) = (posture.wrench_on(posture.loads, p).values() for p in (point, shifted))
-    np.testing.assert_allclose(there[3:], here[3:] + np.cross(point - shifted, here[:3]), atol=1e-12)
-
-
-def test_every_link_with_a_mass_is_one_load():
+def test_every_link_with_a_mass_is_one_load_and_their_wrenches_add_up():
     chain = chain_between("base", "tool")
     total = sum(load.moments[0][0][0] for load in chain.loads)
     assert total == pytest.approx(sum(mass for mass, _ in READING.masses.values()))
     loads = dict(zip(READING.masses, chain.loads, strict=True))
     assert {name for name, load in loads.items() if load.along} == {"base", *(f"link{k}" for k in range(1, 8))}
     assert {name for name, load in loads.items() if load.stretch is None} == {"bracket", "finger"}
+    posture = chain.at(list(Q.values()))
+    point = np.array([0.1, 0.2, 0.3])
+    groups = [posture.wrench_on([load], point)[()] for load in posture.loads]
+    np.testing.assert_allclose(posture.wrench_on(posture.loads, point)[()], sum(groups), atol=1e-12)
