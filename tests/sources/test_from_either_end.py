@@ -256,7 +256,10 @@ def test_a_branch_loads_the_beam_where_its_joint_stands_whichever_way_it_is_writ
 
 
 def test_a_body_is_the_links_own_whichever_way_the_file_is_written():
-    """A link in parts: the same loads from the file's root to the tool as with the base at the tool's end."""
+    """A link in parts: the same loads from the file's root to the tool as with the base at the tool's end.
+
+    Seen from the hand the motor is spread about its centre, 0.2 m along, as far as it goes; the arm from there on.
+    """
     parts = (
         link("base"),
         joint("hinge", "revolute", "base", "dummy", axis=(0, 1, 0)),
@@ -279,6 +282,11 @@ def test_a_body_is_the_links_own_whichever_way_the_file_is_written():
             np.testing.assert_allclose(
                 np.sort(np.abs(there[name])), np.sort(np.abs(np.array(span) - along)), atol=1e-15
             )
+    at, totals = evaluated(chain, [0.0, 0.0], [Beam(link="motor", EI=700.0, GI=300.0, EA=1e5)])
+    weight = np.array([0.0, 0.0, -9.81])
+    spread = [(0.1, 0.3, 3.0 * weight), (0.3, 1.0, 2.0 * weight)]
+    expected = integrals([], spread, 1.0, np.diag([-1.0, 1.0, -1.0]), (300.0, 700.0, 700.0, 1e5))
+    np.testing.assert_allclose(in_base(at.posture, totals), expected, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("reach", [0.0, 0.4, 1.0, 1.3])

@@ -149,6 +149,7 @@ SETTINGS = [
     ("beam", TUBE | {"density": 7000.0}, "density: is used only with self_weight: section"),
     ("beam", TUBE | {"self_weight": "none"}, "no self_weight named 'none'"),
     ("beam", TUBE | {"wall": Uniform(0.001, mean=0.0295)}, "thicker than half its outer_diameter"),
+    ("beam", TUBE | {"outer_diameter": Normal(0.0067, mean=0.06)}, "thicker than half its outer_diameter"),
     ("beam", TUBE | {"wall": Normal(0.001, mean=0.002)}, r"wall of beam\[arm\] can become zero or negative"),
     ("beam", ARM | {"segments": (Segment(),)}, r"segments\[0\] needs a stiffness"),
     ("beam", PARTS | {"EI": 5.0}, "beam has segments:, so give EI in the segments"),

@@ -25,7 +25,6 @@ from precision_pin.sources.levelling import Levelling
 from precision_pin.sources.mounting import Mounting
 from precision_pin.sources.payload import Payload
 from precision_pin.sources.table import Table
-from precision_pin.sources.thermal import Thermal
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term, at_means
 from support.checks.common import Q7, one_link
@@ -47,6 +46,7 @@ ZERO = {
     "encoder": [
         {"resolution": 0.0, "offset": 0.0, "amplitude": 0.0},
         {"resolution": 0.0, "offset": 0.0, "amplitude": 0.0, "period": 1e-3, "scale": 0.0},
+        {"eccentricity": 1e-5, "radius": 0.02, "heads": 2},
     ],
     "levelling": [{"rx": RANDOM, "ry": RANDOM, "rz": RANDOM}],
     "mounting": [
@@ -137,23 +137,6 @@ def test_a_fourth_factor_becomes_part_of_a_formula():
     assert np.prod([value_of(factor, values) for factor in five.factors]) == 2 * 3 * 5 * 7 * 2
 
 
-def test_the_whole_arm_is_every_link_with_the_same_numbers():
-    chain = chain_of(random_arm(33, prismatic=(2,)), tip="tool")
-    settings = {
-        "expansion": Uniform(1e-6, mean=12e-6),
-        "temperature_change": Uniform(5.0, mean=1.0),
-        "gradient": Uniform(3.0),
-        "across": "y of joint3",
-    }
-    whole = ErrorModel(chain, Space(), [Thermal(**settings)])
-    names = {"expansion": "thermal[arm].expansion", "temperature_change": "thermal[arm].temperature_change"}
-    names |= {"gradient": "thermal[arm].gradient"}
-    links = [Thermal(link=name, across="y of joint3", **names) for name in ("base", *(f"link{k}" for k in range(1, 8)))]
-    single = ErrorModel(chain, whole.space, links)
-    x = whole.space.sample(2, 0, 10)
-    np.testing.assert_allclose(single.at(Q7).exact(x), whole.at(Q7).exact(x), rtol=0, atol=1e-15)
-
-
 # --- bearings and drives ---
 
 
@@ -205,36 +188,6 @@ def test_where_the_base_stands_and_in_what_order_sources_do_not_matter(statics):
         there = other.at(SEVEN_Q)
         for engine, same in expected.items():
             np.testing.assert_allclose(in_tool_axes(there, engine, x[rows]), same, rtol=0, atol=1e-12)
-
-
-def test_a_link_split_by_a_fixed_joint_is_the_same_link():
-    def arm(*middle: str, parent: str = "upper", where=(0.5, 0, 0.1)) -> Chain:
-        parts = (
-            link("base"),
-            joint("joint1", "revolute", "base", "upper", (0, 0, 0.2), (0.4, 0.2, 0), (0, 1, 0)),
-            link("upper", 3.0, (0.2, 0, 0.05)),
-            *middle,
-            joint("joint2", "revolute", parent, "tool", where, axis=(0, 0.6, 0.8)),
-            link("tool", 2.0, (0.3, 0.1, 0)),
-        )
-        return chain_of(f'<robot name="arm">{"".join(parts)}</robot>')
-
-    whole = arm()
-    split = arm(
-        joint("weld", "fixed", "upper", "half", (0.2, 0, 0.1)),
-        link("half"),
-        joint("shim", "fixed", "half", "thin", (0, 0, 0)),
-        link("thin"),
-        parent="thin",
-        where=(0.3, 0, 0),
-    )
-    results = []
-    for chain in (whole, split):
-        sources = [source for source in on_every_joint(chain) if source.kind() != "beam"]
-        model = ErrorModel(chain, Space((K,)), sources)
-        x = model.space.sample(4, 0, 20)
-        results.append(model.at([0.3, -0.8]).exact(x))
-    np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e-14)
 
 
 def test_numbers_at_the_means_of_their_factors():

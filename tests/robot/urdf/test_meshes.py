@@ -211,6 +211,7 @@ BAD: dict[str, tuple[str, bytes]] = {
     "far.obj": ("indices outside", FACES + b"1 2 4"),
     "before.obj": ("indices outside", FACES + b"1 2 -9"),
     "texture.obj": ("indices outside", FACES + b"1/1/1 2/9999999999/1 3/1/1"),
+    "normal.obj": ("indices outside", FACES + b"1//1 2//-9999999999 3//1"),
     "escape.obj": ("outside its folder", b"mtllib ../../etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
     "length.glb": ("claims", struct.pack("<4sIIII", b"glTF", 2, 0xFFFFFFF0, 4, 0) + b"{}  "),
     "chunk.glb": ("longer than the file", struct.pack("<4sIIII", b"glTF", 2, 24, 900, 0) + b"{}  "),
