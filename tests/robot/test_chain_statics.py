@@ -73,46 +73,6 @@ def test_link_wrenches_against_free_bodies(base, tip):
 
 
 @pytest.mark.fast(2)
-@pytest.mark.parametrize("name", ["bracket", "half2", "finger"])
-def test_the_load_basis_is_the_slope_of_pinocchio_to_mass_and_first_moments(name):
-    """Torques and wrenches are linear in mass and first moments, so differences over any step are exact."""
-    chain = chain_between("base", "tool")
-    posture = chain.at(values_of(chain))
-    mass, com = READING.masses[name]
-    first = mass * com
-    (load,) = [
-        entry
-        for entry in posture.loads
-        if np.allclose(entry.moments[0][0], [mass, *first]) and entry.link == chain.link_frame(name).link
-    ]
-    for row, step in enumerate((0.8, 0.3, 0.4, -0.5)):
-        moments = np.array([mass, *first])
-        moments[row] += step
-        changed = chain_between("base", "tool", rewritten(name, moments[0], moments[1:] / moments[0]))
-        other = changed.at(values_of(changed))
-        for k in range(len(chain.joints)):
-            basis = posture.wrench_basis(load, posture.joint_poses[k][:3, 3])[:, row]
-            rows = slice(0, 3) if chain.prismatic[k] else slice(3, 6)
-            expected = posture.joint_axes[k] @ basis[rows] if load.link > k else 0.0
-            actual = (other.load_torque[k] - posture.load_torque[k]) / step
-            assert actual == pytest.approx(expected, abs=1e-10)
-        for number in range(load.link):
-            end = posture.place_pose(chain.end(number))
-            basis = posture.wrench_basis(load, end[:3, 3])[:, row]
-            turned = np.concatenate([end[:3, :3].T @ basis[:3], end[:3, :3].T @ basis[3:]])
-            actual = (other.link_wrench[number] - posture.link_wrench[number]) / step
-            np.testing.assert_allclose(actual, turned, atol=1e-10)
-
-
-def rewritten(name: str, mass: float, com) -> str:
-    """Return the arm with another mass and centre in one link."""
-    old_mass, old_com = READING.masses[name]
-    old, new = link(name, float(old_mass), old_com), link(name, float(mass), com)
-    assert ARM.count(old) == 1
-    return ARM.replace(old, new)
-
-
-@pytest.mark.fast(2)
 @pytest.mark.parametrize("where", ["tool", "finger", "half2", "base"])
 def test_a_payload_is_a_link_more(where):
     centre = (0.1, -0.2, 0.3)

@@ -80,7 +80,7 @@ def hinge_with_load(band: float = 98.0) -> ErrorModel:
     return ErrorModel(one_link(axis=(0, 1, 0)), Space(), [*loads, source])
 
 
-@pytest.mark.parametrize("band", [94.0, 98.0, 103.0])
+@pytest.mark.parametrize("band", [94.0, 103.0])
 def test_the_side_turns_over_with_the_scatter_of_the_load(band: float) -> None:
     model, count = hinge_with_load(band), 100_000
     mass = model.space.sample(3, 0, count)[model.space.index["payload[tool].mass"]]
@@ -230,15 +230,9 @@ def test_equilibrium_says_where_single_robots_lie_otherwise() -> None:
 
 def test_in_equilibrium_the_load_hangs_straight_down_in_the_clearance():
     """A rigid arm of 1 m on a soft hinge turns by θ = C m g cos θ; the second hinge's journals then lie lowest."""
-    chain = chain_of(
-        robot(
-            link("base"),
-            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
-            link("upper"),
-            joint("wrist", "revolute", "upper", "hand", (1, 0, 0), axis=(0, 1, 0)),
-            link("hand", 3.0, (0.0, 0.05, 0.0)),
-        )
-    )
+    shoulder = joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0))
+    wrist = joint("wrist", "revolute", "upper", "hand", (1, 0, 0), axis=(0, 1, 0))
+    chain = chain_of(robot(link("base"), shoulder, link("upper"), wrist, link("hand", 3.0, (0.0, 0.05, 0.0))))
     sources = [
         JointCompliance(joint="shoulder", compliance=5e-3),
         Clearance(joint="wrist", diametral=(2 * MM,), span=0.1, band=1.0),
@@ -281,13 +275,8 @@ def test_many_poses_with_their_own_approaches_are_those_of_each_alone() -> None:
         np.testing.assert_allclose(many.mean[:, k], alone.summary.mean, rtol=0, atol=1e-15)
     assert many.to_xarray()["approach"].sel(joint="hinge").values.tolist() == [0, 1, 1, -1]
     assert "approach" not in pp.sample_poses(model, q, samples=100).to_xarray()
-    entries = many.to_dict()["poses"]
-    assert [entry["pose"].get("approach") for entry in entries] == [
-        None,
-        {"hinge": "+"},
-        {"hinge": "+"},
-        {"hinge": "-"},
-    ]
+    given = [entry["pose"].get("approach") for entry in many.to_dict()["poses"]]
+    assert given == [None, {"hinge": "+"}, {"hinge": "+"}, {"hinge": "-"}]
     listed = [[0.0], ApproachedPose([0.1], "previous"), ApproachedPose([0.1], "previous"), ApproachedPose([0.05], [-1])]
     again = pp.sample_poses(model, listed, samples=3000, seed=4)
     np.testing.assert_array_equal(again.mean, many.mean)

@@ -101,27 +101,17 @@ def test_materials_are_consistent_and_named_with_their_source():
 # --- in a beam ---
 
 
-ALUMINIUM = {"material": "aluminium"}
+BOX = {"section": "box", "width": 0.04, "height": 0.06, "wall": 0.003}
+GENERAL = {"section": "general", "area": 1e-4, "I_y": 3e-9, "I_z": 8e-9, "J": 5e-9}
 TUBE = {"section": "tube", "outer_diameter": 0.06, "wall": 0.002}
 
 
 @pytest.mark.parametrize(
     ("settings", "section", "modulus", "shear"),
     [
-        (TUBE | ALUMINIUM, tube(0.06, 0.002), 70e9, 27e9),
-        ({"section": "rod", "diameter": 0.04} | ALUMINIUM, rod(0.04), 70e9, 27e9),
-        (
-            {"section": "box", "width": 0.04, "height": 0.06, "wall": 0.003} | ALUMINIUM,
-            box(0.04, 0.06, 0.003),
-            70e9,
-            27e9,
-        ),
-        (
-            {"section": "general", "area": 1e-4, "I_y": 3e-9, "I_z": 8e-9, "J": 5e-9} | ALUMINIUM,
-            Section(1e-4, 3e-9, 8e-9, 5e-9),
-            70e9,
-            27e9,
-        ),
+        ({"section": "rod", "diameter": 0.04, "material": "aluminium"}, rod(0.04), 70e9, 27e9),
+        (BOX | {"material": "aluminium"}, box(0.04, 0.06, 0.003), 70e9, 27e9),
+        (GENERAL | {"material": "aluminium"}, Section(1e-4, 3e-9, 8e-9, 5e-9), 70e9, 27e9),
         (TUBE | {"material": "steel", "E": 200e9}, tube(0.06, 0.002), 200e9, 81e9),
         (TUBE | {"material": "steel", "G": 79e9}, tube(0.06, 0.002), 210e9, 79e9),
         (TUBE | {"E": 7e10, "poisson_ratio": 0.25}, tube(0.06, 0.002), 7e10, 2.8e10),
@@ -249,25 +239,12 @@ def test_the_sheet_is_the_same_as_python(folder):
         Segment(fraction=0.25, section="general", area=5e-4, I_y=20e-8, I_z=3e-7, J=1e-7),
         Segment(EI_y=9000.0, EI_z=8000.0, GI=Uniform(50.0, mean=4000.0), EA=1e7),
     )
+    tube = {"section": "tube", "outer_diameter": Normal(1e-4, mean=0.06), "wall": "sheet", "material": "aluminium"}
+    box = {"section": "box", "E": 210e9, "poisson_ratio": 0.3, "roll": np.pi / 2, "segments": segments}
     sources = [
         Payload(at="tool", mass=Uniform(0.1, mean=1.0)),
-        Beam(
-            link="link2",
-            section="tube",
-            outer_diameter=Normal(1e-4, mean=0.06),
-            wall="sheet",
-            material="aluminium",
-            self_weight="section",
-        ),
-        Beam(
-            link="link3",
-            section="box",
-            E=210e9,
-            poisson_ratio=0.3,
-            roll=np.pi / 2,
-            self_weight="centre",
-            segments=segments,
-        ),
+        Beam(link="link2", self_weight="section", **tube),
+        Beam(link="link3", self_weight="centre", **box),
     ]
     same = ErrorModel(model.chain, Space((Draw("sheet", Uniform(1e-4, mean=2e-3)),)), sources)
     x = model.space.sample(2, 0, 6)

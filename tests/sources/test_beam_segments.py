@@ -267,34 +267,17 @@ def test_what_segments_have_from_the_beam():
 def test_random_numbers_in_segments_have_names_and_those_of_the_beam_are_shared():
     chain = one_link(length=L, gravity=tuple(GRAVITY)).with_payload(1.0)
     law = Uniform(1e9, mean=7e10)
-    source = Beam(
-        link="arm",
-        section="tube",
-        E=law,
-        G=2.7e10,
-        segments=(
-            Segment(length=0.5, outer_diameter=0.06, wall=Uniform(1e-4, mean=0.003)),
-            Segment(outer_diameter=Draw("", Uniform(1e-4, mean=0.05)), wall="sheet"),
-        ),
+    first = {"length": 0.5, "outer_diameter": 0.06}
+    random = (
+        Segment(wall=Uniform(1e-4, mean=0.003), **first),
+        Segment(outer_diameter=Draw("", Uniform(1e-4, mean=0.05)), wall="sheet"),
     )
+    source = Beam(link="arm", section="tube", E=law, G=2.7e10, segments=random)
     model = ErrorModel(chain, Space((Draw("sheet", Uniform(1e-4, mean=0.002)),)), [source])
-    assert model.space.components == (
-        "sheet",
-        "beam[arm].E",
-        "beam[arm].segments[0].wall",
-        "beam[arm].segments[1].outer_diameter",
-    )
-    values = {"sheet": 0.0021, "E": 6.9e10, "segments[0].wall": 0.00305, "segments[1].outer_diameter": 0.0501}
-    x = np.array([values["sheet"], *(values[name.partition("].")[2]] for name in model.space.components[1:])])
-    fixed = Beam(
-        link="arm",
-        section="tube",
-        E=6.9e10,
-        G=2.7e10,
-        segments=(
-            Segment(length=0.5, outer_diameter=0.06, wall=0.00305),
-            Segment(outer_diameter=0.0501, wall=0.0021),
-        ),
-    )
+    own = ("E", "segments[0].wall", "segments[1].outer_diameter")
+    assert model.space.components == ("sheet", *(f"beam[arm].{name}" for name in own))
+    x = np.array([0.0021, 6.9e10, 0.00305, 0.0501])
+    known = (Segment(wall=0.00305, **first), Segment(outer_diameter=0.0501, wall=0.0021))
+    fixed = Beam(link="arm", section="tube", E=6.9e10, G=2.7e10, segments=known)
     expected = ErrorModel(chain, Space(), [fixed]).at([0.0]).exact(np.zeros((0, 1)))
     np.testing.assert_allclose(model.at([0.0]).exact(x[:, None]), expected, rtol=1e-12, atol=1e-18)

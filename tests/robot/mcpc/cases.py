@@ -48,9 +48,6 @@ def paper_arm() -> StandIn:
     return stand_in(placements, np.tile((0, 0, 1), (4, 1)))
 
 
-PAPER_Q = np.radians([-90, 3, 88, -91])
-
-
 def random_pose(generator, reach=1.0) -> np.ndarray:
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.random(random_state=generator).as_matrix()
@@ -168,12 +165,6 @@ def hat(vector) -> np.ndarray:
     """Return the error matrix of eq 5."""
     d, r = vector[:3], vector[3:]
     return np.array([[0, -r[2], r[1], d[0]], [r[2], 0, -r[0], d[1]], [-r[1], r[0], 0, d[2]], [0, 0, 0, 0]])
-
-
-def pose_error(actual, nominal) -> np.ndarray:
-    """Return d and δ in base axes at the tip, by scipy."""
-    turn = Rotation.from_matrix(actual[:3, :3] @ nominal[:3, :3].T).as_rotvec()
-    return np.concatenate([actual[:3, 3] - nominal[:3, 3], turn])
 
 
 def displaced_tip(mcpc: Mcpc, q, displacements) -> np.ndarray:

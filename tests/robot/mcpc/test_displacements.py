@@ -81,19 +81,6 @@ def test_eq20_by_hand_on_the_paper():
     assert complete["x_3"] == pytest.approx(1.770 * (np.cos(1e-3) - 1), abs=1e-15)
 
 
-def test_eq20_prismatic_joint_takes_the_shift():
-    chain = cases.stand_in(
-        [np.eye(4), cases.pose((0.3, 0, 0)), cases.pose((0.2, 0, 0))], np.tile((0, 0, 1), (2, 1)), [False, True]
-    )
-    arm = mcpc.from_chain(chain)
-    displacements = np.zeros((3, 6))
-    displacements[1] = (0, 0, 2e-3, 0, 0, 1e-2)
-    errors = dict(zip(arm.parameter_names, mcpc.parameter_errors(arm, displacements, "offsets"), strict=True))
-    assert errors["d_2"] == pytest.approx(2e-3, abs=1e-16)
-    assert errors["gamma_2"] == pytest.approx(1e-2, abs=1e-16)
-    assert errors["theta_1"] == 0
-
-
 @pytest.mark.fast(5)
 @pytest.mark.parametrize("seed", range(10))
 def test_frame_displacements_give_the_perturbed_tip_and_come_back_as_the_same_errors(seed):
@@ -141,7 +128,6 @@ def twisted(value):
         (lambda arm: mcpc.parameter_errors(arm, np.full((5, 6), np.nan)), "mcpc displacements must be finite"),
         (lambda arm: mcpc.parameter_errors(arm, [["x"] * 6] * 5), "mcpc displacements must be numbers"),
         (lambda arm: mcpc.parameter_errors(arm, twisted(1e-6)), "number 3 is not a rigid motion"),
-        (lambda arm: mcpc.parameter_errors(arm, twisted(np.inf)), "mcpc displacements must be finite"),
         (lambda arm: mcpc.parameter_errors(arm, [np.diag([1, 1, -1, 1])] * 5), "number 0 is not a rigid motion"),
         (lambda arm: mcpc.parameter_errors(arm, np.zeros((5, 6)), chart="dh"), "must be complete or offsets, got 'dh'"),
         (lambda arm: mcpc.frame_displacements(arm, np.zeros(6)), r"shape \(6,\) is not \(26,\)"),

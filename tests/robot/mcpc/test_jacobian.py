@@ -147,13 +147,3 @@ def test_eq15_eq16_against_pinocchios_frame_kinematic_regressor(seed):
         in_link = np.array([k for k in arm.parameter_indices(i) if k >= joints])
         expected = from_link @ arm.link_matrix(i)[:, 1 if i else 0 :]
         np.testing.assert_allclose(jacobian[:, in_link], expected, rtol=0, atol=5e-14)
-
-
-def test_prismatic_joint_by_hand():
-    """A slide along z, then 0.5 m along x: Δd moves the tip along z and turns nothing."""
-    chain = cases.stand_in([np.eye(4), cases.pose((0.5, 0, 0))], [(0, 0, 1)], [True])
-    arm = mcpc.from_chain(chain)
-    assert arm.parameter_names[0] == "d_1"
-    np.testing.assert_allclose(arm.jacobian([0.3])[:, 0], [0, 0, 1, 0, 0, 0], rtol=0, atol=1e-16)
-    moved = arm.perturbed([0.2, *np.zeros(10)]).forward_kinematics([0.3])
-    np.testing.assert_allclose(moved, cases.pose((0.5, 0, 0.5)), rtol=0, atol=1e-16)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -56,20 +55,6 @@ def test_tree_and_unknown_names_that_bring_the_nearest(robot):
         robot.link_poses({"wrist": 1.0})
     with pytest.raises(InputError, match="foot, upper, hook"):
         robot.path("fore", "hook")
-
-
-def test_forward_kinematics_by_hand(robot):
-    # shoulder axis points along +y of the foot; at 90° the upper arm points down
-    poses = robot.link_poses({"shoulder": math.pi / 2})
-    np.testing.assert_allclose(poses["upper"][:3, 3], [0, 0, 0.3], atol=1e-15)
-    np.testing.assert_allclose(poses["upper"][:3, 0], [0, 0, -1], atol=1e-15)
-    np.testing.assert_allclose(poses["fore"][:3, 3], [0, 0, -0.1], atol=1e-15)
-    # the slide moves along the forearm's x, whatever came before
-    near, far = (
-        robot.link_poses({"shoulder": 0.3, "elbow": -2}),
-        robot.link_poses({"shoulder": 0.3, "elbow": -2, "slide": 0.2}),
-    )
-    np.testing.assert_allclose(far["tip"][:3, 3] - near["tip"][:3, 3], 0.2 * near["fore"][:3, 0], atol=1e-15)
 
 
 def relative_poses(robot, values):
@@ -145,14 +130,6 @@ def test_snapping_makes_right_angles_exact_and_nothing_else(arm):
 
 def test_canonical_text_is_complete_and_reads_back_the_same(robot):
     text = canonical(robot)
-    tree = ElementTree.fromstring(text.split("\n", 1)[1])
-    assert all(link.find("inertial/inertia").get("izz") for link in tree.findall("link"))
-    assert {element.tag for element in tree.iter()} == {
-        "robot", "link", "inertial", "origin", "mass", "inertia", "joint", "parent", "child", "axis", "limit",
-    }  # fmt: skip
-    assert [joint.get("type") for joint in tree.findall("joint")] == [
-        "revolute", "revolute", "prismatic", "fixed", "revolute",
-    ]  # fmt: skip
     again = parse(text.encode(), "again.urdf")
     for old, new in zip(robot.joints, again.joints, strict=True):
         assert (new.name, new.parent, new.child) == (old.name, old.parent, old.child)
@@ -212,23 +189,17 @@ ARMS = {
 }
 
 
-def pinocchio_data(robot, seed):
-    """Return Pinocchio's model and data of the canonical text, at joint values that are returned too."""
+@pytest.mark.fast(5)
+@pytest.mark.parametrize("arm", ARMS)
+def test_pinocchio_agrees(shipped, arm):
+    robot = read(shipped / ARMS[arm])
     model = pin.buildModelFromXML(canonical(robot))
-    data, rng = model.createData(), np.random.default_rng(seed)
+    data, rng = model.createData(), np.random.default_rng(3)
     values = {joint.name: rng.uniform(-2, 2) for joint in robot.moving_joints}
     q = np.zeros(model.nq)
     for name, value in values.items():
         q[model.joints[model.getJointId(name)].idx_q] = value
     pin.framesForwardKinematics(model, data, q)
-    return model, data, values
-
-
-@pytest.mark.fast(5)
-@pytest.mark.parametrize("arm", ARMS)
-def test_pinocchio_agrees(shipped, arm):
-    robot = read(shipped / ARMS[arm])
-    model, data, values = pinocchio_data(robot, 3)
     assert sorted(list(model.names)[1:]) == sorted(joint.name for joint in robot.moving_joints)
     poses = robot.link_poses(values)
     masses = np.zeros(model.njoints)
@@ -251,18 +222,6 @@ def test_pinocchio_agrees(shipped, arm):
     for mass, moment, lump in zip(masses, moments, model.inertias, strict=True):
         assert lump.mass == pytest.approx(mass, rel=1e-12, abs=0)
         np.testing.assert_allclose(lump.mass * lump.lever, moment, rtol=0, atol=1e-12 * max(1.0, mass))
-
-
-@pytest.mark.parametrize(("arm", "base"), [("ur5", "ee_link"), ("pr2", "l_gripper_tool_frame")])
-def test_another_root_in_pinocchio(shipped, arm, base):
-    robot = read(shipped / ARMS[arm])
-    model, data, _ = pinocchio_data(rerooted(robot, base), 11)
-    rng = np.random.default_rng(11)
-    poses = robot.link_poses({joint.name: rng.uniform(-2, 2) for joint in robot.moving_joints})
-    for link in robot.links:
-        expected = np.linalg.inv(poses[base]) @ poses[link.name]
-        found = data.oMf[model.getFrameId(link.name, pin.FrameType.BODY)].homogeneous
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -379,10 +338,3 @@ def test_edited_attributes(arm, values, places):
         at = 2 * (place % (len(parts) // 2)) + 1
         parts[at] = value
     attempt(b'"'.join(parts))
-
-
-@pytest.mark.slow
-@QUIET
-@given(data=st.binary(max_size=200))
-def test_any_bytes(data):
-    attempt(data)
