@@ -13,7 +13,6 @@ import warnings
 import numpy as np
 import pinocchio
 import pytest
-from scipy import stats
 
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Uniform
@@ -96,22 +95,6 @@ def test_r1_length_errors(paper_arm):
     np.testing.assert_allclose(np.sqrt(d**2 @ limits**2), [0.086603, 0.249696, 0.260100], atol=5e-7)
     corners = np.array(list(itertools.product((-1, 1), repeat=6))).T * limits[:, None]
     assert np.linalg.norm(at.exact(corners * MM)[:3], axis=0).max() / MM == pytest.approx(0.463111, abs=5e-7)
-
-
-@pytest.mark.slow
-def test_r1_z4_alone(paper_arm):
-    """Three uniform lengths of ±0.05 mm (Irwin-Hall): tails counted in 400,000 samples, 99.9 % Clopper-Pearson."""
-    parameters = tuple(Uniform(0.05 * MM) for _ in range(3))
-    model = ErrorModel(paper_arm, Space(), [Length(frame="tool", along="-z of joint4", parameters=parameters)])
-    at = model.at(Q)
-    assert np.sqrt(at.covariance[0, 0]) / MM == pytest.approx(0.05, rel=1e-12)
-    count = 400_000
-    z = at.exact(model.space.sample(2015, 0, count))[0]
-    for limit, probability in ((0.10, 1 / 24), (0.14, 1 / 3000)):
-        seen = int((np.abs(z) > limit * MM).sum())
-        interval = stats.binomtest(seen, count).proportion_ci(confidence_level=0.999, method="exact")
-        assert interval.low < probability < interval.high
-        assert interval.high - interval.low < probability
 
 
 def test_r1_axis_installation(paper_arm):

@@ -196,17 +196,6 @@ def compare_models(
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*W_SQUARE_POSES", "ignore:.*W_JOINT_LIMIT", "ignore:.*W_COLLISION")
-def test_shipped_sheets_at_many_poses_as_one_at_a_time():
-    for name in ("4dof", "panda"):
-        model = ErrorModel.load(shipped_sheets()[name])
-        q = model.configuration()[:, None] + np.random.default_rng(6).normal(size=(len(model.chain.joints), 2))
-        many = compare_models(model, q)
-        assert all(at.table.program is many[0].table.program for at in many), "one program serves all poses"
-        assert np.abs(many[0].table.twists - many[1].table.twists).max() > 1e-9
-
-
-@pytest.mark.slow
 def test_equilibrium_at_many_poses_as_one_at_a_time():
     """Its slopes are differences over a step of 1e-7, which makes 1e-9 of a rounding of 1e-16.
 

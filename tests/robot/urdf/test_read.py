@@ -55,7 +55,6 @@ ERRORS = [
     # what may stand once
     (ELBOW_AXIS, ELBOW_AXIS + '<axis xyz="1 0 0"/>', "E_DUP_ELEMENT", ["elbow", "axis"], "0 -1 0"),
     # names
-    ('<link name="ram"/>', '<link name="ram"/>\n<link/>', "E_NO_NAME", ["link"], "<link/>"),
     ('<link name="ram"/>', '<link name="ram"/>\n<link name=" "/>', "E_EMPTY_NAME", ["link"], '" "'),
     ('<link name="ram"/>', '<link name="ram"/>\n<link name="fore"/>', "E_DUP_LINK", ["fore"], '"fore"/>'),
     (ELBOW, ELBOW.replace("elbow", "shoulder"), "E_DUP_JOINT", ["shoulder"], 'name="shoulder" type="cont'),
@@ -78,7 +77,6 @@ ERRORS = [
     (FORE_MASS, '<mass value="-INF"/>', "E_NOT_FINITE", ["fore", "-INF"], '"-INF"'),
     (FORE_MASS, '<mass value="1e999"/>', "E_NOT_FINITE", ["fore", "1e999"], '"1e999"'),
     (ELBOW_ORIGIN, '<origin xyz="4e9 0 0"/>', "E_UNITS", ["elbow", "metres"], "4e9"),
-    (ELBOW_ORIGIN, '<origin rpy="4e9 0 0"/>', "E_UNITS", ["elbow", "radians"], "4e9"),
     (FORE_MASS, '<mass value="4e9"/>', "E_UNITS", ["fore", "kg"], "4e9"),
     # joints
     (ELBOW, ELBOW.replace("continuous", "hinge"), "E_JOINT_TYPE", ["elbow", "hinge", "revolute"], "hinge"),
@@ -127,7 +125,6 @@ WARNINGS = [
     (ELBOW_AXIS, '<axis xyz="0 -2 0"/>', "W_AXIS_NORM", ["elbow", "length 2"], "0 -2 0"),
     (ELBOW_AXIS, "", "W_AXIS_DEFAULT", ["elbow", "1 0 0"], ELBOW),
     (ELBOW_AXIS, '<axis xyz="0 -1e-5 0"/>', "W_AXIS_NORM", ["elbow", "1e-05"], "1e-5"),
-    (ELBOW_AXIS, '<axis xmlns="urn:x" xyz="0 -1 0"/>', "W_UNKNOWN_ATTRIBUTE", ["elbow", "xmlns"], "urn:x"),
     (ELBOW_AXIS, ELBOW_AXIS + "<limit/>", "W_LIMITS", ["elbow", "effort and velocity"], "<limit/>"),
     (FLANGE_CHILD, FLANGE_CHILD + '<mimic joint="elbow"/>', "W_MIMIC", ["flange", "fixed"], "<mimic"),
     (FLANGE_CHILD, FLANGE_CHILD + '<limit effort="x" velocity="1"/>', "W_LIMITS", ["flange", "effort missing or"], '"x"'),
@@ -136,7 +133,6 @@ WARNINGS = [
     ('xyz="0.15 0 0"', 'xyz="0.15&#9;0 0"', "W_NUMBER_BLANKS", ["fore", "<origin> xyz"], "0.15"),
     (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"2 "'), "W_NUMBER_BLANKS", ["shoulder", "<limit> upper"], '"2 "'),
     (SHOULDER_LIMIT, '<limit effort="50" velocity="1.5"/>', "W_LIMITS", ["lower and upper"], "<limit effort"),
-    (SHOULDER_LIMIT, '<limit lower="-2" upper="2"/>', "W_LIMITS", ["effort and velocity"], '"2"/>'),
     (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"inf"'), "W_LIMITS", ["upper infinite"], "inf"),
     (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"-2"').replace('"-2"', '"0"'), "W_LIMITS", ["both 0"], '"0" eff'),
     (ELBOW_AXIS, ELBOW_AXIS + SHOULDER_LIMIT, "W_LIMITS", ["elbow", "without end"], "0 -1 0"),
@@ -157,7 +153,6 @@ WARNINGS = [
     (CYLINDER, '<capsule radius="1"/>', "W_GEOMETRY", ["upper", "capsule"], "<visual>"),
     (CYLINDER, '<mesh filename="" />', "W_MESH_MISSING", ["upper"], "<mesh"),
     (CYLINDER, '<mesh filename="a.stl" scale="0.001"/>', "W_MESH_SCALE", ["upper", "0.001"], "<mesh"),
-    (CYLINDER, '<mesh filename="a.stl" scale="1e308 1 1"/>', "W_MESH_SCALE", ["upper", "1e308", "large"], "<mesh"),
     (CYLINDER, '<box size="1 1e308 1"/>', "W_GEOMETRY", ["upper", "1e308", "large"], "<visual>"),
     (CYLINDER, '<mesh filename="a.stl" scale="1 -1 1"/>', "W_MESH_SCALE", ["upper", "mirrors"], "<mesh"),
     (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" rpy="1.57 0 0"/>', "W_ANGLE_ROUNDED", ["elbow", "1.57", "90°"], ELBOW),
