@@ -155,3 +155,5 @@ def test_every_link_with_a_mass_is_one_load_and_their_wrenches_add_up():
     point = np.array([0.1, 0.2, 0.3])
     groups = [posture.wrench_on([load], point)[()] for load in posture.loads]
     np.testing.assert_allclose(posture.wrench_on(posture.loads, point)[()], sum(groups), atol=1e-12)
+    for load, wrench in zip(posture.loads, groups, strict=True):
+        np.testing.assert_allclose(posture.wrench_basis(load, point) @ load.moments[0][0], wrench, atol=1e-12)

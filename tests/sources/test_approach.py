@@ -137,11 +137,11 @@ def test_the_compiled_sampler_against_numpy(statics: str) -> None:
     model = arm_with_loads(statics)
     at = model.at("here", approach=[1, -1, 1, -1, 1, -1, 1])
     assert sum(bool(signs_of(term.factors)) for term in at.terms) > 7  # backlash and bearings
-    x = model.space.sample(1, 0, 5000)
+    x = model.space.sample(1, 0, 1500)
     layout = sampler.to_arrays(at)
     # the product of poses rounds alike with and without an approach
-    np.testing.assert_allclose(sampler.errors(layout, "exact", 1, 0, 5000), at.exact(x), rtol=0, atol=2e-14)
-    np.testing.assert_allclose(sampler.errors(layout, "linear", 1, 0, 5000), at.linear(x), rtol=0, atol=1e-17)
+    np.testing.assert_allclose(sampler.errors(layout, "exact", 1, 0, 1500), at.exact(x), rtol=0, atol=2e-14)
+    np.testing.assert_allclose(sampler.errors(layout, "linear", 1, 0, 1500), at.linear(x), rtol=0, atol=1e-17)
 
 
 def test_the_play_of_a_bearing_follows_the_load_of_each_robot() -> None:
