@@ -12,17 +12,7 @@ from precision_pin.base.errors import InputError, InternalError, UnknownNameErro
 from precision_pin.robot import pinocchio_model
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Robot, canonical, parse
-from support.plain_robot import (
-    PlainRobot,
-    chain_of,
-    geometric_jacobian,
-    joint,
-    link,
-    motion,
-    random_arm,
-    robot,
-    unit,
-)
+from support.plain_robot import PlainRobot, chain_of, geometric_jacobian, joint, link, motion, random_arm, robot, unit
 
 ARM = random_arm(31, prismatic=(4,))
 READING = PlainRobot.parse(ARM)

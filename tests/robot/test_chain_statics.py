@@ -30,13 +30,7 @@ def values_of(chain: Chain) -> list[float]:
     return [EVERYTHING[name] for name in chain.joint_names]
 
 
-PAIRS = [
-    ("base", "tool"),
-    ("tool", "base"),
-    ("bracket", "finger"),
-    ("half2", "base"),
-    ("link5", "tool"),
-]
+PAIRS = [("base", "tool"), ("tool", "base"), ("bracket", "finger"), ("half2", "base"), ("link5", "tool")]
 
 
 @pytest.mark.parametrize(("base", "tip"), PAIRS)
