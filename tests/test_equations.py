@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pinocchio
 import pytest
-from scipy import stats
 
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Uniform
@@ -22,7 +20,7 @@ from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import examples
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.loads import Load
+from precision_pin.sources import axis_install
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.joint_compliance import JointCompliance
@@ -30,6 +28,9 @@ from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 from precision_pin.sources.mcpc import Mcpc
 from precision_pin.sources.payload import Payload
+from support.checks.axis_install import check_axis_install
+from support.checks.beam import BEAM_CASES, LENGTH, pure_load
+from support.checks.common import one_link
 from support.oracles import displacements
 from support.plain_robot import PlainRobot, chain_of, joint, link, robot
 
@@ -58,14 +59,10 @@ def lengths(limits=(0.05, 0.05, 0.25, 0.05, 0.25, 0.05)) -> tuple[Space, list[Le
 # --- R1: the paper's arm at q = (-90, 3, 88, -91)° ---
 
 
-def test_r1_tip_pose(paper_arm):
-    expected = np.array(
-        [[0, 0, 1, -274 * MM], [-1, 0, 0, -1936.409424072519 * MM], [0, -1, 0, -1787.832254225412 * MM], [0, 0, 0, 1]]
-    )
-    np.testing.assert_allclose(paper_arm.at(Q).pose, expected, atol=1e-15)
-
-
-def test_r1_jacobian_columns(paper_arm):
+def test_r1_tip_pose_and_jacobian_columns(paper_arm):
+    axes = [[0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, 0]]
+    position = np.array([-274 * MM, -1936.409424072519 * MM, -1787.832254225412 * MM, 1])
+    np.testing.assert_allclose(paper_arm.at(Q).pose, np.column_stack([axes, position]), atol=1e-15)
     columns = {
         "joint1": (1936.409424, -274, 0, 0, 0, 1),
         "joint2": (0, 1872.832254, -1936.409424, 1, 0, 0),
@@ -87,7 +84,6 @@ def test_r1_length_errors(paper_arm):
     space, sources = lengths()
     at = ErrorModel(paper_arm, space, sources).at(Q)
     s3, c3, s1, c1 = np.sin(np.radians(3)), np.cos(np.radians(3)), np.sin(np.radians(1)), np.cos(np.radians(1))
-    assert (round(s3, 6), round(c3, 6), round(s1, 6), round(c1, 6)) == (0.052336, 0.998630, 0.017452, 0.999848)
     expected = np.array(
         [[0, -1, 0, -1, 0, -1], [0, 0, -c3, 0, s1, 0], [1, 1, -s3, 0, -c1, 0], [0] * 6, [0] * 6, [0] * 6]
     )
@@ -101,22 +97,6 @@ def test_r1_length_errors(paper_arm):
     assert np.linalg.norm(at.exact(corners * MM)[:3], axis=0).max() / MM == pytest.approx(0.463111, abs=5e-7)
 
 
-@pytest.mark.slow
-def test_r1_z4_alone(paper_arm):
-    """Three uniform lengths of ±0.05 mm (Irwin-Hall): tails counted in 400,000 samples, 99.9 % Clopper-Pearson."""
-    parameters = tuple(Uniform(0.05 * MM) for _ in range(3))
-    model = ErrorModel(paper_arm, Space(), [Length(frame="tool", along="-z of joint4", parameters=parameters)])
-    at = model.at(Q)
-    assert np.sqrt(at.covariance[0, 0]) / MM == pytest.approx(0.05, rel=1e-12)
-    count = 400_000
-    z = at.exact(model.space.sample(2015, 0, count))[0]
-    for limit, probability in ((0.10, 1 / 24), (0.14, 1 / 3000)):
-        seen = int((np.abs(z) > limit * MM).sum())
-        interval = stats.binomtest(seen, count).proportion_ci(confidence_level=0.999, method="exact")
-        assert interval.low < probability < interval.high
-        assert interval.high - interval.low < probability
-
-
 def test_r1_axis_installation(paper_arm):
     sources = [AxisInstall(joint=name, radius=0.1 * MM, span=100 * MM) for name in JOINTS]
     model = ErrorModel(paper_arm, Space(), sources)
@@ -126,93 +106,24 @@ def test_r1_axis_installation(paper_arm):
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)[:3]) / MM, [2.623948, 1.360617, 1.439997], atol=5e-7)
     assert np.sqrt(np.trace(covariance[3:, 3:])) == pytest.approx(2e-3, rel=1e-12)
     np.testing.assert_allclose(at.covariance, covariance, atol=1e-18)
-    # largest |δ|: the support of the discs along every direction; reached where all four axes can tilt alike
-    directions = np.random.default_rng(1).normal(size=(3, 2000))
-    directions = np.hstack([directions, np.eye(3)]) / np.linalg.norm(np.hstack([directions, np.eye(3)]), axis=0)
-    pairs = (by_superposition[3:].T @ directions).reshape(8, 2, -1)
-    worst = 0.1 * MM * np.sqrt((pairs**2).sum(axis=1)).sum(axis=0)
-    assert worst.max() == pytest.approx(8e-3, rel=1e-12)
 
 
-# --- R2 and eqs 18, 19: an axis through two points ---
-
-
-def hinge(gravity=(0.0, 0.0, -9.81), axis=(0, 0, 1), reach=2.0) -> Chain:
-    return chain_of(
-        robot(
-            link("base"),
-            joint("hinge", "revolute", "base", "arm", axis=axis),
-            link("arm"),
-            joint("flange", "fixed", "arm", "tool", (reach, 0, 0)),
-            link("tool"),
-        ),
-        gravity=gravity,
-    )
-
-
-def seat_displacement(start: float, points: dict[str, float]) -> np.ndarray:
-    source = AxisInstall(joint="hinge", radius=0.1 * MM, span=100 * MM, start=start)
-    at = ErrorModel(hinge(), Space(), [source]).at([0.0])
-    (total,) = displacements(
-        at.terms, {f"axis_install[hinge].{name}": value for name, value in points.items()}
-    ).values()
-    return total
+# --- R2, eqs 18 and 19: an axis through two points; R3 and eq 21: one beam, EI = 8000, GI = 1000 N·m², EA = 1e6 N ---
 
 
 def test_eq18_19():
-    points = {"A.x": 0.06 * MM, "A.y": -0.03 * MM, "B.x": -0.02 * MM, "B.y": 0.08 * MM}
-    np.testing.assert_allclose(seat_displacement(0, points), np.array([0.06, -0.03, 0, -1.1, -0.8, 0]) * MM, atol=1e-18)
-    shifted = seat_displacement(-30 * MM, points)
-    np.testing.assert_allclose(shifted, np.array([0.036, 0.003, 0, -1.1, -0.8, 0]) * MM, atol=1e-18)
+    """The seat's displacement, its covariance (r2), and the line through both points."""
+    check_axis_install(axis_install)
 
 
-def test_r2_covariance_of_the_seat():
-    source = AxisInstall(joint="hinge", radius=0.1 * MM, span=100 * MM)
-    # the tip stands on the joint's origin, so that its error is the seat's displacement
-    model = ErrorModel(replace(hinge(), placements=np.tile(np.eye(4), (2, 1, 1))), Space(), [source])
-    r, span = 0.1 * MM, 100 * MM
-    expected = np.diag([r**2 / 4, r**2 / 4, 0, r**2 / (2 * span**2), r**2 / (2 * span**2), 0])
-    expected[0, 4] = expected[4, 0] = -(r**2) / (4 * span)
-    expected[1, 3] = expected[3, 1] = r**2 / (4 * span)
-    np.testing.assert_allclose(model.at([0.0]).covariance, expected, rtol=1e-12, atol=1e-22)
-
-
-# --- R3 and eq 21: one beam, l = 2 m, EI = 8000, GI = 1000 N·m², EA = 1e6 N ---
-
-
-@pytest.mark.parametrize(
-    ("row", "size", "spread", "expected"),
-    [
-        pytest.param(0, 100, False, {0: 2e-4}, id="F_x"),
-        pytest.param(0, 7, True, {0: 1.4e-5}, id="q_x"),
-        pytest.param(1, 10, False, {1: 1 / 300, 5: 2.5e-3}, id="F_y"),
-        pytest.param(5, 5, False, {1: 1.25e-3, 5: 1.25e-3}, id="M_z"),
-        pytest.param(1, 7, True, {1: 1.75e-3, 5: 7 / 6000}, id="q_y"),
-        pytest.param(2, 10, False, {2: 1 / 300, 4: -2.5e-3}, id="F_z"),
-        pytest.param(4, 5, False, {2: -1.25e-3, 4: 1.25e-3}, id="M_y"),
-        pytest.param(2, 7, True, {2: 1.75e-3, 4: -7 / 6000}, id="q_z"),
-        pytest.param(3, 4, False, {3: 8e-3}, id="M_x"),
-    ],
-)
+@pytest.mark.parametrize(("row", "size", "spread", "expected"), [case[1:] for case in BEAM_CASES])
 def test_eq21(row, size, spread, expected):
-    """r3: each load alone. A mass makes a force; a first moment s without mass the moment s × g."""
-    gravity, moments, tip = np.zeros(3), np.zeros(4), np.eye(4)
-    tip[0, 3] = 2.0
-    if row < 3:
-        gravity[row] = 1.0
-        moments[0] = size * 2.0 if spread else size
-    else:
-        arm, down = {3: (1, 2), 4: (2, 0), 5: (0, 1)}[row]
-        gravity[down] = 1.0
-        moments[1 + arm] = size
-    load = Load(1, tip, tip[:3, 3], spread, ((moments, ()),))
+    """r3: each load alone."""
+    gravity, load = pure_load(row, size, spread)
+    posture = one_link(length=LENGTH, gravity=gravity).at([0.0]).with_loads([load])
     beam = Beam(link="arm", EI=8000.0, GI=1000.0, EA=1e6)
-    posture = hinge(tuple(gravity)).at([0.0]).with_loads([load])
     total = sum(term.twist for term in beam.terms(posture, LabelledSpace(Space(), beam.label())))
-    wanted = np.zeros(6)
-    for place, value in expected.items():
-        wanted[place] = value
-    np.testing.assert_allclose(total, wanted, rtol=1e-13, atol=1e-18)
+    np.testing.assert_allclose(total, expected, rtol=1e-13, atol=1e-18)
 
 
 # --- R4 and eq 23: gravity on the paper's arm, payload 1 kg at the tool point ---
@@ -226,18 +137,14 @@ def laden_arm(paper_arm):
 BEAMS = (Beam(link="link2", EI=8000.0, GI=4000.0), Beam(link="link3", EI=8000.0, GI=1000.0))
 
 
-def test_r4_load_torque(laden_arm):
-    np.testing.assert_allclose(laden_arm.at(Q).load_torque, [0, 121.999783, -1.515192, 0], atol=5e-7)
-
-
-def test_r4_link_wrenches(laden_arm):
-    wrench = laden_arm.at(Q).link_wrench
-    np.testing.assert_allclose(wrench[2], [2.926470, 55.840368, 0, 7.113279, -0.372791, -1.515192], atol=5e-7)
-    np.testing.assert_allclose(wrench[3], [42.176575, -0.736195, 0, -0.124314, -7.121956, 0], atol=5e-7)
-
-
-def test_r4_own_weight(laden_arm):
+def test_r4_load_torque_wrenches_and_own_weight(laden_arm):
     posture = laden_arm.at(Q)
+    np.testing.assert_allclose(posture.load_torque, [0, 121.999783, -1.515192, 0], atol=5e-7)
+    wrenches = [
+        [2.926470, 55.840368, 0, 7.113279, -0.372791, -1.515192],
+        [42.176575, -0.736195, 0, -0.124314, -7.121956, 0],
+    ]
+    np.testing.assert_allclose(posture.link_wrench[2:4], wrenches, atol=5e-7)
     for number, length, expected in ((2, 1.97, (0.364864, 6.962019, 0)), (3, 1.77, (7.758140, -0.135419, 0))):
         (own,) = (load for load in posture.loads if load.link == number and load.along)
         (weight,) = posture.wrench_on([own], np.zeros(3)).values()
@@ -255,14 +162,16 @@ def test_r4_beams(laden_arm):
         np.testing.assert_allclose(totals[number] / MM, expected, atol=5e-6)
 
 
+COMPLIANT = [JointCompliance(joint=name, compliance=1e-5) for name in JOINTS]
+
+
 def test_r4_tip(paper_arm, laden_arm):
-    compliant = [JointCompliance(joint=name, compliance=1e-5) for name in JOINTS]
     for chain, payload in ((laden_arm, []), (paper_arm, [Payload(at="tool", mass=1.0)])):
         error = ErrorModel(chain, Space(), [*BEAMS, *payload]).at(Q).linear(NOTHING)[:, 0] / MM
         np.testing.assert_allclose(error[:3], [7.687663, 26.051149, -19.987957], atol=5e-7)
         np.testing.assert_allclose(error[3:], [14.120, -5.083, 0.101], atol=5e-4)
         assert np.linalg.norm(error[:3]) == pytest.approx(33.7236, abs=5e-5)
-        error = ErrorModel(chain, Space(), [*BEAMS, *payload, *compliant]).at(Q).linear(NOTHING)[:, 0] / MM
+        error = ErrorModel(chain, Space(), [*BEAMS, *payload, *COMPLIANT]).at(Q).linear(NOTHING)[:, 0] / MM
         np.testing.assert_allclose(error[:3], [7.6877, 28.3092, -22.3508], atol=5e-5)
         np.testing.assert_allclose(error[3:], [15.3253, -5.0826, 0.1008], atol=5e-5)
         assert np.linalg.norm(error[:3]) == pytest.approx(36.879, abs=5e-4)
@@ -270,9 +179,8 @@ def test_r4_tip(paper_arm, laden_arm):
 
 def test_r4_derivative_to_the_payload(paper_arm):
     """∂d/∂payload by superposition: (2.901, 4.533, -3.866) mm/kg."""
-    compliant = [JointCompliance(joint=name, compliance=1e-5) for name in JOINTS]
     payload = Payload(at="tool", mass=Uniform(0.1, mean=1.0))
-    at = ErrorModel(paper_arm, Space(), [*BEAMS, payload, *compliant]).at(Q)
+    at = ErrorModel(paper_arm, Space(), [*BEAMS, payload, *COMPLIANT]).at(Q)
     slope = at.linear([[1.5]]) - at.linear([[0.5]])
     np.testing.assert_allclose(slope[:3, 0] / MM, [2.901, 4.533, -3.866], atol=5e-4)
 
@@ -298,24 +206,18 @@ def test_eq23(laden_arm):
 
 
 def test_r5_one_joint():
-    chain = hinge(reach=1.0)
-    d = ErrorModel(chain, Space(), [JointOffset(joint="hinge", offset=1 * MM)]).at([0.0]).exact(NOTHING)[:3, 0]
+    d = ErrorModel(one_link(), Space(), [JointOffset(joint="hinge", offset=1 * MM)]).at([0.0]).exact(NOTHING)[:3, 0]
     np.testing.assert_allclose(d, [-4.99999958e-7, 9.99999833e-4, 0], atol=5e-13)
     assert d[0] == pytest.approx(-4.99999958e-7, abs=5e-16)
 
 
 def test_r5_two_joints():
-    chain = chain_of(
-        robot(
-            link("base"),
-            joint("one", "revolute", "base", "upper"),
-            link("upper"),
-            joint("two", "revolute", "upper", "fore", (1, 0, 0)),
-            link("fore"),
-            joint("flange", "fixed", "fore", "tool", (0.5, 0, 0)),
-            link("tool"),
-        )
+    parts = (
+        joint("one", "revolute", "base", "upper"),
+        joint("two", "revolute", "upper", "fore", (1, 0, 0)),
+        joint("flange", "fixed", "fore", "tool", (0.5, 0, 0)),
     )
+    chain = chain_of(robot(*map(link, ("base", "upper", "fore", "tool")), *parts))
     sources = [
         Length(joint="two", parameters=(1 * MM,)),
         Length(frame="tool", parameters=(-0.5 * MM,)),
@@ -341,52 +243,6 @@ ARMS = {
 }
 
 
-@pytest.fixture(scope="module")
-def shipped():
-    urdfs = examples.example_urdfs()
-    return {name: (urdfs[name], Chain.from_urdf(urdfs[name], tip=tip)) for name, tip in ARMS.items()}
-
-
-def configurations(chain: Chain, count: int = 4):
-    generator = np.random.default_rng(7)
-    return [generator.uniform(-1.5, 1.5, len(chain.joints)) for _ in range(count)]
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_r7_kinematics(shipped, name):
-    """Against yourdfpy and Pinocchio, each on its own reading of the file."""
-    import yourdfpy
-
-    path, chain = shipped[name]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        other = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=True)
-    model, data, frame = pinocchio_of(path, chain)
-    for q in configurations(chain):
-        pose = chain.at(q).pose
-        other.update_cfg(dict(zip(chain.joint_names, q, strict=True)))
-        np.testing.assert_allclose(pose, other.get_transform(chain.tip, chain.base), atol=1e-12)
-        pinocchio.framesForwardKinematics(model, data, full_configuration(model, chain, q))
-        np.testing.assert_allclose(pose, data.oMf[frame].homogeneous, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_r7_gravity_torques(shipped, name):
-    """Against Pinocchio's generalised gravity on a model of its own, and the slope of the potential energy."""
-    path, chain = shipped[name]
-    model, data, _ = pinocchio_of(path, chain)
-    columns = [model.joints[model.getJointId(joint_name)].idx_v for joint_name in chain.joint_names]
-    reading = PlainRobot.parse(path.read_text(encoding="utf-8"))
-    for q in configurations(chain):
-        posture = chain.at(q)
-        gravity = pinocchio.computeGeneralizedGravity(model, data, full_configuration(model, chain, q))
-        np.testing.assert_allclose(posture.load_torque, -gravity[columns], atol=1e-9)
-        values = dict(chain.locked) | dict(zip(chain.joint_names, q, strict=True))
-        np.testing.assert_allclose(posture.load_torque, reading.load_torque(chain.joint_names, values), atol=1e-9)
-        basis = [sum(posture.torque_on(k).values()) for k in range(len(q))]
-        np.testing.assert_allclose(posture.load_torque, basis, atol=1e-9)
-
-
 def pinocchio_of(path, chain):
     model = pinocchio.buildModelFromUrdf(str(path))
     assert model.existFrame(chain.tip, pinocchio.FrameType.BODY)
@@ -399,3 +255,32 @@ def full_configuration(model, chain, q):
         entry = model.joints[model.getJointId(name)]
         full[entry.idx_q : entry.idx_q + entry.nq] = [np.cos(value), np.sin(value)] if entry.nq == 2 else [value]
     return full
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_r7_kinematics_and_gravity_torques(name):
+    """Against yourdfpy and Pinocchio, each on its own reading of the file, and the slope of the potential energy."""
+    import yourdfpy
+
+    path = examples.example_urdfs()[name]
+    chain = Chain.from_urdf(path, tip=ARMS[name])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        other = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=True)
+    model, data, frame = pinocchio_of(path, chain)
+    columns = [model.joints[model.getJointId(joint_name)].idx_v for joint_name in chain.joint_names]
+    reading = PlainRobot.parse(path.read_text(encoding="utf-8"))
+    generator = np.random.default_rng(7)
+    for _ in range(3):
+        q = generator.uniform(-1.5, 1.5, len(chain.joints))
+        posture, full = chain.at(q), full_configuration(model, chain, q)
+        other.update_cfg(dict(zip(chain.joint_names, q, strict=True)))
+        np.testing.assert_allclose(posture.pose, other.get_transform(chain.tip, chain.base), atol=1e-12)
+        pinocchio.framesForwardKinematics(model, data, full)
+        np.testing.assert_allclose(posture.pose, data.oMf[frame].homogeneous, atol=1e-12)
+        gravity = pinocchio.computeGeneralizedGravity(model, data, full)
+        np.testing.assert_allclose(posture.load_torque, -gravity[columns], atol=1e-9)
+        values = dict(chain.locked) | dict(zip(chain.joint_names, q, strict=True))
+        np.testing.assert_allclose(posture.load_torque, reading.load_torque(chain.joint_names, values), atol=1e-9)
+        basis = [sum(posture.torque_on(k).values()) for k in range(len(q))]
+        np.testing.assert_allclose(posture.load_torque, basis, atol=1e-9)

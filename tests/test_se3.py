@@ -26,17 +26,13 @@ def random_poses(count: int, seed: int) -> list[pin.SE3]:
     return [pin.SE3(rotation, generator.normal(size=3)) for rotation in rotations]
 
 
-def test_exp_against_pinocchio() -> None:
+def test_exp_against_pinocchio_and_scipy() -> None:
     for vector in VECTORS:
         np.testing.assert_allclose(se3.exp_rotation(vector), pin.exp3(vector), rtol=0, atol=1e-15)
-
-
-def test_exp_beyond_half_a_turn_against_scipy() -> None:
-    for angle in (3.5, 6.0, 2 * math.pi, 10.0, 100.0):
+    for angle in (3.5, 2 * math.pi, 100.0):  # beyond half a turn
         for direction in DIRECTIONS:
-            vector = angle * direction
-            expected = Rotation.from_rotvec(vector).as_matrix()
-            np.testing.assert_allclose(se3.exp_rotation(vector), expected, rtol=0, atol=2e-14)
+            expected = Rotation.from_rotvec(angle * direction).as_matrix()
+            np.testing.assert_allclose(se3.exp_rotation(angle * direction), expected, rtol=0, atol=2e-14)
 
 
 def test_exp_keeps_the_last_digit_of_small_rotations() -> None:
@@ -54,12 +50,6 @@ def test_log_is_the_inverse_of_exp_from_zero_to_half_a_turn() -> None:
             back = back * np.sign(back @ vector)
         np.testing.assert_allclose(back, vector, rtol=0, atol=2e-15)
         assert np.linalg.norm(back) <= math.pi * (1 + 1e-15)
-
-
-def test_log_against_pinocchio_away_from_half_a_turn() -> None:
-    for motion in random_poses(50, seed=4):
-        if np.trace(motion.rotation) > -0.9:
-            np.testing.assert_allclose(se3.log_rotation(motion.rotation), pin.log3(motion.rotation), rtol=0, atol=1e-14)
 
 
 def test_log_of_small_rotations_keeps_relative_accuracy() -> None:
@@ -116,36 +106,22 @@ def test_left_jacobian_inverse_by_its_series() -> None:
             np.testing.assert_allclose(se3.left_jacobian_inverse(angle * direction), expected, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("function", [se3.exp_rotation, se3.left_jacobian, se3.skew])
-def test_samples_last_is_the_same_as_one_by_one(function: Callable[[Array], Array]) -> None:
-    whole = function(VECTORS.T)
-    assert whole.shape == (3, 3, len(VECTORS))
-    for k, vector in enumerate(VECTORS):
-        np.testing.assert_allclose(whole[:, :, k], function(vector), rtol=0, atol=1e-15)
-
-
-def test_log_with_samples_last() -> None:
+def test_samples_last_is_the_same_as_one_by_one() -> None:
+    values = np.random.default_rng(2).normal(size=(6, 20))
     rotations = se3.exp_rotation(VECTORS.T)
-    whole = se3.log_rotation(rotations)
-    assert whole.shape == (3, len(VECTORS))
-    for k in range(len(VECTORS)):
-        np.testing.assert_allclose(whole[:, k], se3.log_rotation(rotations[:, :, k]), rtol=0, atol=1e-15)
-
-
-@pytest.mark.parametrize("samples", [0, 1])
-def test_few_samples(samples: int) -> None:
-    vectors = np.zeros((3, samples))
-    assert se3.exp_rotation(vectors).shape == (3, 3, samples)
-    assert se3.log_rotation(se3.exp_rotation(vectors)).shape == (3, samples)
-    assert se3.displacement(np.zeros((6, samples))).shape == (4, 4, samples)
-    assert se3.compose(np.eye(4), se3.displacement(np.zeros((6, samples)))).shape == (4, 4, samples)
-
-
-def test_skew_is_the_cross_product() -> None:
-    generator = np.random.default_rng(1)
-    for _ in range(10):
-        a, b = generator.normal(size=(2, 3))
-        np.testing.assert_allclose(se3.skew(a) @ b, np.cross(a, b), rtol=0, atol=1e-15)
+    functions: list[tuple[Callable[[Array], Array], Array]] = [
+        (function, VECTORS.T) for function in (se3.exp_rotation, se3.left_jacobian, se3.skew)
+    ]
+    for function, given in [*functions, (se3.log_rotation, rotations), (se3.displacement, values)]:
+        whole = function(given)
+        assert whole.shape[-1] == given.shape[-1]
+        for k in range(given.shape[-1]):
+            np.testing.assert_allclose(whole[..., k], function(given[..., k]), rtol=0, atol=1e-15)
+    for samples in (0, 1):
+        assert se3.log_rotation(se3.exp_rotation(np.zeros((3, samples)))).shape == (3, samples)
+        assert se3.compose(np.eye(4), se3.displacement(np.zeros((6, samples)))).shape == (4, 4, samples)
+    a, b = np.random.default_rng(1).normal(size=(2, 3))
+    np.testing.assert_allclose(se3.skew(a) @ b, np.cross(a, b), rtol=0, atol=1e-15)
 
 
 def test_displacement_is_translation_then_rotation() -> None:
@@ -159,20 +135,6 @@ def test_displacement_is_translation_then_rotation() -> None:
         np.testing.assert_allclose(se3.displacement(pure), expected.homogeneous, rtol=0, atol=1e-15)
 
 
-def test_displacement_with_samples_last() -> None:
-    values = np.random.default_rng(2).normal(size=(6, 20))
-    whole = se3.displacement(values)
-    for k in range(20):
-        np.testing.assert_allclose(whole[:, :, k], se3.displacement(values[:, k]), rtol=0, atol=1e-15)
-
-
-def test_inverse_and_compose_against_pinocchio() -> None:
-    a, b, c = random_poses(3, seed=5)
-    np.testing.assert_allclose(se3.inverse(a.homogeneous), a.inverse().homogeneous, rtol=0, atol=1e-15)
-    seen = se3.compose(a.homogeneous, b.homogeneous, c.homogeneous)
-    np.testing.assert_allclose(seen, (a * b * c).homogeneous, rtol=0, atol=2e-15)
-
-
 def test_compose_mixes_single_poses_and_samples() -> None:
     singles = [motion.homogeneous for motion in random_poses(3, seed=6)]
     samples = np.stack([motion.homogeneous for motion in random_poses(7, seed=7)], axis=-1)
@@ -183,6 +145,7 @@ def test_compose_mixes_single_poses_and_samples() -> None:
         expected = singles[0] @ samples[:, :, k] @ singles[1] @ others[:, :, k] @ singles[2]
         np.testing.assert_allclose(whole[:, :, k], expected, rtol=0, atol=5e-15)
         np.testing.assert_allclose(inverses[:, :, k] @ samples[:, :, k], np.eye(4), rtol=0, atol=2e-15)
+    np.testing.assert_allclose(se3.compose(*singles), singles[0] @ singles[1] @ singles[2], rtol=0, atol=2e-15)
 
 
 def test_pose_and_translation_broadcast_samples() -> None:
@@ -205,16 +168,6 @@ def test_pose_and_translation_broadcast_samples() -> None:
 def test_adjoint_against_pinocchio() -> None:
     for motion in random_poses(5, seed=9):
         np.testing.assert_allclose(se3.adjoint(motion.homogeneous), motion.action, rtol=0, atol=1e-15)
-
-
-def test_adjoint_carries_a_small_displacement_through_a_pose() -> None:
-    # T · E(ξ) · T⁻¹ = E(Ad ξ) to first order
-    (motion,) = random_poses(1, seed=10)
-    transform, twist = motion.homogeneous, 1e-7 * np.array([1.0, 2.0, -3.0, 0.5, -1.0, 2.0])
-    moved = se3.compose(transform, se3.displacement(twist), se3.inverse(transform))
-    expected = se3.adjoint(transform) @ twist
-    np.testing.assert_allclose(moved[:3, 3], expected[:3], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(se3.log_rotation(moved[:3, :3]), expected[3:], rtol=0, atol=1e-13)
 
 
 def test_rotation_about_an_axis_against_pinocchio() -> None:

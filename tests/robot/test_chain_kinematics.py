@@ -1,27 +1,18 @@
+"""Kinematics of a chain against a second reading of the URDF: any base and tip, places, values, what is refused."""
+
 from __future__ import annotations
 
 import itertools
 from dataclasses import replace
 
 import numpy as np
-import pinocchio
 import pytest
 
 from precision_pin.base.errors import InputError, InternalError, UnknownNameError
 from precision_pin.robot import pinocchio_model
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Robot, canonical, parse
-from support.plain_robot import (
-    PlainRobot,
-    chain_of,
-    geometric_jacobian,
-    joint,
-    link,
-    motion,
-    random_arm,
-    robot,
-    unit,
-)
+from support.plain_robot import PlainRobot, chain_of, geometric_jacobian, joint, link, motion, random_arm, robot, unit
 
 ARM = random_arm(31, prismatic=(4,))
 READING = PlainRobot.parse(ARM)
@@ -38,10 +29,10 @@ def chain_between(base: str, tip: str, **settings) -> tuple[Chain, dict[str, flo
     return chain_of(ARM, base=base, tip=tip, locked=still, **settings), own, everything
 
 
-LINKS = ("base", "link1", "link3", "half2", "link6", "bracket", "tool", "finger")
-
-
-PAIRS = [pair for pair in itertools.permutations(LINKS, 2) if set(pair) != {"link1", "bracket"}]  # bolted together
+LINKS = ("base", "link1", "half2", "link6", "bracket", "tool", "finger")
+PAIRS = [pair for pair in itertools.permutations(LINKS, 2) if set(pair) != {"link1", "bracket"}][
+    ::2
+]  # those are bolted
 
 
 @pytest.mark.fast(6)
@@ -60,33 +51,12 @@ def test_any_base_and_tip(ends):
         np.testing.assert_allclose(posture.link_poses[where.link] @ where.frame, poses[name], atol=1e-13)
 
 
-def test_there_and_back_are_inverse():
-    down, own, _ = chain_between("base", "tool")
-    up, _, _ = chain_between("tool", "base")
-    assert up.joint_names == down.joint_names[::-1]
-    np.testing.assert_allclose(up.at(own).pose, np.linalg.inv(down.at(own).pose), atol=1e-13)
-
-
-def test_joint_jacobian_against_pinocchio():
-    chain = chain_of(ARM, tip="tool")
-    model = pinocchio.buildModelFromXML(ARM)
-    data, frame = model.createData(), model.getFrameId("tool", pinocchio.FrameType.BODY)
-    q = pinocchio.neutral(model)
-    for name, value in Q.items():
-        entry = model.joints[model.getJointId(name)]
-        q[entry.idx_q : entry.idx_q + entry.nq] = [np.cos(value), np.sin(value)] if entry.nq == 2 else [value]
-    columns = [model.joints[model.getJointId(name)].idx_v for name in Q]
-    expected = pinocchio.computeFrameJacobian(model, data, q, frame, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-    np.testing.assert_allclose(chain.at(Q).joint_jacobian, expected[:, columns], atol=1e-13)
-
-
-@pytest.mark.parametrize("name", ["joint2", "joint4", "joint7"])
-def test_a_joint_locked_on_the_chain_is_a_rigid_piece_of_it(name):
-    chain = chain_of(ARM, tip="tool", locked={name: Q[name]})
-    assert name not in chain.joint_names
-    assert len(chain.joint_names) == 6
-    others = {key: value for key, value in Q.items() if key != name}
-    np.testing.assert_allclose(chain.at(others).pose, READING.poses(Q)["tool"], atol=1e-13)
+def test_a_joint_locked_on_the_chain_is_a_rigid_piece_of_it():
+    for name in ("joint2", "joint4", "joint7"):
+        chain = chain_of(ARM, tip="tool", locked={name: Q[name]})
+        assert name not in chain.joint_names
+        others = {key: value for key, value in Q.items() if key != name}
+        np.testing.assert_allclose(chain.at(others).pose, READING.poses(Q)["tool"], atol=1e-13)
 
 
 def test_joints_of_every_kind_and_axis():
@@ -104,52 +74,21 @@ def test_joints_of_every_kind_and_axis():
         np.testing.assert_allclose(chain_of(text).at([value]).pose, expected, atol=1e-15)
 
 
+def hinge(*more: str, kind: str = "revolute", **settings) -> str:
+    """Return a robot of a base and an arm that turns or slides, and what hangs on them."""
+    return robot(link("base"), joint("j", kind, "base", "arm", **settings), link("arm"), *more)
+
+
+FLANGE = (joint("flange", "fixed", "arm", "tool", (1, 0, 0)), link("tool"))
+
+
 def test_a_continuous_joint_comes_round():
-    text = robot(
-        link("base"),
-        joint("j", "continuous", "base", "arm"),
-        link("arm"),
-        joint("f", "fixed", "arm", "t", (1, 0, 0)),
-        link("t"),
-    )
+    text = hinge(*FLANGE, kind="continuous")
     chain = chain_of(text)
     np.testing.assert_allclose(chain.at([0.4 + 6 * np.pi]).pose, chain.at([0.4]).pose, atol=1e-14)
     assert chain.at([100.0]).findings == ()
     limited = text.replace("</joint>", '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>', 1)
     assert chain_of(limited).at([100.0]).findings == ()
-
-
-def test_axes_need_not_be_of_unit_length():
-    def made(axis):
-        return robot(link("base"), joint("j", "prismatic", "base", "arm", axis=axis), link("arm"))
-
-    slanted = chain_of(made((3.0, 0.0, 4.0))).at([0.5]).pose
-    np.testing.assert_allclose(slanted[:3, 3], [0.3, 0, 0.4], atol=1e-15)
-
-
-def test_splitting_a_link_by_fixed_joints_changes_no_pose():
-    whole = robot(
-        link("base"),
-        joint("j", "revolute", "base", "arm", (0, 0, 0.2), (0.3, 0, 0)),
-        link("arm"),
-        joint("k", "revolute", "arm", "fore", (0.7, 0, 0.1), (0, 0.4, 0)),
-        link("fore"),
-    )
-    split = robot(
-        link("base"),
-        joint("j", "revolute", "base", "arm", (0, 0, 0.2), (0.3, 0, 0)),
-        link("arm"),
-        joint("cut", "fixed", "arm", "arm2", (0.3, 0, 0.0)),
-        link("arm2"),
-        joint("nothing", "fixed", "arm2", "arm3"),
-        link("arm3"),
-        joint("k", "revolute", "arm3", "fore", (0.4, 0, 0.1), (0, 0.4, 0)),
-        link("fore"),
-    )
-    one, two = chain_of(whole).at([0.4, 0.5]), chain_of(split).at([0.4, 0.5])
-    np.testing.assert_allclose(one.pose, two.pose, atol=1e-15)
-    np.testing.assert_allclose(one.chain.placements, two.chain.placements, atol=1e-15)
-    assert [two.chain.link_frame(name).path_rank for name in ("arm", "arm2", "arm3")] == [0, 1, 2]
 
 
 # --- places ---
@@ -171,10 +110,10 @@ def test_ends_and_seats_stand_at_the_next_origin_before_it_turns():
 
 
 @pytest.mark.parametrize(
-    "axis", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, 1, 0), unit((1, 2, 3)), unit((1e-9, 0, -1)), unit((1e-9, 1e-9, 1))]
+    "axis", [(0, 0, 1), (0, 0, -1), (1, 0, 0), unit((1, 2, 3)), unit((1e-9, 0, -1)), unit((1e-9, 1e-9, 1))]
 )
 def test_the_smallest_rotation_that_brings_z_onto_the_axis(axis):
-    chain = chain_of(robot(link("base"), joint("j", "revolute", "base", "arm", axis=axis), link("arm")))
+    chain = chain_of(hinge(axis=axis))
     turn = chain.axis_alignment(0)
     np.testing.assert_allclose(turn @ (0, 0, 1), axis, atol=1e-15)
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-15)
@@ -201,11 +140,8 @@ def test_values_by_name_or_in_order():
         ([0.0] * 6, "6 joint values for 7 joints; expected joint1, joint2"),
         ([[0.0] * 7], "7 joint values for 7 joints|expected joint1"),
         ([0.0] * 6 + [float("nan")], "joint values must be finite"),
-        ([0.0] * 6 + [float("inf")], "joint values must be finite"),
         ({name: 0.0 for name in Q if name != "joint3"}, "no value for the joints joint3"),
         (Q | {"joint_3": 0.0}, "no joint on the chain named 'joint_3'; did you mean 'joint3'"),
-        (Q | {"finger_joint": 0.0}, "no joint on the chain named 'finger_joint'"),
-        ("folded", "joint values must be numbers, got 'folded'"),
         ([[0.0], [0.0, 1.0]], "joint values must be numbers"),
         (Q | {"joint3": "1.0 kg"}, "the joint value of joint3: 'kg' in '1.0 kg' is not a unit of angle"),
         (Q | {"joint3": "far"}, "the joint value of joint3 must be finite, in rad or with a unit, got 'far'"),
@@ -219,10 +155,9 @@ def test_wrong_joint_values_are_refused(q, message):
 def test_a_joint_slides_within_reason_and_turns_at_will():
     chain = chain_of(ARM, tip="tool")  # the fourth joint slides
     for q in ([0, 0, 0, 1e308, 0, 0, 0], [0, 0, 0, -1.1e6, 0, 0, 0]):
-        with pytest.raises(InputError, match=r"joint value .* m of joint4; it slides 1,000,000 m at most"):
-            chain.at(q)
-        with pytest.raises(InputError, match=r"joint value .* m of joint4; it slides 1,000,000 m at most"):
-            chain.at_many(np.array([np.zeros(7), q]).T)
+        for call in (lambda q=q: chain.at(q), lambda q=q: chain.at_many(np.array([np.zeros(7), q]).T)):
+            with pytest.raises(InputError, match=r"joint value .* m of joint4; it slides 1,000,000 m at most"):
+                call()
     assert np.isfinite(chain.at([0, 1e15, 0, 0, 0, 0, 0]).pose).all()
 
 
@@ -233,16 +168,10 @@ def test_a_joint_slides_within_reason_and_turns_at_will():
         ({"tip": "tol"}, UnknownNameError, "no link named 'tol'; did you mean 'tool'"),
         ({"tip": "tool", "base": "link"}, UnknownNameError, "no link named 'link'; did you mean"),
         ({"tip": "bracket", "base": "link1"}, InputError, "no joint moves between 'link1' and 'bracket'"),
-        ({"tip": "base"}, InputError, "no joint moves between 'base' and 'base'"),
         ({"tip": "tool", "gravity": (0, 0)}, InputError, "gravity must be three finite numbers"),
-        ({"tip": "tool", "gravity": (0, 0, float("nan"))}, InputError, "gravity must be three finite numbers"),
         ({"tip": "tool", "gravity": "down"}, InputError, "gravity must be three finite numbers.*'down'"),
         ({"tip": "tool", "locked": {"finger": 0.0}}, UnknownNameError, "no joint to lock named 'finger'"),
-        (
-            {"tip": "tool", "locked": {"finger_joint": float("nan")}},
-            InputError,
-            "is locked must be a finite number, got nan",
-        ),
+        ({"tip": "tool", "locked": {"finger_joint": float("nan")}}, InputError, "must be a finite number, got nan"),
         ({"tip": "tool", "locked": {f"joint{k}": 0.0 for k in range(1, 8)}}, InputError, "no joint moves"),
     ],
 )
@@ -251,44 +180,24 @@ def test_wrong_chains_are_refused(settings, error, message):
         chain_of(ARM, **settings)
 
 
-def test_the_only_leaf_is_the_tip():
-    assert chain_of(robot(link("a"), joint("j", "revolute", "a", "b"), link("b"))).tip == "b"
-
-
-def test_a_link_off_the_way_is_no_place():
-    with pytest.raises(InputError, match="'finger' is not on the path from 'base' to 'tool'"):
-        chain_of(ARM, tip="tool").frame_place("finger")
-
-
-def test_values_outside_the_limits_are_warned_about():
-    limits = '<limit lower="-1" upper="2" effort="1" velocity="1"/>'
-    chain = chain_of(robot(link("a"), joint("j", "revolute", "a", "b", extra=limits), link("b")))
+def test_the_only_leaf_is_the_tip_and_values_outside_the_limits_are_warned_about():
+    chain = chain_of(hinge(extra='<limit lower="-1" upper="2" effort="1" velocity="1"/>'))
+    assert chain.tip == "arm"
     assert chain.at([1.9]).findings == ()
     (finding,) = chain.at([2.1]).findings
     assert (finding.severity, finding.code) == ("warning", "W_JOINT_LIMIT")
     assert "joint j at 120.321 deg is outside its limits -57.2958 to 114.592 deg" in finding.message
+    with pytest.raises(InputError, match="'finger' is not on the path from 'base' to 'tool'"):
+        chain_of(ARM, tip="tool").frame_place("finger")
 
 
 def test_mimic_joints():
     """Off the chain they follow the joint that they mimic; on it they must be locked."""
-    text = robot(
-        link("base"),
-        joint("j", "revolute", "base", "arm"),
-        link("arm"),
-        joint("left", "prismatic", "arm", "one", axis=(0, 1, 0)),
-        link("one", 1.0),
-        joint(
-            "right",
-            "prismatic",
-            "arm",
-            "two",
-            axis=(0, 1, 0),
-            extra='<mimic joint="left" multiplier="-2" offset="0.01"/>',
-        ),
-        link("two", 1.0),
-        joint("flange", "fixed", "arm", "tool", (1, 0, 0)),
-        link("tool"),
-    )
+    mimic = '<mimic joint="left" multiplier="-2" offset="0.01"/>'
+    text = hinge(
+        joint("left", "prismatic", "arm", "one", axis=(0, 1, 0)), link("one", 1.0),
+        joint("right", "prismatic", "arm", "two", axis=(0, 1, 0), extra=mimic), link("two", 1.0), *FLANGE,
+    )  # fmt: skip
     chain = chain_of(text, tip="tool", locked={"left": 0.03})
     assert chain.locked == pytest.approx({"left": 0.03, "right": -0.05})
     assert chain.link_frame("two").frame[1, 3] == pytest.approx(-0.05)
@@ -299,26 +208,13 @@ def test_mimic_joints():
 
 def test_a_joint_off_the_chain_stands_at_the_limit_nearest_to_zero():
     limits = '<limit lower="0.02" upper="0.04" effort="1" velocity="1"/>'
-    text = robot(
-        link("base"),
-        joint("j", "revolute", "base", "arm"),
-        link("arm"),
-        joint("grip", "prismatic", "arm", "finger", axis=(0, 1, 0), extra=limits),
-        link("finger", 1.0),
-        joint("flange", "fixed", "arm", "tool", (1, 0, 0)),
-        link("tool"),
-    )
-    assert chain_of(text, tip="tool").locked == {"grip": 0.02}
+    grip = joint("grip", "prismatic", "arm", "finger", axis=(0, 1, 0), extra=limits)
+    assert chain_of(hinge(grip, link("finger", 1.0), *FLANGE), tip="tool").locked == {"grip": 0.02}
 
 
 def test_a_mimic_of_a_joint_on_the_chain_stands_still_and_says_so():
-    text = robot(
-        link("base"),
-        joint("j", "revolute", "base", "arm"),
-        link("arm"),
-        joint("k", "revolute", "base", "rod", (0, 0.1, 0), extra='<mimic joint="j" multiplier="2" offset="0.1"/>'),
-        link("rod", 1.0, (0.3, 0, 0)),
-    )
+    mimic = '<mimic joint="j" multiplier="2" offset="0.1"/>'
+    text = hinge(joint("k", "revolute", "base", "rod", (0, 0.1, 0), extra=mimic), link("rod", 1.0, (0.3, 0, 0)))
     chain = chain_of(text, tip="arm")
     assert chain.locked == {"k": 0.1}
     assert chain.at([0.0]).findings == ()
@@ -331,7 +227,11 @@ def test_a_mimic_of_a_joint_on_the_chain_stands_still_and_says_so():
 # --- the second look at what Pinocchio loaded ---
 
 
-def changed_link(read: Robot, name: str, **changes) -> Robot:
+def changed(read: Robot, where: str, name: str, **changes) -> Robot:
+    """Return the robot with a joint, or a link's inertia, changed."""
+    if where == "joint":
+        joints = [replace(entry, **changes) if entry.name == name else entry for entry in read.joints]
+        return replace(read, joints=tuple(joints))
     links = [
         replace(entry, inertial=replace(entry.inertial, **changes)) if entry.name == name else entry
         for entry in read.links
@@ -339,41 +239,34 @@ def changed_link(read: Robot, name: str, **changes) -> Robot:
     return replace(read, links=tuple(links))
 
 
-def changed_joint(read: Robot, which: str, **changes) -> Robot:
-    joints = [replace(entry, **changes) if entry.name == which else entry for entry in read.joints]
-    return replace(read, joints=tuple(joints))
-
-
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("where", "name", "changes", "message"),
     [
-        (lambda read: changed_link(read, "half2", mass=0.6999), "lost mass of the link 'half2'"),
-        (lambda read: changed_link(read, "bracket", mass=0.0), "lost mass of the link 'bracket'"),
-        (lambda read: changed_link(read, "base", mass=2.9), "lost mass of the link 'base'"),
-        (lambda read: changed_link(read, "link5", com=(0.1, 0.1, 0.1)), "lost mass of the link 'link5'"),
-        (lambda read: changed_joint(read, "joint3", kind="fixed"), "loaded the joints"),
-        (lambda read: changed_joint(read, "joint5", xyz=(0.1, 0.2, 0.3)), "places the link"),
-        (lambda read: changed_joint(read, "split2", rpy=(0.1, 0.2, 0.3)), "places the link"),
-        (lambda read: changed_joint(read, "finger_joint", axis=(1.0, 0.0, 0.0)), "places the link 'finger'"),
-        (lambda read: changed_joint(read, "joint5", kind="prismatic"), "places the link"),
+        ("link", "half2", {"mass": 0.6999}, "lost mass of the link 'half2'"),
+        ("link", "base", {"mass": 2.9}, "lost mass of the link 'base'"),
+        ("link", "link5", {"com": (0.1, 0.1, 0.1)}, "lost mass of the link 'link5'"),
+        ("joint", "joint3", {"kind": "fixed"}, "loaded the joints"),
+        ("joint", "split2", {"rpy": (0.1, 0.2, 0.3)}, "places the link"),
+        ("joint", "finger_joint", {"axis": (1.0, 0.0, 0.0)}, "places the link 'finger'"),
+        ("joint", "joint5", {"kind": "prismatic"}, "places the link"),
     ],
 )
-def test_a_difference_to_our_own_reading_is_noticed(monkeypatch, change, message):
+def test_a_difference_to_our_own_reading_is_noticed(monkeypatch, where, name, changes, message):
     read = parse(ARM.encode(), "arm.urdf")
     links = {f"link{k:06d}": name for k, name in enumerate(sorted(link.name for link in read.links))}
     joints = {f"joint{k:06d}": name for k, name in enumerate(sorted(joint.name for joint in read.joints))}
 
-    def changed(robot: Robot) -> str:
+    def other(robot: Robot) -> str:
         """Return the text of the changed robot, with the names that Pinocchio gets to see."""
         assert {joints[joint.name]: links[joint.child] for joint in robot.joints} == {
             joint.name: joint.child for joint in read.joints
         }
-        text = canonical(change(read))
-        for kind, names in (("link name", links), ("link", links), ("joint name", joints)):
+        text = canonical(changed(read, where, name, **changes))
+        for part, names in (("link name", links), ("link", links), ("joint name", joints)):
             for new, old in names.items():
-                text = text.replace(f'{kind}="{old}"', f'{kind}="{new}"')
+                text = text.replace(f'{part}="{old}"', f'{part}="{new}"')
         return text
 
-    monkeypatch.setattr(pinocchio_model, "canonical", changed)
+    monkeypatch.setattr(pinocchio_model, "canonical", other)
     with pytest.raises(InternalError, match=message):
         Chain.from_robot(read, tip="tool")

@@ -1,3 +1,5 @@
+"""Statics of a chain: torques, wrenches and loads against the potential energy, free bodies and Pinocchio."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -28,14 +30,7 @@ def values_of(chain: Chain) -> list[float]:
     return [EVERYTHING[name] for name in chain.joint_names]
 
 
-PAIRS = [
-    ("base", "tool"),
-    ("tool", "base"),
-    ("link3", "bracket"),
-    ("bracket", "finger"),
-    ("half2", "base"),
-    ("link5", "tool"),
-]
+PAIRS = [("base", "tool"), ("tool", "base"), ("bracket", "finger"), ("half2", "base"), ("link5", "tool")]
 
 
 @pytest.mark.parametrize(("base", "tip"), PAIRS)
@@ -72,70 +67,7 @@ def test_link_wrenches_against_free_bodies(base, tip):
 
 
 @pytest.mark.fast(2)
-@pytest.mark.parametrize("name", ["link1", "bracket", "half2", "link6", "tool", "finger"])
-def test_the_load_basis_is_the_slope_of_pinocchio_to_mass_and_first_moments(name):
-    """Torques and wrenches are linear in mass and first moments, so differences over any step are exact."""
-    chain = chain_between("base", "tool")
-    posture = chain.at(values_of(chain))
-    mass, com = READING.masses[name]
-    first = mass * com
-    (load,) = [
-        entry
-        for entry in posture.loads
-        if np.allclose(entry.moments[0][0], [mass, *first]) and entry.link == chain.link_frame(name).link
-    ]
-    for row, step in enumerate((0.8, 0.3, 0.4, -0.5)):
-        moments = np.array([mass, *first])
-        moments[row] += step
-        changed = chain_between("base", "tool", rewritten(name, moments[0], moments[1:] / moments[0]))
-        other = changed.at(values_of(changed))
-        for k in range(len(chain.joints)):
-            basis = posture.wrench_basis(load, posture.joint_poses[k][:3, 3])[:, row]
-            rows = slice(0, 3) if chain.prismatic[k] else slice(3, 6)
-            expected = posture.joint_axes[k] @ basis[rows] if load.link > k else 0.0
-            actual = (other.load_torque[k] - posture.load_torque[k]) / step
-            assert actual == pytest.approx(expected, abs=1e-10)
-        for number in range(load.link):
-            end = posture.place_pose(chain.end(number))
-            basis = posture.wrench_basis(load, end[:3, 3])[:, row]
-            turned = np.concatenate([end[:3, :3].T @ basis[:3], end[:3, :3].T @ basis[3:]])
-            actual = (other.link_wrench[number] - posture.link_wrench[number]) / step
-            np.testing.assert_allclose(actual, turned, atol=1e-10)
-
-
-def rewritten(name: str, mass: float, com) -> str:
-    """Return the arm with another mass and centre in one link."""
-    old_mass, old_com = READING.masses[name]
-    old, new = link(name, float(old_mass), old_com), link(name, float(mass), com)
-    assert ARM.count(old) == 1
-    return ARM.replace(old, new)
-
-
-@pytest.mark.slow
-def test_torques_are_linear_in_gravity_and_vanish_without_it():
-    def torque(gravity):
-        return chain_of(ARM, tip="tool", gravity=gravity).at(Q).load_torque
-
-    parts = [torque(tuple(row)) for row in np.diag(GRAVITY)]
-    np.testing.assert_allclose(torque(GRAVITY), sum(parts), atol=1e-12)
-    np.testing.assert_array_equal(torque((0, 0, 0)), np.zeros(7))
-    np.testing.assert_allclose(torque((-1.5, 2.5, 9.0)), -torque(GRAVITY), atol=1e-12)
-
-
-def test_turning_arm_and_gravity_together_changes_no_torque():
-    turned = ARM.replace(
-        '<robot name="arm">',
-        '<robot name="arm">' + link("ground") + joint("mount", "fixed", "ground", "base", (1, 2, 3), (0.3, -0.4, 1.2)),
-    )
-    rotation = PlainRobot.parse(turned).poses({})["base"][:3, :3]
-    tilted = chain_of(turned, tip="tool", gravity=tuple(rotation @ GRAVITY)).at(Q)
-    straight = chain_of(ARM, tip="tool", gravity=GRAVITY).at(Q)
-    np.testing.assert_allclose(tilted.load_torque, straight.load_torque, atol=1e-11)
-    np.testing.assert_allclose(tilted.link_wrench[1:], straight.link_wrench[1:], atol=1e-11)
-
-
-@pytest.mark.fast(2)
-@pytest.mark.parametrize("where", ["tool", "finger", "bracket", "link4", "half2", "base"])
+@pytest.mark.parametrize("where", ["tool", "finger", "half2", "base"])
 def test_a_payload_is_a_link_more(where):
     centre = (0.1, -0.2, 0.3)
     bolted = ARM.replace("</robot>", joint("bolted", "fixed", where, "cargo") + link("cargo", 2.5, centre) + "</robot>")
@@ -162,10 +94,8 @@ def test_payload_at_the_tip_by_default_and_none_of_zero_mass():
     ("payload", "error", "message"),
     [
         ((-1.0,), InputError, "mass of a payload must be zero or more and finite"),
-        ((float("nan"),), InputError, "mass of a payload must be zero or more and finite"),
         ((float("inf"),), InputError, "mass of a payload must be zero or more and finite"),
         ((1.0, (0, 0)), InputError, "centre of a payload must be three finite numbers"),
-        ((1.0, (0, 0, float("nan"))), InputError, "centre of a payload must be three finite numbers"),
         ((1.0, "there"), InputError, "centre of a payload must be three finite numbers.*'there'"),
         ((1.0, (0, 0, 0), "tol"), UnknownNameError, "no link named 'tol'; did you mean 'tool'"),
     ],
@@ -173,23 +103,6 @@ def test_payload_at_the_tip_by_default_and_none_of_zero_mass():
 def test_wrong_payloads_are_refused(payload, error, message):
     with pytest.raises(error, match=message):
         chain_of(ARM, tip="tool").with_payload(*payload)
-
-
-def test_branches_and_fingers_count():
-    """Without the bracket joint 1 carries less, by the moment of its weight; the finger's position matters."""
-    chain = chain_between("base", "tool")
-    bare = chain_between("base", "tool", rewritten("bracket", 1e-12, (0, 0, 0)))
-    mass, centre = READING.centres(EVERYTHING)["bracket"]
-    posture = chain.at(list(Q.values()))
-    axis, origin = posture.joint_axes[0], posture.joint_poses[0][:3, 3]
-    moment = axis @ np.cross(centre - origin, mass * np.array(GRAVITY))
-    difference = posture.load_torque - bare.at(list(Q.values())).load_torque
-    np.testing.assert_allclose(difference, [moment, 0, 0, 0, 0, 0, 0], atol=1e-10)
-    assert abs(moment) > 1
-    out = chain_of(ARM, tip="tool", gravity=GRAVITY, locked={"finger_joint": 0.5}).at(Q).load_torque
-    expected = READING.load_torque(tuple(Q), Q | {"finger_joint": 0.5}, GRAVITY)
-    np.testing.assert_allclose(out, expected, atol=1e-11)
-    assert np.abs(out - posture.load_torque).max() > 1e-2
 
 
 def test_splitting_a_link_or_adding_a_massless_one_changes_nothing():
@@ -221,24 +134,20 @@ def test_splitting_a_link_or_adding_a_massless_one_changes_nothing():
             )
         for one, two in zip(*results, strict=True):
             np.testing.assert_allclose(one, two, atol=1e-13)
+    cut = chain_of(arm((0.4, 1.2), (0.0, 0.0), (0.8, 2.4)))
+    assert [cut.link_frame(name).path_rank for name in ("p0", "p1", "p2")] == [0, 1, 2]
 
 
-def test_loads_by_their_random_factors_stay_apart():
-    """wrench_on groups by factors, and the groups add up to the wrench of all."""
-    chain = chain_between("base", "tool")
-    posture = chain.at(list(Q.values()))
-    point = np.array([0.1, 0.2, 0.3])
-    groups = [posture.wrench_on([load], point)[()] for load in posture.loads]
-    np.testing.assert_allclose(posture.wrench_on(posture.loads, point)[()], sum(groups), atol=1e-12)
-    shifted = point + np.array([0.5, -0.4, 0.2])
-    (here,), (there,) = (posture.wrench_on(posture.loads, p).values() for p in (point, shifted))
-    np.testing.assert_allclose(there[3:], here[3:] + np.cross(point - shifted, here[:3]), atol=1e-12)
-
-
-def test_every_link_with_a_mass_is_one_load():
+def test_every_link_with_a_mass_is_one_load_and_their_wrenches_add_up():
     chain = chain_between("base", "tool")
     total = sum(load.moments[0][0][0] for load in chain.loads)
     assert total == pytest.approx(sum(mass for mass, _ in READING.masses.values()))
     loads = dict(zip(READING.masses, chain.loads, strict=True))
     assert {name for name, load in loads.items() if load.along} == {"base", *(f"link{k}" for k in range(1, 8))}
     assert {name for name, load in loads.items() if load.stretch is None} == {"bracket", "finger"}
+    posture = chain.at(list(Q.values()))
+    point = np.array([0.1, 0.2, 0.3])
+    groups = [posture.wrench_on([load], point)[()] for load in posture.loads]
+    np.testing.assert_allclose(posture.wrench_on(posture.loads, point)[()], sum(groups), atol=1e-12)
+    for load, wrench in zip(posture.loads, groups, strict=True):
+        np.testing.assert_allclose(posture.wrench_basis(load, point) @ load.moments[0][0], wrench, atol=1e-12)

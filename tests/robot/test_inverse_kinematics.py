@@ -17,8 +17,6 @@ from support.ur5 import ur5_branches, ur5_pose
 
 @pytest.fixture(scope="module")
 def ur5() -> Chain:
-    if "ur5" not in example_urdfs():
-        pytest.skip("example-robot-data is not installed")
     return Chain.from_urdf(example_urdfs()["ur5"], tip="tool0")
 
 
@@ -29,7 +27,7 @@ def circular_distance(one, other) -> float:
 
 @pytest.mark.slow
 def test_a_ur5_has_the_branches_of_its_closed_form(ur5):
-    given = np.random.default_rng(3).uniform(-3, 3, (6, 30))
+    given = np.random.default_rng(3).uniform(-3, 3, (6, 16))
     wanted = np.moveaxis([ur5_pose(q) for q in given.T], 0, -1)
     found = inverse_kinematics(ur5, wanted)
     reached = np.moveaxis([ur5_pose(q) for q in found.q.T], 0, -1)
@@ -57,13 +55,13 @@ def test_the_nearest_to_the_reference_comes_first_by_its_nearest_turn(ur5):
 
 @pytest.mark.slow
 def test_solutions_do_not_depend_on_the_other_poses(ur5):
-    q = np.random.default_rng(4).uniform(-3, 3, (6, 7))
+    q = np.random.default_rng(4).uniform(-3, 3, (6, 4))
     wanted = ur5.at_columns(q).pose
     together, turned = inverse_kinematics(ur5, wanted), inverse_kinematics(ur5, wanted[:, :, ::-1])
-    for node in (0, 5):
+    for node in (0, 2):
         own = together.q[:, together.node == node]
         np.testing.assert_array_equal(own, inverse_kinematics(ur5, wanted[:, :, node]).q)
-        np.testing.assert_array_equal(own, turned.q[:, turned.node == 6 - node])
+        np.testing.assert_array_equal(own, turned.q[:, turned.node == 3 - node])
 
 
 def planar_arm(lower: float) -> Chain:
@@ -129,7 +127,6 @@ def test_a_sliding_joint_and_the_tool_axis_alone():
 
 
 def test_more_joints_than_constraints_stay_within_their_limits():
-    arm = planar_arm(0.1)
     long = chain_of(
         robot(
             link("base"), *(link(f"link{k}") for k in range(5)),
@@ -148,14 +145,13 @@ def test_more_joints_than_constraints_stay_within_their_limits():
     assert np.abs(long.at_columns(found.q).pose[:3, 3] - long.at(q).pose[:3, 3, None]).max() < 1e-9
     # only folded back on itself does the tip come so near
     assert inverse_kinematics(long, at(0.1, 0, 0.05), task="position").poses().status == ("limit",)
-    assert inverse_kinematics(arm, at(0, 0, 9), task="position").poses().status == ("unreachable",)
+    assert inverse_kinematics(planar_arm(0.1), at(0, 0, 9), task="position").poses().status == ("unreachable",)
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         ({"wanted": np.zeros((4, 4))}, "the wanted pose 0 is no rigid motion: its rotation must be orthogonal"),
-        ({"wanted": np.diag([1.0, 1, -1, 1])}, "no rigid motion"),
         ({"wanted": np.eye(3)}, r"the wanted poses have the shape \(3, 3\), expected \(4, 4\) or \(4, 4, N\)"),
         ({"wanted": np.zeros((4, 4, 0))}, r"have the shape \(4, 4, 0\)"),
         ({"wanted": np.eye(4), "task": "attitude"}, "task must be pose or axis or position"),

@@ -1,113 +1,44 @@
+"""Beams of rigidities, of material and dimensions, and in a sheet: section constants, random dimensions, every engine."""
+
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import integrate
+from numpy.polynomial.legendre import leggauss
 
-from precision_pin.base.errors import InputError
+from precision_pin.base.errors import SheetError
 from precision_pin.draws.draw import Draw
-from precision_pin.draws.expressions import Component
-from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import LabelledSpace, Space
+from precision_pin.draws.expressions import Component, Program
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Space
+from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.loads import Load
-from precision_pin.sources import beam
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sheet import json_schema
 from precision_pin.sources.beam import Beam, point_flexibility, stretch_flexibility, weight_flexibility
-from support.checks.beam import beam_loads, check_beam, integrals
-from support.checks.common import Q7, evaluated, in_base, one_link
-from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm, robot
+from precision_pin.sources.payload import Payload
+from precision_pin.sources.profiles import MATERIALS, Section, Segment, box, rod, tube
+from support.beam_elements import torsion_constant
+from support.checks.common import evaluated, one_link
 
-L, EI_Y, EI_Z, GI, EA = 1.7, 900.0, 2500.0, 700.0, 3e5
-
-
-@pytest.mark.slow
-def test_reference_table_axes_integrals_and_settings():
-    check_beam(beam)
+L = 1.7
+GRAVITY = (3.0, -4.0, -8.0)
 
 
-def test_against_a_frame_of_200_elements():
-    # loads at the tip, at mid-span (off the axis too), behind each other, self-weight along all three axes; the masses
-    # are given as loads, so that the wrenches are known by hand
-    gravity = np.array([3.0, -4.0, -8.0])
-    chain = one_link(length=L, gravity=tuple(gravity))
-    points = [(0.85, 2.0, (0.0, 0.0, 0.0)), (0.34, 1.2, (0.1, -0.2, 0.3)), (1.7, 4.0, (0.2, 0.1, -0.1))]
-    loads = [Load(1, np.eye(4), np.zeros(3), True, ((np.array([3.0, 1.0, 0, 0]), ()),))]
-    for reach, mass, arm in points:
-        frame = np.eye(4)
-        frame[0, 3] = reach
-        loads.append(Load(1, frame, frame[:3, 3], False, ((mass * np.array([1.0, *arm]), ()),)))
-    source = Beam(link="arm", EI_y=EI_Y, EI_z=EI_Z, GI=GI, EA=EA)
-    posture = chain.at([0.0]).with_loads(loads)
-    total = sum(term.twist for term in source.terms(posture, LabelledSpace(Space(), source.label())))
-
-    elements = 200
-    step = L / elements
-    stiffness, force = np.zeros((6 * (elements + 1),) * 2), np.zeros(6 * (elements + 1))
-    element = _element(step)
-    weight = 3.0 * gravity / L
-    for k in range(elements):
-        rows = slice(6 * k, 6 * k + 12)
-        stiffness[rows, rows] += element
-        force[rows] += _consistent(weight, step)
-    for reach, mass, arm in points:
-        node = round(reach / step)
-        assert node * step == pytest.approx(reach, abs=1e-12)
-        force[6 * node : 6 * node + 3] += mass * gravity
-        force[6 * node + 3 : 6 * node + 6] += np.cross(arm, mass * gravity)
-    solution = np.linalg.solve(stiffness[6:, 6:], force[6:])
-    # cubic elements are exact at their nodes; 200 of them cost about six digits of conditioning
-    np.testing.assert_allclose(total, solution[-6:], rtol=2e-7, atol=1e-10)
+def chain():
+    """One link along x that turns about z, 1.7 m long, with a weight off its end."""
+    return one_link(length=1.7, gravity=GRAVITY, mass=3.0, com=(0.8, 0.1, 0.0)).with_payload(2.0, (0.1, 0.2, -0.3))
 
 
-def _element(h):
-    """Stiffness of a straight element with twelve degrees of freedom, x along it (any textbook)."""
-    k = np.zeros((12, 12))
-    for i, value in ((0, EA / h), (3, GI / h)):
-        k[i, i] = k[i + 6, i + 6] = value
-        k[i, i + 6] = k[i + 6, i] = -value
-    for w, t, rigidity, sign in ((1, 5, EI_Z, 1), (2, 4, EI_Y, -1)):
-        rows = [w, t, w + 6, t + 6]
-        k[np.ix_(rows, rows)] += (rigidity / h**3) * np.array(
-            [
-                [12, sign * 6 * h, -12, sign * 6 * h],
-                [sign * 6 * h, 4 * h * h, -sign * 6 * h, 2 * h * h],
-                [-12, -sign * 6 * h, 12, -sign * 6 * h],
-                [sign * 6 * h, 2 * h * h, -sign * 6 * h, 4 * h * h],
-            ]
-        )
-    return k
+def end_displacement(**settings) -> np.ndarray:
+    return next(iter(evaluated(chain(), [0.2], [Beam(link="arm", **settings)])[1].values()))
 
 
-def _consistent(q, h):
-    f = np.zeros(12)
-    f[:3] = f[6:9] = q * h / 2
-    f[5], f[11] = q[1] * h * h / 12, -q[1] * h * h / 12
-    f[4], f[10] = -q[2] * h * h / 12, q[2] * h * h / 12
-    return f
-
-
-@pytest.mark.parametrize("reach", [0.0, 0.6, 1.7])
-def test_point_loads_against_the_differential_equation(reach):
-    """EI w'' = M(x) integrated twice by quadrature, for a force and a moment at ``reach``."""
-
-    def bend(moment):
-        slope = integrate.quad(moment, 0, reach)[0]
-        return integrate.quad(lambda x: (L - x) * moment(x), 0, reach)[0], slope
-
-    f_w, f_slope = bend(lambda x: reach - x)
-    m_w, m_slope = bend(lambda x: 1.0)
-    table = point_flexibility(L, reach)
-    np.testing.assert_allclose([table[1, 1], table[5, 1], table[1, 5], table[5, 5]], [f_w, f_slope, m_w, m_slope])
-    np.testing.assert_allclose([table[2, 2], table[4, 2], table[2, 4], table[4, 4]], [f_w, -f_slope, -m_w, m_slope])
-    q_w = integrate.quad(lambda x: (L - x) * (L - x) ** 2 / 2, 0, L)[0] / L
-    q_slope = integrate.quad(lambda x: (L - x) ** 2 / 2, 0, L)[0] / L
-    spread = weight_flexibility(L)
-    np.testing.assert_allclose([spread[1, 1], spread[2, 2], spread[5, 1], spread[4, 2]], [q_w, q_w, q_slope, -q_slope])
-
-
-@pytest.mark.parametrize(("start", "stop"), [(0.0, 0.6), (0.4, 1.1), (1.2, L), (0.5, 0.5 + 1e-7)])
+@pytest.mark.parametrize(("start", "stop"), [(0.0, 0.6), (0.4, 1.1), (0.5, 0.5 + 1e-7)])
 def test_a_weight_on_a_part_is_the_mean_of_point_loads(start, stop):
-    nodes, weights = np.polynomial.legendre.leggauss(4)
+    nodes, weights = leggauss(4)
     reaches = start + (stop - start) * (nodes + 1) / 2
     mean = sum(w / 2 * point_flexibility(L, reach) for w, reach in zip(weights, reaches, strict=True))
     mean[:, 3:] = 0.0  # a weight has no moment
@@ -115,85 +46,249 @@ def test_a_weight_on_a_part_is_the_mean_of_point_loads(start, stop):
     np.testing.assert_array_equal(stretch_flexibility(L, 0.0, L), weight_flexibility(L))
 
 
-def test_tip_flexibility_is_symmetric_by_maxwell_and_betti():
-    table = point_flexibility(L, L)
-    np.testing.assert_array_equal(table, table.T)
-    assert (np.linalg.eigvalsh(table) > 0).all()
+# --- constants of sections ---
 
 
-def test_a_round_section_given_by_its_diameter():
-    """EI = E π d⁴/64 and GI = 2 G I as formulas of random numbers."""
-    chain = one_link(length=L, gravity=(0.0, -5.0, -9.0), mass=2.0, com=(0.8, 0, 0)).with_payload(3.0, (0, 0.2, 0.1))
-    modulus, diameter = Component("E"), Component("d")
-    second_moment = diameter**4 * (np.pi / 64)
-    source = Beam(link="arm", EI=modulus * second_moment, GI=0.8 * (modulus * second_moment))
-    draws = [Draw("E", Uniform(1e10, mean=7e10)), Draw("d", Uniform(1e-3, mean=0.03))]
-    e, d = 7.3e10, 0.0295
-    _, totals = evaluated(chain, [0.1], [source], {"E": e, "d": d}, draws)
-    second = np.pi * d**4 / 64
-    _, plain = evaluated(chain, [0.1], [Beam(link="arm", EI=e * second, GI=0.8 * e * second)])
-    np.testing.assert_allclose(*totals.values(), *plain.values(), rtol=1e-12)
+def test_tube_of_the_steel_tables():
+    """CHS 60.3 x 3.2 in EN 10210-2: A 5.74 cm², I 23.5 cm⁴, I_t 46.9 cm⁴, 4.51 kg/m."""
+    section = tube(60.3e-3, 3.2e-3)
+    assert section.area * 1e4 == pytest.approx(5.74, abs=0.005)
+    assert section.I_y * 1e8 == pytest.approx(23.5, abs=0.05)
+    torsion = section.J * 1e8
+    assert torsion == pytest.approx(46.9, abs=0.05)
+    assert MATERIALS["steel"].density * section.area == pytest.approx(4.51, abs=0.005)
 
 
-@pytest.mark.parametrize("number", [2, 5])
-def test_seen_from_the_tool_the_same_link_bends_the_other_way_round(number):
-    """A chain from the tool to the base: the link is clamped at its outer joint and carries the rest of the arm."""
-    text = random_arm(19)
-    reading = PlainRobot.parse(text)
-    gravity = (2.0, -3.0, -8.0)
-    chain = chain_of(text, base="tool", tip="base", gravity=gravity)
-    q = dict(zip((f"joint{k}" for k in range(1, 8)), Q7, strict=True))
-    poses = reading.poses(q, "tool")
-    (outer,) = (entry for entry in reading.joints if entry.name == f"joint{number + 1}")
-    start = (poses[outer.parent] @ outer.origin)[:3, 3]
-    end = poses[f"link{number}"][:3, 3]
-    length = float(np.linalg.norm(end - start))
-    x = (end - start) / length
-    beyond = reading.beyond(f"joint{number}", "tool")
-    here = reading.beyond(outer.name, "tool") - beyond
-    names = dict.fromkeys(here, (0.0, length)) | dict.fromkeys(beyond, length)
-    if number == 2:
-        joined = float(x @ (poses["half2"][:3, 3] - start))
-        names |= {"link2": (joined, length), "half2": (0.0, joined, "about")}
-    loads, spread = beam_loads(reading, names, "tool", q, gravity, start, x, length)
-    axes = np.linalg.svd(x[None])[2].T  # any axes normal to x do for equal rigidities
-    axes[:, 0] = x
-    at, totals = evaluated(chain, q, [Beam(link=f"link{number}", EI=3000.0, GI=800.0, EA=2e5)])
-    expected = integrals(loads, spread, length, axes, (800.0, 3000.0, 3000.0, 2e5))
-    np.testing.assert_allclose(in_base(at.posture, totals), expected, atol=1e-13)
+@pytest.mark.parametrize(("outer", "wall"), [(0.06, 0.002), (0.1, 0.05), (0.03, 1e-5)])
+def test_tube_and_rod_by_integrals_over_their_area(outer, wall):
+    """Rings of radius r: A = ∫ 2πr dr, I = ∫ πr³ dr, J = ∫ 2πr³ dr; four Gauss points are exact."""
+    nodes, weights = leggauss(4)
+    r = outer / 2 - wall / 2 + wall / 2 * nodes
+    area, second, polar = (wall / 2 * weights @ f for f in (2 * np.pi * r, np.pi * r**3, 2 * np.pi * r**3))
+    # the difference of two discs loses D/t digits
+    tolerance = 4e-16 * outer / wall + 4e-16
+    for section in (tube(outer, wall), *([rod(outer)] if wall == outer / 2 else [])):
+        values = [section.area, section.I_y, section.I_z, section.J]
+        np.testing.assert_allclose(values, [area, second, second, polar], rtol=tolerance)
 
 
-def test_a_link_without_length_cannot_bend():
-    chain = chain_of(
-        robot(
-            link("base"),
-            joint("one", "revolute", "base", "hub"),
-            link("hub"),
-            joint("two", "revolute", "hub", "arm", axis=(0, 1, 0)),
-            link("arm"),
-            joint("flange", "fixed", "arm", "tool", (1, 0, 0)),
-            link("tool"),
-        )
-    )
-    with pytest.raises(InputError, match=r"chain link 1 \(end of link 1 \(two\)\) has no length, so it cannot bend"):
-        ErrorModel(chain, Space(), [Beam(link="hub", EI=1.0)]).at([0, 0])
-    with pytest.raises(InputError, match="chain link 0"):
-        ErrorModel(chain, Space(), [Beam(link="base", EI=1.0)]).at([0, 0])
+def test_box_by_flanges_and_webs():
+    """Two flanges (along z) and two webs with Steiner's terms; b along z, h along y."""
+    b, h, t = 0.08, 0.12, 0.01
+    flange, web = b * t, (h - 2 * t) * t
+    i_z = 2 * (b * t**3 / 12 + flange * ((h - t) / 2) ** 2) + 2 * t * (h - 2 * t) ** 3 / 12
+    i_y = 2 * t * b**3 / 12 + 2 * ((h - 2 * t) * t**3 / 12 + web * ((b - t) / 2) ** 2)
+    section = box(b, h, t)
+    values = [section.area, section.I_y, section.I_z]
+    np.testing.assert_allclose(values, [2 * flange + 2 * web, i_y, i_z], rtol=2e-15)
+
+
+@pytest.mark.parametrize(("width", "height", "wall", "low"), [(1.0, 1.0, 0.1, 0.054), (0.08, 0.12, 0.01, 0.055)])
+def test_torsion_of_a_box_is_bredts_formula_and_low_by_as_much_as_stated(width, height, wall, low):
+    coarse, fine = (torsion_constant(width, height, wall, cells) for cells in (2, 4))
+    exact = fine + (fine - coarse) / 3
+    assert box(width, height, wall).J / exact - 1 == pytest.approx(-low, abs=0.001)
+
+
+def test_materials_are_consistent_and_named_with_their_source():
+    """G = E/(2(1 + ν)) with ν of metals; the aluminium of EN 1999-1-1 rounds G to 27 GPa."""
+    assert set(MATERIALS) == {"steel", "stainless_steel", "aluminium", "titanium"}
+    for material in MATERIALS.values():
+        assert 0.29 < material.E / (2 * material.G) - 1 < 0.35
+        assert material.source
+
+
+# --- in a beam ---
+
+
+BOX = {"section": "box", "width": 0.04, "height": 0.06, "wall": 0.003}
+GENERAL = {"section": "general", "area": 1e-4, "I_y": 3e-9, "I_z": 8e-9, "J": 5e-9}
+TUBE = {"section": "tube", "outer_diameter": 0.06, "wall": 0.002}
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "section", "modulus", "shear"),
     [
-        ({}, "needs a stiffness"),
-        ({"EI": 1.0, "EI_y": 1.0, "EI_z": 1.0}, "one of EI"),
-        ({"EI": 1.0, "bending_stiffness": 1.0}, "one of EI"),
-        ({"EI_y": 1.0}, "both of EI_y"),
-        ({"GI": 1.0, "torsion_stiffness": 1.0}, "one of GI"),
-        ({"EI": 0.0}, "EI of a beam must be positive"),
-        ({"GI": -3.0}, "GI of a beam must be positive"),
-        ({"EA": float("nan")}, "EA of a beam must be positive"),
+        ({"section": "rod", "diameter": 0.04, "material": "aluminium"}, rod(0.04), 70e9, 27e9),
+        (BOX | {"material": "aluminium"}, box(0.04, 0.06, 0.003), 70e9, 27e9),
+        (GENERAL | {"material": "aluminium"}, Section(1e-4, 3e-9, 8e-9, 5e-9), 70e9, 27e9),
+        (TUBE | {"material": "steel", "E": 200e9}, tube(0.06, 0.002), 200e9, 81e9),
+        (TUBE | {"material": "steel", "G": 79e9}, tube(0.06, 0.002), 210e9, 79e9),
+        (TUBE | {"E": 7e10, "poisson_ratio": 0.25}, tube(0.06, 0.002), 7e10, 2.8e10),
+        (TUBE | {"material": "titanium", "poisson_ratio": 0.0}, tube(0.06, 0.002), 113.8e9, 56.9e9),
+        (TUBE | {"E": 7e10, "G": 2e10}, tube(0.06, 0.002), 7e10, 2e10),
     ],
 )
-def test_bad_settings_are_refused(settings, message):
-    with pytest.raises(InputError, match=message):
-        Beam(link="arm", **settings)
+def test_a_section_is_the_rigidities_it_stands_for(settings, section, modulus, shear):
+    plain = {"EI_y": modulus * section.I_y, "EI_z": modulus * section.I_z, "GI": shear * section.J}
+    expected = end_displacement(**plain, EA=modulus * section.area)
+    np.testing.assert_allclose(end_displacement(**settings), expected, rtol=1e-14, atol=1e-18)
+
+
+def test_axial_stiffness_at_the_end_is_force_over_metre():
+    pulled = one_link(length=1.3, gravity=(9.81, 0.0, 0.0)).with_payload(2.0)
+    (moved,) = evaluated(pulled, [0.0], [Beam(link="arm", axial_stiffness=5e5)])[1].values()
+    np.testing.assert_allclose(moved, [2 * 9.81 / 5e5, 0, 0, 0, 0, 0], rtol=1e-14, atol=1e-18)
+
+
+RANDOM = {
+    "tube": ({"outer_diameter": 0.06, "wall": 0.002, "E": 7e10, "G": 2.7e10}, {}),
+    "rod": ({"diameter": 0.04, "E": 7e10}, {"poisson_ratio": 0.3}),
+    "box": ({"width": 0.04, "height": 0.06, "wall": 0.003, "E": 7e10, "G": 2.7e10}, {}),
+    "general": ({"area": 1e-4, "I_y": 3e-9, "I_z": 8e-9, "J": 5e-9, "E": 7e10, "G": 2.6e10}, {}),
+}
+
+
+@pytest.mark.fast(3)
+@pytest.mark.parametrize("weight", ["uniform", "section"])
+@pytest.mark.parametrize("shape", RANDOM)
+def test_slopes_to_random_dimensions_are_those_of_beams_made_anew(shape, weight):
+    """Every dimension and modulus, through formulas of at most 32 operations, against fourth-order differences."""
+    means, rest = RANDOM[shape]
+    means, rest = dict(means), {**rest, "section": shape, "self_weight": weight}
+    if weight == "section":
+        means["density"] = 2700.0
+    heavy = chain()
+    laws = {name: Uniform(0.01 * value, mean=value) for name, value in means.items()}
+    at = ErrorModel(heavy, Space(), [Beam(link="arm", **laws, **rest)]).at([0.2])
+    assert set(at.space.components) == {f"beam[arm].{name}" for name in means}
+    error, jacobian = at.tangent
+
+    def anew(name: str, factor: float) -> np.ndarray:
+        made = Beam(link="arm", **{**means, name: means[name] * factor}, **rest)
+        return ErrorModel(heavy, Space(), [made]).at([0.2]).tangent[0]
+
+    np.testing.assert_allclose(error, anew("E", 1.0), rtol=1e-13)
+    for name, mean in means.items():
+        h = 1e-3
+        near, far = (anew(name, 1 + s) - anew(name, 1 - s) for s in (h, 2 * h))
+        slope = (8 * near - far) / (12 * h * mean)
+        column = at.space.index[f"beam[arm].{name}"]
+        np.testing.assert_allclose(jacobian[:, column], slope, atol=1e-9 * np.abs(slope).max(), err_msg=name)
+        assert np.abs(slope).max() > 0
+
+
+def test_formulas_stay_below_the_limit_of_operations():
+    d, t, w, h, modulus = (Component(name) for name in "dtwhE")
+    index = {name: k for k, name in enumerate("dtwhE")}
+    for section in (tube(d, t), rod(d), box(w, h, t)):
+        parameters = [1.0 / (modulus * value) for value in (section.I_y, section.I_z, section.J, section.area)]
+        assert all(len(Program.compile([parameter], index).operations) <= 16 for parameter in parameters)
+
+
+# --- in a sheet ---
+
+
+TEXT = """\
+precision-pin: 1
+robot: 4dof.urdf
+tip: tool
+poses:
+  paper: -90 3 88 -91 deg
+parameters:
+  sheet: {uniform: 0.1 mm, mean: 2 mm}
+sources:
+  - payload: {at: tool, mass: {uniform: 0.1 kg, mean: 1 kg}}
+  - beam: {link: link2, section: tube, outer_diameter: {normal: 0.3 mm, mean: 6 cm}, wall: sheet, material: aluminium,
+      self_weight: section}
+  - beam:
+      link: link3
+      section: box
+      E: 210 GPa
+      poisson_ratio: 0.3
+      roll: 90 deg
+      self_weight: centre
+      segments:
+        - {length: 0.5 m, width: 40 mm, height: 60 mm, wall: sheet}
+        - {fraction: 25 %, section: general, area: 5 cm^2, I_y: 20 cm⁴, I_z: 3e5 mm^4, J: {fixed: 1e-7 m^4}}
+        - {EI_y: 9 kN*m^2, EI_z: 8 kN*m^2, GI: {uniform: 50 N*m^2, mean: 4 kN*m^2}, EA: 10 MN}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    (tmp_path / "4dof.urdf").write_text((PAPER_SHEET.parent / "4dof.urdf").read_text(encoding="utf-8"))
+    return tmp_path
+
+
+def load(folder: Path, text: str = TEXT) -> ErrorModel:
+    (folder / "sheet.yaml").write_text(text, encoding="utf-8")
+    return ErrorModel.load(folder / "sheet.yaml")
+
+
+def test_the_sheet_is_the_same_as_python(folder):
+    model = load(folder)
+    assert model.space.components == (
+        "sheet",
+        "payload[tool].mass",
+        "beam[link2].outer_diameter",
+        "beam[link3].segments[1].J",
+        "beam[link3].segments[2].GI",
+    )
+    segments = (
+        Segment(length=0.5, width=0.04, height=0.06, wall="sheet"),
+        Segment(fraction=0.25, section="general", area=5e-4, I_y=20e-8, I_z=3e-7, J=1e-7),
+        Segment(EI_y=9000.0, EI_z=8000.0, GI=Uniform(50.0, mean=4000.0), EA=1e7),
+    )
+    tube = {"section": "tube", "outer_diameter": Normal(1e-4, mean=0.06), "wall": "sheet", "material": "aluminium"}
+    box = {"section": "box", "E": 210e9, "poisson_ratio": 0.3, "roll": np.pi / 2, "segments": segments}
+    sources = [
+        Payload(at="tool", mass=Uniform(0.1, mean=1.0)),
+        Beam(link="link2", self_weight="section", **tube),
+        Beam(link="link3", self_weight="centre", **box),
+    ]
+    same = ErrorModel(model.chain, Space((Draw("sheet", Uniform(1e-4, mean=2e-3)),)), sources)
+    x = model.space.sample(2, 0, 6)
+    columns = [model.space.index[name] for name in same.space.components]
+    error = same.at(model.poses["paper"]).exact(x[columns])
+    np.testing.assert_allclose(model.at("paper").exact(x), error, rtol=1e-12)
+    assert np.abs(error[:3]).max() > 1e-3
+
+
+@pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
+def test_every_engine_reads_it(folder, statics):
+    at = load(folder, TEXT.replace("poses:", f"statics: {statics}\nposes:")).at("paper")
+    layout = sampler.to_arrays(at)
+    x = at.space.sample(5, 0, 200)
+    for name, oracle in (("linear", at.linear), ("exact", at.exact)):
+        np.testing.assert_allclose(sampler.errors_at(layout, name, x), oracle(x), rtol=1e-11, atol=1e-15)
+    error, jacobian = at.tangent
+    mean = at.space.mean[:, None]
+    np.testing.assert_allclose(error, at.exact(mean)[:, 0], rtol=1e-14)
+    step = 1e-5 * (x[:, :1] - mean)
+    change = (at.exact(mean + step) - at.exact(mean - step))[:, 0] / 2
+    np.testing.assert_allclose(jacobian @ step[:, 0], change, rtol=1e-6, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("section: tube", "section: tub", 10, "input should be 'tube', 'rod', 'box' or 'general'"),
+        ("wall: sheet, material", "wall: 3 GPa, material", 10, "'GPa' in '3 GPa' is not a unit of length"),
+        ("210 GPa", "{disc: 1 GPa}", 15, "a law of several numbers must be named"),
+        ("0.3\n", "30 deg\n", 16, "'deg' in '30 deg' is not a unit of ratio"),
+        ("length: 0.5 m", "lenght: 0.5 m", 20, "unknown key 'lenght': did you mean 'length'"),
+        ("length: 0.5 m", "length: 5 m", 12, "the beam's segments are 5.4425 m long in all, its link 1.77 m"),
+        ("I_y: 20 cm⁴", "I_y: 20 cm³", 21, "'cm^3' in '20 cm³' is not a unit of second moment of area"),
+        ("EA: 10 MN", "EA: lots", 22, "no parameter named 'lots'"),
+        (TEXT.splitlines()[21].strip(" -"), "none", 22, "keys with"),
+    ],
+)
+def test_mistakes_are_reported_in_one_line_where_they_stand(folder, old, new, line, message):
+    assert old in TEXT
+    with pytest.raises(SheetError) as caught:
+        load(folder, TEXT.replace(old, new, 1))
+    (finding,) = caught.value.findings
+    assert message in finding.message
+    assert "\n" not in str(finding)
+    assert finding.line == line
+
+
+def test_segments_that_are_no_list_and_the_schema_of_those_that_are(folder):
+    head, _, _ = TEXT.partition("segments:")
+    with pytest.raises(SheetError, match="segments: expected a list"):
+        load(folder, head + "segments: {length: 1 m}\n")
+    kinds = json_schema()["$defs"]
+    assert {"length", "fraction", "section", "wall", "EI", "J"} <= set(kinds["Segment"]["properties"])
+    assert kinds["Segment"]["additionalProperties"] is False
+    assert kinds["beam"]["properties"]["segments"]["items"] == {"$ref": "#/$defs/Segment"}

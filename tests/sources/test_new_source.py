@@ -1,15 +1,24 @@
-"""A new source is one file: in the folder of sources, it goes through sheet, sampling, analyses, report and export."""
+"""A source has one home: a new one is one file that goes through sheet, sampling, report and export, and nothing else names it.
+
+One file reads the settings of sources, and each has its words.
+"""
 
 from __future__ import annotations
 
+import ast
+import io
 import json
+import re
 import sys
+import tokenize
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+import precision_pin as pp
 from precision_pin import sources
 from precision_pin.base import units
 from precision_pin.base.errors import InputError
@@ -18,8 +27,9 @@ from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sources import catalogue
+from support.package_code import FILES, PACKAGE, import_statements, tree
 
-FILES_NEEDED = 1
 CODE = '''"""Guides that sag."""
 
 from __future__ import annotations
@@ -44,13 +54,7 @@ __all__ = ["Sagging"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Rail:
-    """A rail of the guide.
-
-    Attributes
-    ----------
-    sag
-        How far down it is.
-    """
+    """A rail of the guide: how far down it is."""
 
     sag: Annotated[Setting, units.LENGTH]
 
@@ -58,15 +62,7 @@ class Rail:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Sagging(Source):
-    """Guides that sag: a link's end moves down by the sags of its rails, and tilts by a side that is random.
-
-    Attributes
-    ----------
-    link
-        Whose end.
-    rails
-        Its rails.
-    """
+    """Guides that sag: a link's end moves down by the sags of its rails, and tilts by a side that is random."""
 
     link: str
     rails: tuple[Rail, ...]
@@ -133,7 +129,7 @@ def run(folder, monkeypatch, capsys):
 
 
 def test_a_new_source_takes_one_file(folder, run):
-    assert len(list((folder / "more_sources").glob("*.py"))) == FILES_NEEDED
+    assert len(list((folder / "more_sources").glob("*.py"))) == 1
     assert "sagging" in sources.catalogue()
     assert set(json.loads(run("schema"))["$defs"]["sagging"]["properties"]) == {
         "link",
@@ -208,3 +204,157 @@ def test_a_source_whose_types_no_module_knows_is_sampled_and_named_where_they_ar
     assert [draw.quantities for draw in model.space.draws] == [(), (units.ANGLE,)]
     with pytest.raises(InputError, match=r"nowhere\.(Sagging|Rail): the types of its settings cannot be found"):
         _ = model.owners
+
+
+# --- who names sources ---
+
+
+ABOVE = ("sheet", "model", "export", "kernel", "sampling", "analyses", "pages", "cli")
+"""What may know sources at all; the folders below cannot."""
+HOMES = ("sources/", "export/scaffold.py", "model/frame_models.py", "sheet/measurement.py")
+"""Where kinds of sources may be named: the others are models made of them, and the load of a measurement, a payload."""
+TEXTS = {path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
+OUTSIDE = [name for name in TEXTS if name.startswith(ABOVE) and not name.startswith(HOMES)]
+KINDS = catalogue()
+OTHERS = {"covariance", "frame", "length", "mcpc", "table"}
+"""Kinds that are keys of results and tables too, with classes whose names other things have too."""
+
+
+def texts(module: ast.Module) -> Iterator[str]:
+    """Yield the texts of a file that are not docstrings."""
+    nodes = list(ast.walk(module))
+    alone = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
+            yield node.value
+
+
+def imports(name: str) -> Iterator[tuple[str, str]]:
+    """Yield modules and the names that are imported from them; of whole modules the name is empty."""
+    for node in import_statements(PACKAGE / name):
+        if isinstance(node, ast.ImportFrom):
+            yield from ((node.module or "", alias.name) for alias in node.names)
+        else:
+            yield from ((alias.name, "") for alias in node.names)
+
+
+def named(code: str, module: ast.Module) -> set[str]:
+    """Return the kinds and classes of sources that a file names."""
+    classes = {kind.__name__ for name, kind in KINDS.items() if name not in OTHERS}
+    long = classes | {kind for kind in KINDS if "_" in kind}
+    found = set(re.findall(r"\w+", code)) & long
+    if found:  # taking a file apart is slow: only where a word is there at all, and may stand in a comment
+        read = io.StringIO(code).readline
+        found &= {entry.string for entry in tokenize.generate_tokens(read) if entry.type == tokenize.NAME}
+    for text in texts(module):
+        # sentences may hold words of the field; what is one word, or begins a label, is a kind
+        words = {text, text.partition("[")[0]} - OTHERS
+        found |= (words & set(KINDS)) | (set(re.findall(r"\w+", text)) & long)
+    return found
+
+
+@pytest.mark.slow
+def test_no_file_outside_its_home_names_a_source():
+    assert len(OUTSIDE) > 100
+    assert {name: kinds for name in OUTSIDE if (kinds := named(TEXTS[name], tree(PACKAGE / name)))} == {}
+    imported = {
+        name: [what for module, what in imports(name) if module.startswith("precision_pin.sources")] for name in OUTSIDE
+    }
+    assert {name: what for name, what in imported.items() if not set(what) <= {"catalogue"}} == {}
+    assert [name for name, code in TEXTS.items() if name.startswith("pages/") and "precision_pin.sources" in code] == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'KINDS = {"backlash": 1}',
+        'isinstance(source, Backlash)',
+        'text = f"encoder[{joint}]"',
+        'text = "the joint_offset of it"',
+        'if source.kind() == "thermal": pass',
+    ],
+)  # fmt: skip
+def test_a_file_that_names_a_source_would_be_found(line):
+    assert named(line, ast.parse(line))
+
+
+def reflects(name: str) -> bool:
+    calls = {what for module, what in imports(name) if module in ("typing", "dataclasses")} & {
+        "get_type_hints",
+        "fields",
+    }
+    return bool(
+        calls or re.search(r"get_type_hints|dataclasses\.fields|__dataclass_fields__|__annotations__", TEXTS[name])
+    )
+
+
+@pytest.mark.slow
+def test_one_file_reflects_over_sources():
+    assert [name for name, code in TEXTS.items() if "get_type_hints" in code] == ["terms/source.py"]
+    knowing = [
+        name
+        for name in TEXTS
+        if any(
+            module.startswith(("precision_pin.sources", "precision_pin.terms"))
+            or what in ("Source", "catalogue", "Sheet")
+            for module, what in imports(name)
+        )
+        or name.startswith(("sources/", "terms/"))
+    ]
+    assert len(knowing) > 30
+    assert [name for name in knowing if reflects(name)] == ["terms/source.py"]
+
+
+# --- words ---
+
+
+WORDS = f"""precision-pin: 1
+robot: {PAPER_SHEET.parent / "4dof.urdf"}
+poses: {{home: 0 0 0 0 deg}}
+parameters:
+  a1: {{uniform: 0.05 mm}}
+  a2: {{uniform: 0.02 mm}}
+  k: {{normal: {{std: 10 arcsec}}}}
+  t: {{normal: 0.01 deg}}
+  t2: {{normal: 0.06 mm, k: 2}}
+sources:
+  - length: {{joint: joint2, parameters: a1}}
+  - length: {{joint: joint4, parameters: [a2, a1, ±0.1 mm]}}
+  - joint_offset: {{joint: joint1, offset: k}}
+  - frame: {{joint: joint3, rz: ±0.02 deg, x: {{triangular: 4 um, mean: 2 um}}}}
+  - axis_install: {{joint: joint1, radius: 0.1 mm, span: 100 mm}}
+  - joint_offset: {{joint: joint2, offset: t}}
+  - length: {{joint: joint3, parameters: t2}}
+  - payload: {{at: tool, mass: 1 ± 0.05 kg}}
+  - clearance: {{joint: joint2, diametral: 0.05 mm, span: 100 mm, direction: random}}
+  - joint_offset: {{joint: joint4, offset: {{lognormal: {{std: 0.1 mrad}}, mean: 0.3 mrad}}}}
+"""
+
+
+def test_draws_are_named_as_a_reader_would(tmp_path) -> None:
+    path = tmp_path / "words.errors.yaml"
+    path.write_text(WORDS, encoding="utf-8")
+    model = pp.ErrorModel.load(path)
+    pairs = zip(model.space.draws, model.draw_words, strict=True)
+    found = {draw.name: (words, draw.tolerance) for draw, words in pairs}
+    assert found["a1"] == ("a1 (length to joint2 and 1 more)", "±0.05 mm")
+    assert found["a2"] == ("a2 (length to joint4)", "±0.02 mm")
+    assert found["length[joint4].parameters[2]"] == ("length to joint4 (3)", "±0.1 mm")
+    assert found["k"] == ("k (zero of joint1)", "σ 10 arcsec")
+    # a half-width of three standard deviations, or of as many as the sheet says
+    assert found["t"] == ("t (zero of joint2)", "±0.01° (σ 0.0033°)")
+    assert found["t2"] == ("t2 (length to joint3)", "±0.06 mm (σ 0.03 mm)")
+    assert found["frame[joint3].rz"] == ("tilt of joint3 about z", "±0.02 deg")
+    assert found["frame[joint3].x"] == ("position of joint3 along x", "±4 um")
+    assert found["axis_install[joint1].A"] == ("axis of joint1, bearing A", "radius 0.1 mm")
+    assert found["payload[tool].mass"] == ("payload mass at tool", "±0.05 kg")
+    # what is drawn is a direction; the clearance itself is one number
+    assert found["clearance[joint2].A"] == ("play in bearing A of joint2", "")
+    assert found["joint_offset[joint4].offset"] == ("zero of joint4", "σ 0.1 mrad")
+
+
+def test_words_are_of_settings_that_there_are() -> None:
+    own = {"A", "B", "side", "phase", "quantisation", "row", "error"}
+    for kind in KINDS.values():
+        assert set(kind.words) <= {*kind.__dataclass_fields__, *own}
+        assert all(text.format(subject="joint1", at="tool") for text in kind.words.values())

@@ -24,21 +24,14 @@ SIGNS = (
     Fault("beam", "roll", "@ rotation_about((1, 0, 0), roll)", "@ rotation_about((1, 0, 0), -roll)"),
     Fault("beam", "wrench turned the wrong way", "in_axes(base[:3, :3], axes", "in_axes(base[:3, :3].T, axes"),
     Fault("bearing_stiffness", "against the load", "Value = 1.0 / space", "Value = -1.0 / space"),
-    Fault(
-        "clearance",
-        "against each robot's load",
-        "return along_x / length, along_y",
-        "return -along_x / length, -along_y",
-    ),
+    Fault("clearance", "against each robot's load", "along_x / length, along_y", "-along_x / length, -along_y"),
     Fault("clearance", "against each robot's axial load", "(above + below) * 0.5", "(above + below) * -0.5"),
     Fault("clearance", "loose where it is pressed", "1.0 - held", "held"),
     Fault("clearance", "against the load", "force = shift.T @ load", "force = -shift.T @ load"),
     Fault("clearance", "against the axial load", "along * np.sign(load[2])", "along * -np.sign(load[2])"),
     Fault("places", "a minus is ignored", "-direction if sign < 0 else", "direction if sign < 0 else", "length"),
     Fault("places", "every error of a frame reversed", "np.eye(6)[row]", "-np.eye(6)[row]", "frame"),
-    Fault(
-        "joint_compliance", "torque that holds the load", "JointValue(joint), torque,", "JointValue(joint), -torque,"
-    ),
+    Fault("joint_compliance", "torque that holds the load", "(joint), torque,", "(joint), -torque,"),
     Fault("joint_offset", "offset reversed", "JointValue(joint), 1.0,", "JointValue(joint), -1.0,"),
     Fault("length", "direction turned the wrong way", "se3.turn(back, direction)", "se3.turn(back, -direction)"),
     Fault("length", "frames turned the wrong way", "[:3, :3].swapaxes(0, 1)", "[:3, :3]"),
@@ -51,18 +44,8 @@ SIGNS = (
     Fault("places", "the other bearing's share", "other / (other - height)", "other / (height - other)", "clearance"),
     Fault("places", "moment arm reversed", "= height, -height", "= -height, height", "bearing_stiffness"),
     Fault("covariance", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
-    Fault(
-        "encoder",
-        "zero reversed",
-        'Term.of(target, 1.0, space.value("offset"',
-        'Term.of(target, -1.0, space.value("offset"',
-    ),
-    Fault(
-        "encoder",
-        "scale reversed",
-        'Term.of(target, value, space.value("scale"',
-        'Term.of(target, -value, space.value("scale"',
-    ),
+    Fault("encoder", "zero reversed", '1.0, space.value("offset"', '-1.0, space.value("offset"'),
+    Fault("encoder", "scale reversed", 'value, space.value("scale"', '-value, space.value("scale"'),
     Fault("levelling", "gravity turned with the base", "= -np.cross(axis", "= np.cross(axis"),
     Fault("places", "every error of a mounting reversed", "np.eye(6)[row]", "-np.eye(6)[row]", "mounting"),
     Fault("periodic", "phase counted the other way", "np.cos(angle)", "-np.cos(angle)", "encoder"),
@@ -77,23 +60,13 @@ SIGNS = (
 LAWS = (
     Fault("axis_install", "circle for disc", "laws import Disc", "laws import Circle as Disc"),
     Fault("axis_install", "diameter for radius", "(self.diameter or 0.0) / 2", "(self.diameter or 0.0)"),
-    Fault(
-        "axis_install",
-        "axis left as z",
-        "from precision_pin.sources.places import seat_axes",
-        "import numpy\nseat_axes = lambda *_: numpy.eye(6)",
-    ),
+    Fault("places", "axis left as z", "block_diagonal(chain.axis_alignment(joint))", "np.eye(6)", "axis_install"),
     Fault("axis_install", "A counts for nothing at the seat", '("A", 1 + crossing', '("A", crossing'),
     Fault("backlash", "the whole gap", "np.sign(torque) / 2", "np.sign(torque)"),
     Fault("backlash", "the whole gap at random", "0.5, gap, space", "1.0, gap, space"),
     Fault("backlash", "triangular for uniform", "laws import Uniform", "laws import Triangular as Uniform"),
     Fault("backlash", "no band", "if abs(torque) >= self.band", "if abs(torque) >= 0.0"),
-    Fault(
-        "backlash",
-        "another joint's torque",
-        "posture.torque_on(joint)",
-        "posture.torque_on((joint - 1) % len(posture.q))",
-    ),
+    Fault("backlash", "another joint", "_on(joint), space", "_on((joint - 1) % len(posture.q)), space"),
     Fault("beam", "stiffness for compliance", "flexibility = 1.0 / stiffness", "flexibility = 1.0 * stiffness"),
     Fault("beam", "weight as a tip load", "l**3 / 8", "l**3 / 3"),
     Fault("beam", "weight's turn", "result[5, 1] = l**2 / 6", "result[5, 1] = l**2 / 2"),
@@ -104,18 +77,8 @@ LAWS = (
     Fault("beam", "loads beyond counted twice", "if load.link > link]", "if load.link >= link]"),
     Fault("beam", "loads of the middle at the tip", "axes[:, 0] @ load.attachment", "length"),
     Fault("beam", "lever beyond the end lost", "_lever(self.stop - reach).T", "np.eye(6)"),
-    Fault(
-        "beam",
-        "end stiffness without length",
-        '("bending_stiffness", (1, 2, 4, 5), length)',
-        '("bending_stiffness", (1, 2, 4, 5), 1.0)',
-    ),
-    Fault(
-        "beam",
-        "torsional stiffness without length",
-        '("torsion_stiffness", (3,), length)',
-        '("torsion_stiffness", (3,), 1.0)',
-    ),
+    Fault("beam", "end stiffness without length", "(1, 2, 4, 5), length)", "(1, 2, 4, 5), 1.0)"),
+    Fault("beam", "torsional stiffness without length", "(3,), length)", "(3,), 1.0)"),
     Fault("beam", "EI_y and EI_z swapped", '("EI_z", (1, 5), 1.0)', '("EI_z", (2, 4), 1.0)'),
     Fault("beam", "EI bends one way only", '("EI", (1, 2, 4, 5), 1.0)', '("EI", (1, 5), 1.0)'),
     Fault("beam", "left-handed axes", "np.cross(z, x), z]", "np.cross(x, z), z]"),
@@ -123,13 +86,9 @@ LAWS = (
     Fault("beam", "turn of a part's weight", "result[5, 1] = second / 2", "result[5, 1] = l**2 / 6"),
     Fault("beam", "axial weight of a part", "result[0, 0] = first", "result[0, 0] = l / 2"),
     Fault("beam", "what is bolted on goes along", "not load.along:", "load.stretch is None:"),
-    Fault(
-        "beam", "what is bolted on is a point", "half_spread = min(reach - start, stop - reach)", "half_spread = 0.0"
-    ),
+    Fault("beam", "what is bolted on is a point", "= min(reach - start, stop - reach)", "= 0.0"),
     Fault("beam", "axis not made normal", "axis - x * (x @ axis)", "axis"),
-    Fault(
-        "beam", "next joint's axis not turned", "far_end[:3, :3] @ chain.written_axes[link]", "chain.written_axes[link]"
-    ),
+    Fault("beam", "next joint's axis not turned", "far_end[:3, :3] @ chain.written", "chain.written"),
     Fault("bearing_stiffness", "stiffness for compliance", "Value = 1.0 / space", "Value = 1.0 * space"),
     Fault("bearing_stiffness", "carries the free axis", '"tilt": (3, 4)', '"tilt": (3, 4, 5)'),
     Fault("bearing_stiffness", "radial for axial", '"radial": (0, 1)', '"radial": (0, 1, 2)'),
@@ -142,89 +101,28 @@ LAWS = (
     Fault("clearance", "no band", ">= self.band", ">= 0.0"),
     Fault("clearance", "axis left as z", "to_place = seat_axes(chain, joint)", "to_place = np.eye(6)"),
     Fault("clearance", "one direction for both", 'component(f"{name}.{axis}")', 'component(f"A.{axis}")'),
-    Fault(
-        "places",
-        "axis of the next joint",
-        "else posture.joint_axes[joint]",
-        "else posture.joint_axes[joint - 1]",
-        "length",
-    ),
-    Fault(
-        "places",
-        "base axes for a joint's",
-        "else posture.joint_poses[joint]",
-        "else posture.joint_poses[0]",
-        "length",
-    ),
-    Fault(
-        "places",
-        "shift and turn of a frame swapped",
-        '("x", "y", "z", "rx", "ry", "rz")',
-        '("rx", "ry", "rz", "x", "y", "z")',
-        "frame",
-    ),
-    Fault(
-        "joint_compliance",
-        "compliance squared",
-        "torque, *factors, compliance",
-        "torque, *factors, compliance, compliance",
-    ),
-    Fault(
-        "joint_compliance",
-        "another joint's torque",
-        "posture.torque_on(joint)",
-        "posture.torque_on((joint - 1) % len(posture.q))",
-    ),
+    Fault("places", "the first joint's axis", "else posture.joint_axes[joint]", "else posture.joint_axes[0]", "length"),
+    Fault("places", "base axes for a joint's", "posture.joint_poses[joint]", "posture.joint_poses[0]", "length"),
+    Fault("places", "shift and turn of a frame swapped", '"x", "y", "z", "rx"', '"rx", "y", "z", "x"', "frame"),
+    Fault("joint_compliance", "compliance squared", "*factors, compliance", "*factors, compliance, compliance"),
+    Fault("joint_compliance", "another joint's torque", "torque_on(joint)", "torque_on((joint - 1) % len(posture.q))"),
     Fault("joint_offset", "half of it", "JointValue(joint), 1.0,", "JointValue(joint), 0.5,"),
     Fault("length", "along the link's start", "place.frame[:3, 3]", "place.frame[:3, 0]"),
     Fault("length", "axes of the link before", "posture.link_poses[link][", "posture.link_poses[link - 1]["),
-    Fault(
-        "mcpc",
-        "α and β swapped",
-        '("alpha", 3, start), ("beta", 4, after_alpha)',
-        '("alpha", 4, start), ("beta", 3, after_alpha)',
-    ),
+    Fault("mcpc", "α and β swapped", '"alpha", 3, start), ("beta", 4,', '"alpha", 4, start), ("beta", 3,'),
     Fault("mcpc", "shift in frame axes before they tilt", 'of link {link}", after_gamma)', 'of link {link}", start)'),
     Fault("mcpc", "shift before γ", 'of link {link}", after_gamma)', 'of link {link}", after_beta)'),
     Fault("payload", "first moment without mass", "_moment(k + 1, mass, value)", "_moment(k + 1, value)"),
     Fault("payload", "centre axes off by one", "_moment(k + 1, mass, value)", "_moment(3 - k, mass, value)"),
     Fault("places", "the link before counts", "load.link > joint", "load.link >= joint", "bearing_stiffness"),
     Fault("places", "the next link left out", "load.link > joint", "load.link > joint + 1", "clearance"),
-    Fault(
-        "places",
-        "loads not turned to the axis",
-        "aligned = posture.chain.axis_alignment(joint)",
-        "aligned = np.eye(3)",
-        "clearance",
-    ),
+    Fault("places", "loads not turned to the axis", "posture.chain.axis_alignment(joint)", "np.eye(3)", "clearance"),
     Fault("places", "loads turned the wrong way", "(rotation @ axes).T", "(rotation @ axes)", "bearing_stiffness"),
     Fault("places", "fixed guides travel", 'pads_on == "parent"', 'pads_on == "child"', "bearing_stiffness"),
-    Fault(
-        "places",
-        "another joint's seat",
-        "chain.joint_index(self.joint))",
-        "chain.joint_index(self.joint) + 1)",
-        "frame",
-    ),
-    Fault(
-        "places",
-        "another link's end",
-        "chain.link_frame(self.link).link)",
-        "chain.link_frame(self.link).link - 1)",
-        "covariance",
-    ),
-    Fault(
-        "covariance",
-        "variances of deviations squared",
-        "np.outer(self.std, self.std)",
-        "np.outer(self.std, self.std) ** 2",
-    ),
-    Fault(
-        "covariance",
-        "correlation ignored",
-        "np.eye(6) if self.correlation is None else np.array(self.correlation)",
-        "np.eye(6)",
-    ),
+    Fault("places", "another joint's seat", "index(self.joint))", "index(self.joint) + 1)", "frame"),
+    Fault("places", "another link's end", "(self.link).link)", "(self.link).link - 1)", "covariance"),
+    Fault("covariance", "variances of deviations squared", "(self.std, self.std)", "(self.std, self.std) ** 2"),
+    Fault("covariance", "correlation ignored", "self.correlation is None else", "True else"),
     Fault("covariance", "mean ignored", "self.mean or ()", "()"),
     Fault("encoder", "a whole step either way", "Uniform(step / 2)", "Uniform(step)"),
     Fault("encoder", "step not geared down", "self.resolution / self.ratio", "self.resolution"),
@@ -234,13 +132,7 @@ LAWS = (
     Fault("encoder", "two heads cancel the even orders", "self.order % 2 == 0", "self.order % 2 == 1"),
     Fault("encoder", "diameter for radius", "/ self.radius", "/ (2 * self.radius)"),
     Fault("levelling", "tilts about other axes", 'zip(np.eye(3), ("rx"', 'zip(np.eye(3)[[1, 0, 2]], ("rx"'),
-    Fault(
-        "places",
-        "shift and turn of a mounting swapped",
-        '("x", "y", "z", "rx", "ry", "rz")',
-        '("rx", "ry", "rz", "x", "y", "z")',
-        "mounting",
-    ),
+    Fault("places", "shift and turn of a mounting swapped", '"x", "y", "z", "rx"', '"rx", "y", "z", "x"', "mounting"),
     Fault("mounting", "the base's own end", "chain.frame_place(chain.base)", "chain.end(0)"),
     Fault("mounting", "flange ignored", "self.flange or chain.tip)", "chain.tip)"),
     Fault("periodic", "a disc of phases", "laws import Circle", "laws import Disc as Circle", "transmission"),
@@ -248,12 +140,7 @@ LAWS = (
     Fault("table", "columns in another order", "(zip(*columns, strict=True))", "(zip(*columns[::-1], strict=True))"),
     Fault("table", "columns torn apart", "*columns, strict", "columns[0], *(c[::-1] for c in columns[1:]), strict"),
     Fault("thermal", "shift of a moment at the end", "(way @ way) / 2", "(way @ way) / 3"),
-    Fault(
-        "thermal",
-        "gradient along the link bends",
-        "normal = (warmer.T - way * ((warmer.T @ way)[..., None] / (way @ way))).T",
-        "normal = warmer",
-    ),
+    Fault("thermal", "gradient along the link bends", "warmer.T - way *", "warmer.T - 0 *"),
     Fault("thermal", "base axes for the link's", "[:3, :3].swapaxes(0, 1)", "[:3, :3]"),
     Fault("thermal", "turned twice", "place.frame[:3, :3].T\n", "place.frame[:3, :3]\n"),
     Fault("transmission", "stiffness for compliance", "flexibility = 1.0 / ", "flexibility = 1.0 * "),
@@ -269,9 +156,11 @@ def test_every_kind_has_a_check_and_a_fault_of_either_sort():
         assert {fault.user or fault.module for fault in faults} == set(catalogue())
 
 
-@pytest.mark.fast(3)
-@pytest.mark.parametrize("kind", CHECKS)
-def test_the_copies_that_faults_are_planted_in_pass(kind):
+DEAR = ("beam", "clearance", "length", "payload", "thermal")
+
+
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind in DEAR)) for kind in CHECKS])
+def test_the_checks_pass_on_copies_without_a_fault(kind):
     CHECKS[kind](original(kind))
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -48,9 +46,6 @@ def paper_arm() -> StandIn:
         pose((0, 0, -0.274)),
     ]
     return stand_in(placements, np.tile((0, 0, 1), (4, 1)))
-
-
-PAPER_Q = np.radians([-90, 3, 88, -91])
 
 
 def random_pose(generator, reach=1.0) -> np.ndarray:
@@ -172,12 +167,6 @@ def hat(vector) -> np.ndarray:
     return np.array([[0, -r[2], r[1], d[0]], [r[2], 0, -r[0], d[1]], [-r[1], r[0], 0, d[2]], [0, 0, 0, 0]])
 
 
-def pose_error(actual, nominal) -> np.ndarray:
-    """Return d and δ in base axes at the tip, by scipy."""
-    turn = Rotation.from_matrix(actual[:3, :3] @ nominal[:3, :3].T).as_rotvec()
-    return np.concatenate([actual[:3, 3] - nominal[:3, 3], turn])
-
-
 def displaced_tip(mcpc: Mcpc, q, displacements) -> np.ndarray:
     """Return B·Q_0 V_0 E_0 ⋯ Q_n V_n E_n."""
     tip = rot("z", mcpc.base_turn)
@@ -205,54 +194,4 @@ def pinocchio_tip(chain, q, placements=None) -> np.ndarray:
     model, frame = pinocchio_model(chain, placements)
     data = model.createData()
     pin.framesForwardKinematics(model, data, np.asarray(q, dtype=float))
-    return data.oMf[frame].homogeneous
-
-
-EXAMPLES = Path(str(importlib.metadata.distribution("example-robot-data").locate_file("cmeel.prefix"))) / (
-    "share/example-robot-data/robots"
-)
-ARMS = {
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0"),
-    "ur10": ("ur_description/urdf/ur10_robot.urdf", "tool0"),
-    "panda": ("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
-    "kinova": ("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
-    "xarm7": ("xarm_description/urdf/xarm7.urdf", "link_eef"),
-    "z1": ("z1_description/urdf/z1.urdf", "gripperMover"),
-    "so101": ("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
-    "talos": ("talos_data/robots/talos_left_arm.urdf", "gripper_left_fingertip_3_link"),
-    "tiago": ("tiago_description/robots/tiago.urdf", "arm_tool_link"),
-    "finger_edu": ("finger_edu_description/robots/finger_edu.urdf", "finger_tip_link"),
-}
-
-
-def example_model(name: str) -> tuple[pin.Model, int]:
-    path, tip = ARMS[name]
-    model = pin.buildModelFromUrdf(str(EXAMPLES / path))
-    assert model.existFrame(tip, pin.FrameType.BODY), [frame.name for frame in model.frames]
-    return model, model.getFrameId(tip, pin.FrameType.BODY)
-
-
-def example_chain(model: pin.Model, frame: int) -> StandIn:
-    """Return the chain to a frame, out of what Pinocchio loaded; joints off the chain do not matter."""
-    tip = model.frames[frame]
-    joints = [joint for joint in model.supports[tip.parentJoint] if joint]
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model), np.zeros(model.nv))
-    twists = [np.asarray(data.joints[joint].S).reshape(6) for joint in joints]
-    prismatic = [bool(np.any(twist[:3])) for twist in twists]
-    axes = [twist[:3] if slides else twist[3:] for twist, slides in zip(twists, prismatic, strict=True)]
-    placements = [model.jointPlacements[joint].homogeneous for joint in joints] + [tip.placement.homogeneous]
-    return StandIn(
-        tuple(model.names[joint] for joint in joints), np.array(placements), np.array(axes), np.array(prismatic)
-    )
-
-
-def example_tip(model: pin.Model, frame: int, chain: StandIn, q) -> np.ndarray:
-    """Return the frame's pose by Pinocchio at the chain's joint values, other joints neutral."""
-    full = pin.neutral(model)
-    for name, value in zip(chain.joint_names, q, strict=True):
-        joint = model.joints[model.getJointId(name)]
-        full[joint.idx_q : joint.idx_q + joint.nq] = [np.cos(value), np.sin(value)] if joint.nq == 2 else [value]
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, full)
     return data.oMf[frame].homogeneous

@@ -10,12 +10,7 @@ from scipy.linalg import expm
 from precision_pin.robot import mcpc
 from robot.mcpc import cases
 
-SEEDS = range(25)
 ARM_SIZES = (0, 1, 2, 3, 6)
-
-
-def column(arm, name):
-    return arm.parameter_names.index(name)
 
 
 def complex_derivatives(function, size):
@@ -48,9 +43,8 @@ def test_eq16_order_of_the_parameters():
     ]
 
 
-@pytest.mark.fast(12)
 @pytest.mark.parametrize("joints", ARM_SIZES)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_eq8_eq11_columns_are_the_derivatives_of_eqs_1_and_2(joints, seed):
     """T_i⁻¹ ∂T_i/∂p laid out as eq 5. For a prismatic joint k1 takes k6's value and k6 is zero."""
     arm = cases.random_mcpc(seed, joints)
@@ -65,7 +59,7 @@ def test_eq8_eq11_columns_are_the_derivatives_of_eqs_1_and_2(joints, seed):
 
 
 @pytest.mark.parametrize("joints", ARM_SIZES)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_eq8_eq11_product_of_exponentials_at_any_size(joints, seed):
     """T_i·ΠExp(k_j Δ_j), order θ, α, β, γ, x, y, z, is the perturbed T_i; exponentials by scipy."""
     arm = cases.random_mcpc(seed, joints)
@@ -96,7 +90,7 @@ def test_eq8_by_hand_on_link_1_of_the_paper():
 
 
 @pytest.mark.parametrize("joints", ARM_SIZES)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_eq16_jacobian_is_the_derivative_of_eq3(joints, seed):
     arm = cases.random_mcpc(seed, joints)
     q = np.random.default_rng(seed).uniform(-3, 3, joints)
@@ -108,7 +102,7 @@ def test_eq16_jacobian_is_the_derivative_of_eq3(joints, seed):
 
 
 @pytest.mark.fast(4)
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", range(8))
 def test_eq17_jacobian_base_by_central_differences_of_the_perturbed_arm(seed):
     """Position p' - p and δ = Log(R'Rᵀ) in base axes. T_s is blockdiag(R, R), not the adjoint of T."""
     chain = cases.random_chain(seed)
@@ -124,8 +118,8 @@ def test_eq17_jacobian_base_by_central_differences_of_the_perturbed_arm(seed):
     np.testing.assert_allclose(arm.jacobian_base(q), np.column_stack(columns), rtol=0, atol=2e-9)
 
 
-@pytest.mark.fast(10)
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.fast(5)
+@pytest.mark.parametrize("seed", range(10))
 def test_eq15_eq16_against_pinocchios_frame_kinematic_regressor(seed):
     """The regressor is the derivative of the tip to a right perturbation of every joint placement.
 
@@ -153,93 +147,3 @@ def test_eq15_eq16_against_pinocchios_frame_kinematic_regressor(seed):
         in_link = np.array([k for k in arm.parameter_indices(i) if k >= joints])
         expected = from_link @ arm.link_matrix(i)[:, 1 if i else 0 :]
         np.testing.assert_allclose(jacobian[:, in_link], expected, rtol=0, atol=5e-14)
-
-
-@pytest.mark.fast(10)
-@pytest.mark.parametrize("seed", SEEDS)
-def test_eq16_columns_of_the_joints_are_pinocchios_joint_jacobian(seed):
-    chain = cases.random_chain(seed)
-    arm = mcpc.from_chain(chain)
-    q = cases.random_values(chain, np.random.default_rng(seed))
-    model, frame = cases.pinocchio_model(chain)
-    expected = pin.computeFrameJacobian(model, model.createData(), q, frame, pin.ReferenceFrame.LOCAL).reshape(6, -1)
-    np.testing.assert_allclose(arm.jacobian(q)[:, : len(q)], expected, rtol=0, atol=5e-14)
-
-
-# --- R1: the paper's arm at its pose, computed by others in 50 digits ---
-
-
-def test_r1_tip_pose():
-    tip = mcpc.from_chain(cases.paper_arm()).forward_kinematics(cases.PAPER_Q)
-    expected = [[0, 0, 1, -0.274], [-1, 0, 0, -1.936409424072519], [0, -1, 0, -1.787832254225412], [0, 0, 0, 1]]
-    np.testing.assert_allclose(tip, expected, rtol=0, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("name", "position", "rotation"),
-    [
-        ("theta_1", (1936.409424, -274, 0), (0, 0, 1)),
-        ("theta_2", (0, 1872.832254, -1936.409424), (1, 0, 0)),
-        ("theta_3", (0, 1769.730420, 30.890759), (1, 0, 0)),
-        ("theta_4", (0, 0, 0), (1, 0, 0)),
-        ("alpha_2", (1768.921764, 14.340052, -273.624493), (0, -0.998630, -0.052336)),
-    ],
-)
-def test_r1_eq17_columns(name, position, rotation):
-    arm = mcpc.from_chain(cases.paper_arm())
-    got = arm.jacobian_base(cases.PAPER_Q)[:, column(arm, name)]
-    np.testing.assert_allclose(got[:3] * 1000, position, rtol=0, atol=5.1e-7)
-    np.testing.assert_allclose(got[3:], rotation, rtol=0, atol=5.1e-7)
-
-
-def test_r1_eq17_length_errors():
-    """Δy_1 = -(Δa_0 + Δa_1), Δx_2 = Δa_2, Δx_3 = Δa_4, Δz_4 = -(Δa_1 + Δa_3 + Δa_5)."""
-    arm = mcpc.from_chain(cases.paper_arm())
-    jacobian = arm.jacobian_base(cases.PAPER_Q)
-    y1, x2, x3, z4 = (jacobian[:, column(arm, name)] for name in ("y_1", "x_2", "x_3", "z_4"))
-    by_length = np.column_stack([-y1, -y1 - z4, x2, -z4, x3, -z4])
-    sine, cosine = (lambda degrees: np.sin(np.radians(degrees))), (lambda degrees: np.cos(np.radians(degrees)))
-    expected = [
-        [0, -1, 0, -1, 0, -1],
-        [0, 0, -cosine(3), 0, sine(1), 0],
-        [1, 1, -sine(3), 0, -cosine(1), 0],
-    ]
-    np.testing.assert_allclose(by_length[:3], expected, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(by_length[3:], 0)
-    limits = np.array([0.05, 0.05, 0.25, 0.05, 0.25, 0.05])
-    np.testing.assert_allclose(np.abs(by_length[:3]) @ limits, [0.15, 0.25402, 0.363046], rtol=0, atol=5.1e-7)
-    spread = np.sqrt(by_length[:3] ** 2 @ limits**2)
-    np.testing.assert_allclose(spread, [0.086603, 0.249696, 0.260100], rtol=0, atol=5.1e-7)
-
-
-# --- R5: small arms by hand ---
-
-
-def test_r5_one_joint_exact():
-    arm = mcpc.from_chain(cases.stand_in([np.eye(4), cases.pose((1, 0, 0))], [(0, 0, 1)]))
-    errors = np.zeros(11)
-    errors[0] = 1e-3
-    got = cases.pose_error(arm.perturbed(errors).forward_kinematics([0]), arm.forward_kinematics([0]))
-    np.testing.assert_allclose(got, [-4.99999958e-7, 9.99999833e-4, 0, 0, 0, 1e-3], rtol=0, atol=5.1e-13)
-
-
-def test_r5_two_joints_linear():
-    arm = mcpc.from_chain(
-        cases.stand_in([np.eye(4), cases.pose((1, 0, 0)), cases.pose((0.5, 0, 0))], np.tile((0, 0, 1), (2, 1)))
-    )
-    errors = np.zeros(16)
-    for name, value in (("x_1", 1e-3), ("x_2", -0.5e-3), ("theta_1", 1e-3), ("theta_2", -2e-3)):
-        errors[column(arm, name)] = value
-    got = arm.jacobian_base(np.radians([30, 60])) @ errors
-    half_root = np.sqrt(3) / 2 * 1e-3
-    np.testing.assert_allclose(got, [half_root, half_root, 0, 0, 0, -1e-3], rtol=0, atol=1e-17)
-
-
-def test_prismatic_joint_by_hand():
-    """A slide along z, then 0.5 m along x: Δd moves the tip along z and turns nothing."""
-    chain = cases.stand_in([np.eye(4), cases.pose((0.5, 0, 0))], [(0, 0, 1)], [True])
-    arm = mcpc.from_chain(chain)
-    assert arm.parameter_names[0] == "d_1"
-    np.testing.assert_allclose(arm.jacobian([0.3])[:, 0], [0, 0, 1, 0, 0, 0], rtol=0, atol=1e-16)
-    moved = arm.perturbed([0.2, *np.zeros(10)]).forward_kinematics([0.3])
-    np.testing.assert_allclose(moved, cases.pose((0.5, 0, 0.5)), rtol=0, atol=1e-16)

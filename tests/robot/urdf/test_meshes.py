@@ -1,4 +1,7 @@
-"""Meshes that lie about their size, name files that must not be opened, or grow without end when they are walked."""
+"""Files that are not what they should be, and meshes that lie, are refused without hanging; limits are those of the pages.
+
+Meshes lie about their size, name files that must not be opened, or grow without end when they are walked.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +16,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from precision_pin.base.errors import LONGEST_LINE, UrdfError
 from precision_pin.pages.view.arm import draw_arm
 from precision_pin.render.scene import Scene
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.urdf import check, read
-from precision_pin.robot.urdf.meshes import BrokenMeshError, read_mesh
+from precision_pin.robot.mesh_surfaces import MOST_FACES
+from precision_pin.robot.urdf import Limits, Mesh, check, locate_mesh, read
+from precision_pin.robot.urdf.meshes import (
+    MOST_BYTES,
+    MOST_DEPTH,
+    MOST_TEXT_BYTES,
+    MOST_TRIANGLES,
+    BrokenMeshError,
+    read_mesh,
+)
+from precision_pin.robot.urdf.xmltree import ENCODINGS, MOST_FINDINGS
 
 CYLINDER = '<cylinder radius="0.05" length="0.4"/>'
+
+
 CORNERS = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0]], "<f4").tobytes()
 INDICES = np.array([0, 1, 2], "<u2").tobytes()
+TRIANGLE = (0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0)
 
 
 @pytest.fixture(autouse=True)
@@ -41,6 +57,67 @@ def _no_hang_and_no_network(monkeypatch):
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
+
+
+def codes(path: str | os.PathLike[str], **options: object) -> list[str]:
+    return [found.code for found in check(path, **options)]
+
+
+def arm_with_mesh(arm: str, folder: Path, filename: str) -> Path:
+    path = folder / "arm.urdf"
+    path.write_text(arm.replace(CYLINDER, f'<mesh filename="{filename}"/>'))
+    return path
+
+
+# --- files ---
+
+
+def test_read_and_check_tell_the_same(arm, tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(arm.replace("0 -1 0", "0 -2 0"))
+    robot = read(path)
+    assert [found.code for found in robot.findings] == ["W_AXIS_NORM"]
+    assert robot.findings == check(path)
+    assert robot.file == robot.findings[0].file == str(path)
+    path.write_text(arm.replace("0 -1 0", "0 0 0").replace('upper="0.25"', 'upper="250"'))
+    with pytest.raises(UrdfError) as refused:
+        read(path)
+    assert [found.code for found in refused.value.findings] == ["E_AXIS_ZERO", "W_UNITS"]
+    assert refused.value.findings == check(path)
+
+
+def test_what_is_no_file_or_too_large_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("loop.urdf").symlink_to("loop.urdf")
+    for name in ("", "nope.urdf", "no/such/folder.urdf", "a" * 5000, "a\0b", "~/nope.urdf", "loop.urdf"):
+        assert codes(name) == ["E_FILE_MISSING"], name
+    os.mkfifo("pipe.urdf")
+    for name in (".", "pipe.urdf", "/dev/zero"):
+        assert codes(name) == ["E_FILE_KIND"], name
+    with Path("large.urdf").open("wb") as stream:
+        stream.truncate(16 * 1024 * 1024 + 1)
+    assert codes("large.urdf") == ["E_TOO_BIG"]
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason="root may read everything")
+def test_no_permission(arm, tmp_path):
+    path = tmp_path / "secret.urdf"
+    path.write_text(arm)
+    path.chmod(0)
+    assert codes(path) == ["E_FILE_PERM"]
+
+
+@pytest.mark.skipif(not os.path.ismount("/proc"), reason="there is no /proc here")
+def test_files_that_the_kernel_makes_up_are_no_input(tmp_path):
+    link = tmp_path / "arm.urdf"
+    link.symlink_to("/proc/self/environ")
+    for path in ("/proc/self/environ", "/proc/version", link):
+        (found,) = check(path)
+        assert found.code == "E_FILE_KIND"
+        assert "kernel" in found.message
+
+
+# --- meshes ---
 
 
 def gltf(uri: str = "", **changes: object) -> dict[str, object]:
@@ -95,14 +172,15 @@ def doubling(levels: int, *, circle: bool = False) -> bytes:
         f'<node id="n{k}"><instance_node url="#n{k + 1}"/><instance_node url="#n{k + 1}"/></node>'
         for k in range(levels)
     ]
-    last = (
-        f'<node id="n{levels}">'
-        + ('<instance_node url="#n0"/>' if circle else '<instance_geometry url="#g"/>')
-        + "</node>"
-    )
+    end = '<instance_node url="#n0"/>' if circle else '<instance_geometry url="#g"/>'
+    last = f'<node id="n{levels}">{end}</node>'
     library = f"<library_nodes>{last}{''.join(reversed(nodes))}</library_nodes>"
     visual = '<library_visual_scenes><visual_scene id="s"><node><instance_node url="#n0"/></node></visual_scene>'
     return dae(scene=library + visual)
+
+
+def stl(count: int, triangles: list[tuple[float, ...]]) -> bytes:
+    return bytes(80) + struct.pack("<I", count) + b"".join(struct.pack("<12fH", *t, 0) for t in triangles)
 
 
 PLY = (
@@ -120,7 +198,29 @@ DOUBLES = (
 BEYOND = "farther than 1e\\+30"
 PARENTS = [{"children": [1]}, {"children": [2]}, {"children": [1]}]
 ACCESSOR = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
+FACES = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nf "
 BAD: dict[str, tuple[str, bytes]] = {
+    "empty.stl": ("empty", b""),
+    "none.stl": ("no triangles", stl(0, [])),
+    "lying.stl": ("claims", stl(0xFFFFFFFF, [TRIANGLE])),
+    "nan.stl": ("finite", stl(1, [(0, 0, 1, float("nan"), *TRIANGLE[4:])])),
+    "short.stl": ("too short", b"\1\2\3"),
+    "solid.stl": ("finite", b"solid x\nvertex 0 0 nan\n"),
+    "far.obj": ("indices outside", FACES + b"1 2 4"),
+    "before.obj": ("indices outside", FACES + b"1 2 -9"),
+    "texture.obj": ("indices outside", FACES + b"1/1/1 2/9999999999/1 3/1/1"),
+    "normal.obj": ("indices outside", FACES + b"1//1 2//-9999999999 3//1"),
+    "escape.obj": ("outside its folder", b"mtllib ../../etc/passwd\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+    "length.glb": ("claims", struct.pack("<4sIIII", b"glTF", 2, 0xFFFFFFF0, 4, 0) + b"{}  "),
+    "chunk.glb": ("longer than the file", struct.pack("<4sIIII", b"glTF", 2, 24, 900, 0) + b"{}  "),
+    "corners.ply": ("0 corners", PLY.format(3).encode() + CORNERS + struct.pack("<B", 0)),
+    "index.ply": ("indices outside", PLY.format(3).encode() + CORNERS + struct.pack("<B3i", 3, 0, 1, 3)),
+    "short.ply": ("cut short", PLY.format(3).encode() + CORNERS),
+    "text_short.ply": ("cut short", TEXT_PLY.format(0)[:-3].encode()),
+    "rest.ply": ("4 bytes after its end", PLY.format(3).encode() + CORNERS + struct.pack("<B3i", 3, 0, 1, 2) + b"more"),
+    "claim.ply": ("claims 3000000000", PLY.format(3_000_000_000).encode() + CORNERS),
+    "open.dae": ("well-formed", b"<COLLADA>"),
+    "entity.dae": ("DOCTYPE", b'<!DOCTYPE x [<!ENTITY a "b">]><COLLADA>&a;</COLLADA>'),
     "accessor.gltf": ("rows", json.dumps(gltf(accessors=[ACCESSOR | {"count": 10**9}])).encode()),
     "beyond.gltf": ("rows", json.dumps(gltf(accessors=[ACCESSOR | {"count": 4}] * 2)).encode()),
     "view.gltf": ("view", json.dumps(gltf(bufferViews=[{"buffer": 0, "byteLength": 999}] * 2)).encode()),
@@ -133,7 +233,6 @@ BAD: dict[str, tuple[str, bytes]] = {
     "number.gltf": ("garbled", json.dumps(gltf(accessors=[ACCESSOR | {"count": "x"}])).encode()),
     "index.glb": ("indices", glb(gltf(), CORNERS + np.array([0, 1, 3], "<u2").tobytes())),
     "nan.glb": ("finite", glb(gltf(), np.full(9, np.nan, "<f4").tobytes() + INDICES)),
-    "binary.glb": ("beyond its buffer", glb(gltf(), CORNERS)),
     "index.dae": ("indices", dae("0 1 3")),
     "negative.dae": ("indices", dae("0 1 -1")),
     "faces.dae": ("corners", dae("0 1 2", count=10**9)),
@@ -142,15 +241,11 @@ BAD: dict[str, tuple[str, bytes]] = {
     "circle.dae": ("circle", doubling(3, circle=True)),
     "double.dae": ("every instance", doubling(40)),
     "deep.dae": ("deep", b"<a>" * 5000 + b"</a>" * 5000),
-    "far.glb": (BEYOND, glb(gltf(), FAR + INDICES)),
     "scaled.gltf": (BEYOND, json.dumps(gltf(nodes=[{"mesh": 0, "scale": [1e308, 1, 1]}])).encode()),
-    "far.dae": (BEYOND, dae(numbers="1e308 0 0 -1e308 0 0 0 1e308 0")),
     "scaled.dae": (BEYOND, dae().replace(b"<node>", b"<node><scale>1 1e308 1</scale>")),
     "unit.dae": (BEYOND, dae().replace(b"<asset/>", b'<asset><unit meter="1e308"/></asset>')),
     "text.ply": (BEYOND, TEXT_PLY.format("1e308").encode()),
-    "nan.ply": ("finite", TEXT_PLY.format("nan").encode()),
     "doubles.ply": (BEYOND, TEXT_PLY.partition("{}")[0].replace("ascii", "binary_little_endian").encode() + DOUBLES),
-    "far.stl": (BEYOND, bytes(80) + struct.pack("<I12x", 1) + FAR + bytes(2)),
     "rows.ply": ("can hold", PLY.format(99_999).encode() + b"1" * 100_000),
 }  # fmt: skip
 
@@ -163,11 +258,87 @@ def test_what_a_mesh_claims_is_checked(tmp_path, name):
         read_mesh(tmp_path / name)
 
 
+@pytest.mark.parametrize(
+    "name", ["empty.stl", "far.obj", "index.glb", "short.ply", "open.dae", "list.gltf", "what.xyz"]
+)
+def test_broken_meshes_are_warned_of_and_never_refuse_the_robot(arm, tmp_path, name):
+    (tmp_path / name).write_bytes(BAD.get(name, ("", b"0 0 0"))[1])
+    path = arm_with_mesh(arm, tmp_path, name)
+    (found,) = check(path)
+    assert (found.code, found.line) == ("W_MESH_BAD", 13)
+    assert "upper" in found.message
+    assert name in found.message
+    assert read(path).link("upper").visuals[0].geometry == Mesh(name)
+
+
+GOOD = {
+    "binary.stl": stl(1, [TRIANGLE]),
+    "solid.stl": b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n",
+    "faces.obj": b"mtllib faces.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf -3 -2 -1\n",
+    "binary.ply": PLY.format(3).encode() + CORNERS + struct.pack("<B3i", 3, 0, 1, 2),
+    "text.ply": TEXT_PLY.format(0).encode(),
+    "scene.glb": struct.pack("<4sIIII", b"glTF", 2, 24, 4, 0x4E4F534A) + b"{}  ",
+    "scene.dae": b"<COLLADA/>",
+}
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_sound_meshes_are_silent(arm, tmp_path, name):
+    (tmp_path / name).write_bytes(GOOD[name])
+    assert codes(arm_with_mesh(arm, tmp_path, name)) == []
+
+
+def test_mesh_paths(arm, tmp_path):
+    robot = tmp_path / "package" / "urdf"
+    robot.mkdir(parents=True)
+    meshes = tmp_path / "package" / "meshes"
+    meshes.mkdir()
+    (meshes / "a.stl").write_bytes(GOOD["binary.stl"])
+    (tmp_path / "b.stl").write_bytes(GOOD["binary.stl"])
+    (meshes / "link.stl").symlink_to(tmp_path / "b.stl")
+    os.mkfifo(meshes / "pipe.stl")
+    expected = {
+        "../meshes/a.stl": [],
+        "package://package/meshes/a.stl": [],
+        f"file://{meshes}/a.stl": [],
+        f"{meshes}/a.stl": [],
+        "../meshes/none.stl": ["W_MESH_MISSING"],
+        "package://other/a.stl": ["W_MESH_MISSING"],
+        "../meshes/pipe.stl": ["W_MESH_BAD"],
+        "../../b.stl": ["W_MESH_PATH"],
+        "../meshes/link.stl": ["W_MESH_PATH"],
+        "package://../b.stl": ["W_MESH_PATH"],
+        "package://p/../../etc/passwd": ["W_MESH_PATH"],
+        "package://package/meshes/../../b.stl": ["W_MESH_PATH"],
+        "package://package/urdf/../meshes/a.stl": [],
+        "file:///etc/passwd": ["W_MESH_PATH"],
+        "/dev/zero": ["W_MESH_PATH"],
+        "http://127.0.0.1:9/a.stl": ["W_MESH_PATH"],
+        "a" * 5000 + ".stl": ["W_MESH_MISSING"],
+    }
+    found = {name: codes(arm_with_mesh(arm, robot, name)) for name in expected}
+    assert found == expected
+
+
+def test_package_folders_can_be_given(arm, tmp_path):
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "elsewhere" / "looks").mkdir(parents=True)
+    (tmp_path / "elsewhere" / "looks" / "a.stl").write_bytes(GOOD["binary.stl"])
+    path = arm_with_mesh(arm, tmp_path / "robot", "package://looks/a.stl")
+    assert codes(path) == ["W_MESH_MISSING"]
+    for folder in (tmp_path / "elsewhere", tmp_path / "elsewhere" / "looks"):
+        assert codes(path, package_dirs=[folder]) == []
+    found = locate_mesh("package://looks/a.stl", tmp_path / "robot", [tmp_path / "elsewhere"])
+    assert found == tmp_path / "elsewhere" / "looks" / "a.stl"
+    assert locate_mesh("http://x/a.stl", tmp_path) is None
+
+
+# --- what is drawn ---
+
+
 def drawn(arm: str, folder: Path, filename: str) -> tuple[str, ...]:
     """Return the notes of drawing an arm with a mesh."""
-    path = folder / "arm.urdf"
-    path.write_text(arm.replace(CYLINDER, f'<mesh filename="{filename}"/>'))
-    chain = Chain.from_robot(read(path))
+    chain = Chain.from_robot(read(arm_with_mesh(arm, folder, filename)))
     return draw_arm(Scene(), chain.at(np.zeros(3)))[1]
 
 
@@ -202,7 +373,6 @@ def test_only_regular_files_beside_a_mesh_are_opened(arm, tmp_path):
         "link.bin": "outside its folder",
         "..\\above.bin": "outside its folder",
         "/dev/zero": "outside its folder",
-        "/proc/self/environ": "outside its folder",
         "file:///etc/passwd": "outside its folder",
         "http://127.0.0.1:9/a.bin": "outside its folder",
         "none.bin": "there is no file",
@@ -231,9 +401,7 @@ def test_images_and_material_files_that_are_no_files_are_not_opened(arm, tmp_pat
         (tmp_path / "faces.obj").write_text("mtllib faces.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
         assert drawn(arm, tmp_path, "faces.obj") == ()
         (tmp_path / "text.ply").write_text(
-            f"ply\nformat ascii 1.0\ncomment TextureFile {name}\nelement vertex 3\nproperty float x\nproperty float y\n"
-            "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
-            "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+            TEXT_PLY.format(0).replace("element", f"comment TextureFile {name}\nelement", 1)
         )
         assert drawn(arm, tmp_path, "text.ply") == ()
         effect = (
@@ -251,17 +419,45 @@ def test_images_and_material_files_that_are_no_files_are_not_opened(arm, tmp_pat
 
 
 def test_a_mesh_too_small_to_be_seen_is_not_called_drawn(arm, tmp_path):
-    triangle = struct.pack("<12fH", 0, 0, 1, 0, 0, 0, 1e-9, 0, 0, 0, 1e-9, 0, 0)
-    (tmp_path / "dust.stl").write_bytes(bytes(80) + struct.pack("<I", 1) + triangle)
+    (tmp_path / "dust.stl").write_bytes(stl(1, [(0, 0, 1, 0, 0, 0, 1e-9, 0, 0, 0, 1e-9, 0)]))
     (note,) = drawn(arm, tmp_path, "dust.stl")
     assert "too small to be seen" in note
 
 
-@pytest.mark.skipif(not os.path.ismount("/proc"), reason="there is no /proc here")
-def test_files_that_the_kernel_makes_up_are_no_input(tmp_path):
-    link = tmp_path / "arm.urdf"
-    link.symlink_to("/proc/self/environ")
-    for path in ("/proc/self/environ", "/proc/version", link):
-        (found,) = check(path)
-        assert found.code == "E_FILE_KIND"
-        assert "kernel" in found.message
+# --- what the pages state ---
+
+
+def stated() -> dict[str, list[str]]:
+    size, limits = 20, Limits()
+    file, texts, text = limits.file_bytes >> size, f"{limits.text_length:,}", MOST_TEXT_BYTES >> size
+    return {
+        "docs/urdf.md": [
+            f"| file | {file} MiB |",
+            f"| a name or attribute | {texts} characters |",
+            f"| depth of elements | {limits.xml_depth} |",
+            f"| elements and attributes | {limits.elements:,} |",
+            f"| moving joints | {limits.moving_joints} |",
+            f"| links in a row, from root to tip | {limits.links_in_depth} |",
+            f"| {MOST_BYTES >> size} MiB each, as text {text} MiB |",
+            f"every instance counted | {MOST_TRIANGLES:,} |",
+            f"holds {MOST_FACES:,} triangles",
+        ],
+        "SECURITY.md": [
+            f"{file} MiB; {limits.xml_depth} levels; {limits.elements:,} elements",
+            f"{texts} characters a name or attribute; {limits.moving_joints} moving joints",
+            f"{limits.links_in_depth} links in a row",
+            f"{MOST_BYTES >> size} MiB a file, {text} MiB as text; {MOST_TRIANGLES:,} triangles",
+            f"every instance counted; {MOST_DEPTH} levels |",
+            f"| {MOST_FACES:,} triangles, 200 poses, 100,000 samples |",
+            f"cut to {LONGEST_LINE:,} characters and {MOST_FINDINGS:,} of a kind",
+        ],
+    }
+
+
+def test_limits_and_encodings_of_the_pages_are_those_of_the_code():
+    root = Path(__file__).parents[3]
+    pages = {name: " ".join((root / name).read_text(encoding="utf-8").split()) for name in stated()}
+    assert [text for name, texts in stated().items() for text in texts if text not in pages[name]] == []
+    for name in ("utf-8", "utf-16", "iso-8859-1", "iso-8859-15", "windows-1252", "us-ascii"):
+        assert name in ENCODINGS
+        assert name in pages["docs/urdf.md"].lower()

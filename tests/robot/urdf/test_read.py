@@ -12,7 +12,6 @@ import pytest
 from precision_pin.base.errors import UrdfError
 from precision_pin.robot.urdf import Cylinder, Inertial, Limit, Limits, Shape, parse
 from precision_pin.robot.urdf.editing import Placement, UrdfText
-from precision_pin.robot.urdf.meshes import BrokenMeshError, _check_obj
 
 SHOULDER_LIMIT = '<limit lower="-2" upper="2" effort="50" velocity="1.5"/>'
 ELBOW_AXIS = '<axis xyz="0 -1 0"/>'
@@ -36,12 +35,7 @@ LOOP = """<link name="a"/><link name="b"/>
 ERRORS = [
     # XML
     ('<mass value="2.5"/>', '<mass value="2.5" value="3"/>', "E_XML_SYNTAX", ["duplicate"], "value=\"3\""),
-    ('<mass value="2.5"/>', '<mass value="2.5">', "E_XML_SYNTAX", ["mismatched"], "</inertial>"),
-    (END, "</robot><robot/>", "E_XML_SYNTAX", ["junk"], "<robot/>"),
-    ('<link name="ram"/>', '<!-- a -- b --><link name="ram"/>', "E_XML_SYNTAX", ["well-formed"], "<!-- a"),
     ('<link name="ram"/>', '<link name="ram\0"/>', "E_XML_SYNTAX", ["NUL"], "\0"),
-    ('<link name="ram"/>', '<link name="&ram;"/>', "E_XML_SYNTAX", ["undefined entity"], "&ram;"),
-    ('<?xml version="1.0"?>', "<!DOCTYPE robot>", "E_XML_DTD", ["DOCTYPE"], "<!DOCTYPE"),
     (
         '<?xml version="1.0"?>\n',
         '<?xml version="1.0"?>\n<!DOCTYPE r [\n<!ENTITY x SYSTEM "file:///etc/passwd">]>\n',
@@ -60,9 +54,7 @@ ERRORS = [
     (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" quat_xyzw="0 0 0 1"/>', "E_VERSION", ["elbow", "rpy"], "quat"),
     # what may stand once
     (ELBOW_AXIS, ELBOW_AXIS + '<axis xyz="1 0 0"/>', "E_DUP_ELEMENT", ["elbow", "axis"], "0 -1 0"),
-    (FORE_MASS, FORE_MASS + '\n<mass value="3"/>', "E_DUP_ELEMENT", ["fore", "mass"], '<mass value="3"/>'),
     # names
-    ('<link name="ram"/>', '<link name="ram"/>\n<link/>', "E_NO_NAME", ["link"], "<link/>"),
     ('<link name="ram"/>', '<link name="ram"/>\n<link name=" "/>', "E_EMPTY_NAME", ["link"], '" "'),
     ('<link name="ram"/>', '<link name="ram"/>\n<link name="fore"/>', "E_DUP_LINK", ["fore"], '"fore"/>'),
     (ELBOW, ELBOW.replace("elbow", "shoulder"), "E_DUP_JOINT", ["shoulder"], 'name="shoulder" type="cont'),
@@ -77,22 +69,14 @@ ERRORS = [
     ('<link name="tip"/>', '<link name="tip"/>\n<link name="lost"/>', "E_TWO_ROOTS", ["foot", "lost"], "lost"),
     # numbers
     (FORE_MASS, '<mass value="1,5"/>', "E_NUMBER", ["fore", "1,5", "decimal point"], "1,5"),
-    (FORE_MASS, '<mass value="1.5kg"/>', "E_NUMBER", ["fore", "1.5kg"], "1.5kg"),
     (FORE_MASS, '<mass value=""/>', "E_NUMBER", ["fore", "empty"], 'value=""'),
     (FORE_MASS, "<mass>1.5</mass>", "E_NUMBER", ["fore", "no value"], "<mass>"),
-    (FORE_MASS, '<mass value="1 2"/>', "E_NUMBER", ["fore", "2 numbers"], '"1 2"'),
     (FORE_MASS, '<mass value="1_0"/>', "E_NUMBER", ["fore", "1_0"], '"1_0"'),
-    (FORE_MASS, '<mass value="0x10"/>', "E_NUMBER", ["fore", "0x10"], '"0x10"'),
     (FORE_MASS, '<mass value="१"/>', "E_NUMBER", ["fore", "plain number"], "१"),
-    (FORE_MASS, '<mass value="−1.5"/>', "E_NUMBER", ["fore", "plain number"], "−1.5"),
     (FORE_MASS, '<mass value="1.5&#160;"/>', "E_NUMBER", ["fore", "plain number"], "#160"),
-    (FORE_MASS, '<mass value="nan"/>', "E_NOT_FINITE", ["fore", "nan"], '"nan"'),
     (FORE_MASS, '<mass value="-INF"/>', "E_NOT_FINITE", ["fore", "-INF"], '"-INF"'),
     (FORE_MASS, '<mass value="1e999"/>', "E_NOT_FINITE", ["fore", "1e999"], '"1e999"'),
-    (ELBOW_ORIGIN, '<origin xyz="0.4 0"/>', "E_NUMBER", ["elbow", "2 numbers", "3 "], '"0.4 0"'),
     (ELBOW_ORIGIN, '<origin xyz="4e9 0 0"/>', "E_UNITS", ["elbow", "metres"], "4e9"),
-    (ELBOW_ORIGIN, '<origin rpy="4e9 0 0"/>', "E_UNITS", ["elbow", "radians"], "4e9"),
-    (ELBOW_ORIGIN, '<origin rpy="1.7e308 0 0"/>', "E_UNITS", ["elbow", "radians"], "1.7e308"),
     (FORE_MASS, '<mass value="4e9"/>', "E_UNITS", ["fore", "kg"], "4e9"),
     # joints
     (ELBOW, ELBOW.replace("continuous", "hinge"), "E_JOINT_TYPE", ["elbow", "hinge", "revolute"], "hinge"),
@@ -100,7 +84,6 @@ ERRORS = [
     (ELBOW, ELBOW.replace("continuous", "floating"), "E_JOINT_UNSUPPORTED", ["elbow", "floating"], "floating"),
     (ELBOW_AXIS, '<axis xyz="0 0 0"/>', "E_AXIS_ZERO", ["elbow"], '"0 0 0"/>\n  </joint>'),
     (ELBOW_AXIS, '<axis xyz="1e200 1e200 0"/>', "E_AXIS_NORM", ["elbow", "1e200"], "1e200"),
-    (ELBOW_AXIS, '<axis xyz="1e-200 0 0"/>', "E_AXIS_ZERO", ["elbow", "1e-200"], "1e-200"),
     (ELBOW_AXIS, '<axis xyz="0 -9e-7 0"/>', "E_AXIS_ZERO", ["elbow", "0 -9e-7 0"], "0 -9e-7"),
     (ELBOW_AXIS, "<axis/>", "E_AXIS_ZERO", ["elbow", "no xyz"], "<axis/>"),
     (ELBOW_AXIS, ELBOW_AXIS + '<mimic joint="flange"/>', "E_MIMIC", ["elbow", "flange", "fixed"], ELBOW),
@@ -115,13 +98,10 @@ ERRORS = [
     (ELBOW_AXIS, ELBOW_AXIS + '<dynamics damping="nan"/>', "E_NOT_FINITE", ["elbow", "damping"], "<dynamics"),
     # masses
     (FORE_MASS, '<mass value="-1"/>', "E_MASS_NEG", ["fore", "-1"], '"-1"'),
-    (FORE_MASS, "", "E_INERTIAL", ["fore", "mass"], FORE_INERTIAL),
     (FORE_INERTIA, "", "E_INERTIAL", ["fore", "ixx"], FORE_INERTIAL),
     (FORE_INERTIA, FORE_INERTIA.replace('iyz="0" ', ""), "E_INERTIAL", ["fore", "iyz"], 'ixx="0"'),
-    (FORE_INERTIA, FORE_INERTIA.replace('ixx="0"', 'ixx="-0.01"'), "E_INERTIA_PD", ["fore"], FORE_LINK),
     (FORE_INERTIA, FORE_INERTIA.replace('iyz="0"', 'iyz="0.03"'), "E_INERTIA_PD", ["fore"], FORE_LINK),
     (FORE_INERTIA, FORE_INERTIA.replace('izz="0.02"', 'izz="0.03"'), "E_INERTIA_TRIANGLE", ["fore"], FORE_LINK),
-    (FORE_INERTIA, FORE_INERTIA.replace('iyy="0.02"', 'iyy="0"'), "E_INERTIA_TRIANGLE", ["fore"], FORE_LINK),
     # looks that would mislead a parser
     (COLOR, COLOR.replace("0.5 0.5", "%s %n"), "E_MATERIAL", ["grey"], "%s"),
     (CYLINDER, CYLINDER.replace("0.4", "%s"), "E_GEOMETRY", ["upper", "%s"], "<visual>"),
@@ -133,7 +113,6 @@ WARNINGS = [
     (END, '<link name="hook"/><joint name="h" type="fixed"><parent link="fore"/><child link="hook"/></joint></robot>',
      "W_BRANCHED", ["tip", "hook"], '<link name="foot"'),
     ('name="flange"', 'name="tip"', "W_NAME_SHARED", ["tip"], '<link name="tip"'),
-    ("flange", "&lt;script&gt;", "W_NAME_CHARS", ["<script>"], "&lt;"),
     ("flange", "a b", "W_NAME_CHARS", ["blank"], "a b"),
     ("flange", "=SUM(A1)", "W_NAME_CHARS", ["=SUM"], "=SUM"),
     ("flange", "Elbow", "W_NAME_CONFUSABLE", ["elbow", "Elbow"], "Elbow"),
@@ -146,21 +125,14 @@ WARNINGS = [
     (ELBOW_AXIS, '<axis xyz="0 -2 0"/>', "W_AXIS_NORM", ["elbow", "length 2"], "0 -2 0"),
     (ELBOW_AXIS, "", "W_AXIS_DEFAULT", ["elbow", "1 0 0"], ELBOW),
     (ELBOW_AXIS, '<axis xyz="0 -1e-5 0"/>', "W_AXIS_NORM", ["elbow", "1e-05"], "1e-5"),
-    (ELBOW_AXIS, '<axis xmlns="urn:x" xyz="0 -1 0"/>', "W_UNKNOWN_ATTRIBUTE", ["elbow", "xmlns"], "urn:x"),
     (ELBOW_AXIS, ELBOW_AXIS + "<limit/>", "W_LIMITS", ["elbow", "effort and velocity"], "<limit/>"),
     (FLANGE_CHILD, FLANGE_CHILD + '<mimic joint="elbow"/>', "W_MIMIC", ["flange", "fixed"], "<mimic"),
-    (FLANGE_CHILD, FLANGE_CHILD + "<limit/>", "W_LIMITS", ["flange", "fixed", "effort and velocity"], "<limit/>"),
     (FLANGE_CHILD, FLANGE_CHILD + '<limit effort="x" velocity="1"/>', "W_LIMITS", ["flange", "effort missing or"], '"x"'),
     # white space with which urdfdom drops the inertial or refuses the file
     (FORE_MASS, '<mass value=" +1.5e0 "/>', "W_NUMBER_BLANKS", ["fore", "<mass> value", "urdfdom"], "+1.5e0"),
-    (FORE_MASS, '<mass value="1.5\n"/>', "W_NUMBER_BLANKS", ["fore", "<mass> value"], '"1.5'),
-    (FORE_INERTIA, FORE_INERTIA.replace('"0.02"/', '"0.02 "/'), "W_NUMBER_BLANKS", ["<inertia> izz"], '"0.02 "'),
     ('xyz="0.15 0 0"', 'xyz="0.15&#9;0 0"', "W_NUMBER_BLANKS", ["fore", "<origin> xyz"], "0.15"),
-    ('xyz="0.15 0 0"', 'xyz="0.15\n0 0"', "W_NUMBER_BLANKS", ["fore", "<origin> xyz"], "0.15"),
     (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"2 "'), "W_NUMBER_BLANKS", ["shoulder", "<limit> upper"], '"2 "'),
-    (ELBOW_ORIGIN, '<origin xyz="0.4 0&#10;0" rpy="0.1 0.2 0.3"/>', "W_NUMBER_BLANKS", ["elbow"], "&#10;"),
     (SHOULDER_LIMIT, '<limit effort="50" velocity="1.5"/>', "W_LIMITS", ["lower and upper"], "<limit effort"),
-    (SHOULDER_LIMIT, '<limit lower="-2" upper="2"/>', "W_LIMITS", ["effort and velocity"], '"2"/>'),
     (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"inf"'), "W_LIMITS", ["upper infinite"], "inf"),
     (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"-2"').replace('"-2"', '"0"'), "W_LIMITS", ["both 0"], '"0" eff'),
     (ELBOW_AXIS, ELBOW_AXIS + SHOULDER_LIMIT, "W_LIMITS", ["elbow", "without end"], "0 -1 0"),
@@ -172,18 +144,15 @@ WARNINGS = [
     (FORE_MASS, '<mass value="0"/>', "W_MASS_ZERO", ["fore"], 'value="0"'),
     (FORE_MASS, '<mass value="900"/>', "W_MASS_LARGE", ["fore", "grams"], "900"),
     (FORE_INERTIA, FORE_INERTIA.replace("0.02", "0"), "W_INERTIA_ZERO", ["fore", "point mass"], FORE_LINK),
-    (COLOR, COLOR.replace("0.5 0.5", "x y"), "W_MATERIAL", ["grey"], "x y"),
     (COLOR, COLOR.replace("0.5 0.5", "255 255"), "W_MATERIAL", ["grey", "between 0 and 1"], "255"),
     (COLOR, "", "W_MATERIAL", ["grey", "neither color nor texture"], "<material"),
     (END, "<material/></robot>", "W_MATERIAL", ["no name"], "<material/>"),
     (USED, '<material name="gray"/>', "W_MATERIAL", ["upper", "gray", "not defined"], "gray"),
     (USED, "<material/>", "W_MATERIAL", ["upper", "without a name"], "<material/>"),
-    (USED, f'<material name="">{COLOR}</material>', "W_MATERIAL", ["upper", "without a name"], '<material name=""'),
     (CYLINDER, '<cylinder radius="-1" length="1"/>', "W_GEOMETRY", ["upper", "positive"], "<visual>"),
     (CYLINDER, '<capsule radius="1"/>', "W_GEOMETRY", ["upper", "capsule"], "<visual>"),
     (CYLINDER, '<mesh filename="" />', "W_MESH_MISSING", ["upper"], "<mesh"),
     (CYLINDER, '<mesh filename="a.stl" scale="0.001"/>', "W_MESH_SCALE", ["upper", "0.001"], "<mesh"),
-    (CYLINDER, '<mesh filename="a.stl" scale="1e308 1 1"/>', "W_MESH_SCALE", ["upper", "1e308", "large"], "<mesh"),
     (CYLINDER, '<box size="1 1e308 1"/>', "W_GEOMETRY", ["upper", "1e308", "large"], "<visual>"),
     (CYLINDER, '<mesh filename="a.stl" scale="1 -1 1"/>', "W_MESH_SCALE", ["upper", "mirrors"], "<mesh"),
     (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" rpy="1.57 0 0"/>', "W_ANGLE_ROUNDED", ["elbow", "1.57", "90°"], ELBOW),
@@ -192,17 +161,15 @@ WARNINGS = [
 ]  # fmt: skip
 
 SILENT = [
+    (END, END),
     ('<?xml version="1.0"?>', "\ufeff<?xml version=\"1.0\"?>"),
     ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="ISO-8859-1"?>'),
     ("\n", "\r\n"),
-    ("\n", "\r"),
     (FORE_MASS, '<mass value=" +1.5e0"/>'),
-    (FORE_MASS, '<mass value="\n1.5"/>'),
     (FORE_LINK, '<material name="bare"><texture filename="wood.png"/></material>' + FORE_LINK),
     (ELBOW_AXIS, ELBOW_AXIS + '<limit effort="5" velocity="1"/>'),
     (FLANGE_CHILD, FLANGE_CHILD + '<limit effort="5" velocity="1"/><axis xyz="0 0 0"/>'),
     (FORE_MASS, '<mass value="&#49;.5"/>'),
-    (FORE_MASS, "<mass value='1.5'/><!-- heavy -->"),
     (ELBOW_ORIGIN, '<origin xyz="0.4\t0\n0" rpy=" .1 2e-1\r\n0.3"/>'),
     (ELBOW_AXIS, '<axis xyz="0 -1.0000000001 0"/>'),
     (ELBOW_AXIS, ELBOW_AXIS + '<dynamics damping="0.1" friction="0"/>'),
@@ -217,36 +184,22 @@ def _line(text: str, part: str) -> int:
     return 1 + before.count("\n")
 
 
-def test_a_sound_arm_has_no_findings(arm, findings_of):
-    assert findings_of(arm) == ()
+FOUND = [*ERRORS, *WARNINGS]
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "code", "words", "at"), ERRORS, ids=[f"{k}-{row[2]}" for k, row in enumerate(ERRORS)]
+    ("old", "new", "code", "words", "at"), FOUND, ids=[f"{k}-{row[2]}" for k, row in enumerate(FOUND)]
 )
-def test_each_fault_is_refused(arm, findings_of, old, new, code, words, at):
+def test_each_fault_is_refused_and_each_oddity_warned_of(arm, findings_of, old, new, code, words, at):
     assert old in arm
     text = arm.replace(old, new)
-    errors = [found for found in findings_of(text) if found.severity == "error"]
-    assert [found.code for found in errors] == [code]
-    for word in words:
-        assert word in errors[0].message
-    assert errors[0].file == "arm.urdf"
-    assert errors[0].line == _line(text, at)
-    assert "\n" not in str(errors[0])
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "code", "words", "at"), WARNINGS, ids=[f"{k}-{row[2]}" for k, row in enumerate(WARNINGS)]
-)
-def test_each_oddity_is_warned_of(arm, findings_of, old, new, code, words, at):
-    assert old in arm
-    text = arm.replace(old, new)
+    severity = "error" if code.startswith("E") else "warning"
     found = findings_of(text)
-    assert [(one.severity, one.code) for one in found] == [("warning", code)]
+    (one,) = (finding for finding in found if finding.severity == "error") if severity == "error" else found
+    assert (one.severity, one.code, one.file, one.line) == (severity, code, "arm.urdf", _line(text, at))
     for word in words:
-        assert word in found[0].message
-    assert found[0].line == _line(text, at)
+        assert word in one.message
+    assert "\n" not in str(one)
 
 
 @pytest.mark.parametrize(("old", "new"), SILENT)
@@ -274,13 +227,11 @@ def test_mimics_in_a_circle_are_named(arm, findings_of):
     ("text", "code"),
     [
         (b"", "E_XML_EMPTY"),
-        (b" \n ", "E_XML_EMPTY"),
         (b"\xef\xbb\xbf", "E_XML_EMPTY"),
         ("<robot name='a'/>".encode("utf-16-le"), "E_XML_ENCODING"),
         ("<robot name='a'/>".encode("utf-32"), "E_XML_ENCODING"),
         (b"<robot name='\xe9'/>", "E_XML_ENCODING"),
         (b"<sdf/>", "E_NO_ROBOT"),
-        (b"<mujoco/>", "E_NO_ROBOT"),
         (b"<u:robot xmlns:u='urn:x' name='a'/>", "E_NO_ROBOT"),
         (b"<robot name='a'/>", "E_NO_LINKS"),
         (b"<robot name='a'><link name='b'/></robot>", "E_NO_DOF"),
@@ -290,7 +241,6 @@ def test_mimics_in_a_circle_are_named(arm, findings_of):
             b"<joint name='k' type='fixed'><parent link='c'/><child link='b'/></joint></robot>",
             "E_NO_ROOT",
         ),
-        (b"not XML at all", "E_XML_SYNTAX"),
     ],
 )  # fmt: skip
 def test_whole_files_that_are_no_robot(findings_of, text, code):
@@ -304,8 +254,8 @@ ENCODINGS = [
 ]  # fmt: skip
 MISTAKEN = [
     ("utf-16", "UTF-8"), ("utf-16", "ISO-8859-1"), ("utf-16-be", "utf-16le"), ("utf-16-le", None), ("utf-8", "UTF-16"),
-    ("latin-1", "UTF-8"), ("latin-1", "US-ASCII"), ("latin-1", None), ("utf-8-sig", "ISO-8859-1"), ("utf-32", "utf-32"),
-    ("shift_jis", "shift_jis"), ("utf-7", "utf-7"), ("utf-8", "x-none"), ("cp037", "cp037"),
+("latin-1", "US-ASCII"), ("latin-1", None), ("utf-8-sig", "ISO-8859-1"), ("utf-32", "utf-32"),
+    ("shift_jis", "shift_jis"), ("utf-8", "x-none"), ("cp037", "cp037"),
 ]  # fmt: skip
 
 
@@ -316,14 +266,20 @@ def _encoded(arm: str, written: str, declared: str | None) -> bytes:
 
 
 @pytest.mark.parametrize(("written", "declared"), ENCODINGS)
-def test_declared_encodings_are_read(arm, written, declared):
-    robot = parse(_encoded(arm, written, declared), "arm.urdf")
+def test_declared_encodings_are_read_and_placements_changed_in_them(arm, written, declared):
+    data = _encoded(arm, written, declared)
+    robot = parse(data, "arm.urdf")
     assert robot.findings == ()
     assert robot.joints[-1].name == "bêche"
     plain = parse(arm.encode(), "arm.urdf")
     assert [(one.name, one.origin.tolist()) for one in robot.joints[:-1]] == [
         (one.name, one.origin.tolist()) for one in plain.joints[:-1]
     ]
+    edited = UrdfText.scan(data).edited({"bêche": Placement((1.0, 2.0, 3.0), None)}, comment=["of our bêche"])
+    robot = parse(edited, "arm.urdf")
+    assert robot.findings == ()
+    assert (robot.joints[-1].name, robot.joints[-1].xyz, robot.joints[-1].rpy) == ("bêche", (1, 2, 3), (0, 0.5, 0))
+    assert edited.decode("utf-8-sig").count("of our bêche") == 1
 
 
 def test_two_byte_order_marks_are_not_xml(arm):
@@ -331,16 +287,6 @@ def test_two_byte_order_marks_are_not_xml(arm):
         parse(2 * codecs.BOM_UTF8 + arm.encode(), "arm.urdf")
     (finding,) = caught.value.findings
     assert (finding.code, finding.line) == ("E_XML_SYNTAX", 1)
-
-
-@pytest.mark.parametrize(("written", "declared"), ENCODINGS)
-def test_placements_are_changed_in_any_encoding(arm, written, declared):
-    data = _encoded(arm, written, declared)
-    edited = UrdfText.scan(data).edited({"bêche": Placement((1.0, 2.0, 3.0), None)}, comment=["of our bêche"])
-    robot = parse(edited, "arm.urdf")
-    assert robot.findings == ()
-    assert (robot.joints[-1].name, robot.joints[-1].xyz, robot.joints[-1].rpy) == ("bêche", (1, 2, 3), (0, 0.5, 0))
-    assert edited.decode("utf-8-sig").count("of our bêche") == 1
 
 
 @pytest.mark.parametrize(("written", "declared"), MISTAKEN)
@@ -399,13 +345,10 @@ def test_values_are_read_as_written(arm):
     assert robot.joint("slide").rpy == (0, 0, 0)
 
 
-def test_axes_become_unit_vectors(arm):
-    robot = parse(arm.replace(ELBOW_AXIS, '<axis xyz="0 -3 4"/>').encode(), "arm.urdf")
+def test_axes_become_unit_vectors_and_a_bad_visual_never_costs_the_mass(arm):
+    text = arm.replace(ELBOW_AXIS, '<axis xyz="0 -3 4"/>').replace(CYLINDER, '<box size="a b c"/>')
+    robot = parse(text.encode(), "arm.urdf")
     assert robot.joint("elbow").axis == (0, -0.6, 0.8)
-
-
-def test_a_bad_visual_never_costs_the_mass(arm):
-    robot = parse(arm.replace(CYLINDER, '<box size="a b c"/>').encode(), "arm.urdf")
     assert robot.link("upper").mass == 2.5
     assert robot.link("upper").visuals == ()
 
@@ -434,7 +377,7 @@ def test_rods_and_rounded_plates_are_physical(arm, findings_of):
     assert findings_of(arm.replace(FORE_INERTIA, rod)) == ()
 
 
-@pytest.mark.parametrize("text", ["%" + "0" * 60_000, "%-" * 30_000, "1 " * 30_000, "1," * 30_000, "9" * 60_000])
+@pytest.mark.parametrize("text", ["%-" * 30_000, "1 " * 30_000, "9" * 60_000])
 def test_long_nonsense_is_judged_quickly(arm, findings_of, text):
     # quadratic work would take minutes here
     started = time.perf_counter()
@@ -450,19 +393,11 @@ TURNING = (
 )
 
 
-def codes_of(data: bytes) -> list[str]:
-    try:
-        return [one.code for one in parse(data, "r.urdf").findings]
-    except UrdfError as error:
-        return [one.code for one in error.findings]
-
-
 @pytest.mark.parametrize(
     ("root", "origin", "limit", "codes"),
     [
         ("", "", "", []),
         ("", 'xy:="1" ', "", ["E_XML_SYNTAX"]),
-        ("", ':xy="1" ', "", ["E_XML_SYNTAX"]),
         ("", 'p:a:b="1" ', "", ["E_XML_SYNTAX"]),
         ("", 'p:xyz="1" ', "", ["E_XML_SYNTAX"]),  # the prefix is not declared
         (' xmlns:p="http://p"', 'p:xyz="1" ', "", []),
@@ -472,18 +407,11 @@ def codes_of(data: bytes) -> list[str]:
         ("", "", 'lower="-1" upper="1" ', ["W_LIMITS"]),
     ],
 )
-def test_names_with_colons_and_limits_of_a_whole_turn(root, origin, limit, codes):
-    found = codes_of(TURNING.format(root=root, origin=origin, limit=limit).encode())
+def test_names_with_colons_and_limits_of_a_whole_turn(findings_of, root, origin, limit, codes):
+    found = [finding.code for finding in findings_of(TURNING.format(root=root, origin=origin, limit=limit))]
     assert [code for code in found if code in ("E_XML_SYNTAX", "W_LIMITS")] == codes
 
 
 def test_a_packed_file_is_said_to_be_packed():
     with pytest.raises(UrdfError, match="E_XML_SYNTAX: this is a gzip file"):
         parse(gzip.compress(TURNING.format(root="", origin="", limit="").encode()), "r.urdf")
-
-
-@pytest.mark.parametrize("face", ["1 2 4", "1 2 -9", "1/1/1 2/9999999999/1 3/1/1", "1//1 2//-9999999999 3//1"])
-def test_a_face_of_far_indices_is_broken(face):
-    data = f"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nf {face}\n".encode()
-    with pytest.raises(BrokenMeshError, match="indices outside"):
-        _check_obj(data, lambda name: b"")

@@ -1,18 +1,23 @@
-"""Warnings about links off the chain come once, summed up; names that links and joints share change nothing else."""
+"""Ways in which a robot is given, the tip that is proposed, and warnings: of links off the chain once, summed up.
+
+Names that links and joints share change nothing else.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
+import yourdfpy
 
 import precision_pin as pp
-from precision_pin.base.errors import Finding
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.robot import urdf
 from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.robot.examples import example_urdfs
-from precision_pin.robot.urdf import parse
+from precision_pin.robot.urdf import gripper_joint, likeliest_tip, parse
 from support.plain_robot import random_arm
 
 MOVING = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 0 1"/>{3}</joint>'
@@ -55,24 +60,17 @@ def test_warnings_off_the_chain_are_one_line_with_their_codes():
     assert len([finding for finding in everything if finding.code != "W_BRANCHED"]) == 62
 
 
-def test_warnings_about_the_chain_stay_as_they_are():
-    zero = BODY.format(0)
+def test_warnings_about_the_chain_or_a_weight_that_hangs_on_it_stay():
+    zero, heavy = BODY.format(0), BODY.format(1e5)
     lines = found(forearm=zero, many=2)
     assert lines[0].startswith("W_MASS_ZERO: a mass of zero is given; it weighs nothing (link 'forearm')")
     assert lines[1].startswith("W_OFF_CHAIN: 6 warnings")
     assert len(lines) == 2
-
-
-def test_a_list_of_links_of_which_one_is_on_the_chain_stays():
-    zero = BODY.format(0)
+    # a list of links of which one is on the chain
     (mass, rest) = found(forearm=zero, finger=zero, cart=zero)
     assert mass.endswith("(link 'forearm', link 'finger', link 'cart')")
     assert rest.startswith("W_OFF_CHAIN: 2 warnings about links and joints off the chain (2 W_NEUTRAL)")
     assert found(finger=zero, cart=zero)[0].startswith("W_OFF_CHAIN: 3 warnings")
-
-
-def test_a_weight_that_hangs_on_the_chain_stays_wherever_it_is():
-    heavy = BODY.format(1e5)
     lines = found(finger=heavy)
     assert lines[0].startswith("W_MASS_LARGE: link 'finger': mass 100000 kg")
     assert lines[1].startswith("W_OFF_CHAIN: 2 warnings")
@@ -112,24 +110,20 @@ def test_one_warning_off_the_chain_is_given_as_it_is():
     ]
 
 
-@pytest.mark.parametrize("name", ["talos_full_v2", "pr2", "baxter"])
+@pytest.mark.parametrize("name", ["pr2", "baxter"])
 def test_of_a_large_robot_every_warning_is_shown_or_counted(name):
     whole = urdf.read(example_urdfs()[name])
     for tip in (whole.leaves[0], whole.leaves[-1]):
-        chain = Chain.from_robot(whole, tip) if _moves(whole, tip) else None
-        if chain is None:
+        way = whole.path(whole.root, tip)
+        if not any(joint.moves for joint in way) or any(joint.mimic is not None for joint in way):
             continue
+        chain = Chain.from_robot(whole, tip)
         shown = chain_findings(chain)
         summed = [finding for finding in shown if finding.code == "W_OFF_CHAIN"]
         counted = int(summed[0].message.split()[0]) if summed else 0
         given = [finding for finding in whole.findings if finding.code != "W_BRANCHED"]
         assert len(shown) - len(summed) + counted == len(given)
         assert len(summed) <= 1
-
-
-def _moves(whole: urdf.Robot, tip: str) -> bool:
-    way = whole.path(whole.root, tip)
-    return any(joint.moves for joint in way) and all(joint.mimic is None for joint in way)
 
 
 @pytest.mark.slow
@@ -152,13 +146,7 @@ def test_a_sheet_and_a_python_result_have_the_sum(tmp_path):
 ARM = random_arm(4)
 LINKS = ("base", "link1", "bracket", "link2", "half2", "link3", "link7", "tool", "finger")
 JOINTS = ("joint1", "split2", "bolt", "joint3", "flange", "finger_joint")
-# tip, base, locked: with and without joints that Pinocchio removes from its model
-CUTS = [
-    ("tool", None, ()),
-    ("tool", None, ("joint3",)),
-    ("finger", "bracket", ()),
-    ("link1", "tool", ("joint1", "joint5")),
-]
+ODD = ("root_joint", "joint000000", "link000001", "world", "a&b<'>", "%s", "$x$", "é", "\u0627")
 
 
 def renamed(names: dict[str, str]) -> str:
@@ -177,22 +165,12 @@ def results(text: str, tip: str, base: str | None, locked: tuple[str, ...]) -> l
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("tip", "base", "locked"),
-    [CUTS[0], CUTS[-1], *(pytest.param(*cut, marks=pytest.mark.slow) for cut in CUTS[1:-1])],
-)
+@pytest.mark.parametrize(("tip", "base", "locked"), [("tool", None, ()), ("link1", "tool", ("joint1", "joint5"))])
 def test_shared_names_change_nothing(tip, base, locked):
+    """With and without joints that Pinocchio removes from its model."""
     plain = results(ARM, tip, base, locked)
-    changes = [{link: joint} for link in LINKS for joint in JOINTS[:2]] + [
-        dict(zip(LINKS, JOINTS, strict=False)),
-        dict(
-            zip(
-                LINKS,
-                ("root_joint", "joint000000", "link000001", "world", "a&b<'>", "%s", "$x$", "é", "\u0627"),
-                strict=True,
-            )
-        ),
-    ]
+    changes = [{link: "joint1"} for link in LINKS[::4]]
+    changes += [dict(zip(LINKS, JOINTS, strict=False)), dict(zip(LINKS, ODD, strict=True))]
     for names in changes:
         escaped = {old: new.replace("&", "&amp;").replace("<", "&lt;") for old, new in names.items()}
         found = results(renamed(escaped), names.get(tip, tip), base and names.get(base, base), locked)
@@ -208,3 +186,93 @@ def test_a_joint_may_have_the_name_of_the_tip_and_the_other_way_round():
     assert chain.joint_index("joint7") == 6
     assert chain.link_frame("joint7").link == 7
     assert chain.frame_place("flange").link == 7
+
+
+# --- tips, and ways in ---
+
+
+EXAMPLES = example_urdfs()
+
+# by the drawings of the robots: the flange or the point between the fingers
+TIPS = {
+    "ur5": "tool0",
+    "panda": "panda_hand_tcp",
+    "kinova": "j2s6s200_end_effector",
+    "so101": "gripper_frame_link",
+    "pr2": "r_gripper_tool_frame",
+    "xarm7": "link_eef",
+}
+
+
+def tree(*joints: str) -> urdf.Robot:
+    """Return a robot of joints written as ``parent name child kind``, each 0.1 m long."""
+    names = dict.fromkeys(name for joint in joints for name in joint.split()[::2][:2])
+    links = "".join(f'<link name="{name}"/>' for name in names)
+    lines = []
+    for joint in joints:
+        parent, name, child, kind = joint.split()
+        limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind == "revolute" else ""
+        lines.append(
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="0.1 0 0"/>{limit}</joint>'
+        )
+    return urdf.parse(f'<robot name="r">{links}{"".join(lines)}</robot>'.encode(), "r.urdf")
+
+
+@pytest.mark.parametrize("name", TIPS)
+def test_the_tip_of_a_robot_is_that_of_its_drawing(name):
+    assert likeliest_tip(urdf.read(EXAMPLES[name])) == TIPS[name]
+
+
+def test_names_come_before_lengths_and_lengths_before_fingers():
+    arm = ("base turn arm revolute", "arm lift wrist revolute")
+    far = (*arm, "base b1 x revolute", "x b2 y revolute", "y b3 z revolute")
+    assert likeliest_tip(tree(*far)) == "z"
+    assert likeliest_tip(tree(*far, "wrist f flange fixed")) == "flange"
+    assert likeliest_tip(tree(*far, "wrist f flange fixed", "flange t tool0 fixed")) == "tool0"
+    # a camera or a link whose name only holds the word is none
+    assert likeliest_tip(tree(*far, "wrist f tool_camera fixed", "base g handle fixed")) == "z"
+    fingers = (*arm, "wrist finger_joint left_finger revolute", "wrist other_finger right_finger revolute")
+    assert likeliest_tip(tree(*fingers)) == "wrist"
+    hand = urdf.read(EXAMPLES["finger_edu"])  # all of it is a finger
+    assert gripper_joint(hand, likeliest_tip(hand)) is None
+
+
+def test_a_chain_is_read_from_text_from_yourdfpy_and_by_name():
+    path = EXAMPLES["so101"]
+    named = pp.Chain.from_urdf("example:so101", TIPS["so101"])
+    q = np.linspace(-0.4, 0.5, len(named.joints))
+    other = yourdfpy.URDF.load(str(path), load_meshes=False)
+    for given in (path, path.read_text(encoding="utf-8"), path.read_bytes(), other):
+        chain = pp.Chain.from_urdf(given, TIPS["so101"])
+        assert np.abs(chain.at(q).pose - named.at(q).pose).max() < 1e-14
+        assert np.abs(chain.at(q).load_torque - named.at(q).load_torque).max() < 1e-14
+    with pytest.raises(InputError, match=r"E_XML_SYNTAX"):
+        pp.Chain.from_urdf("<robot", "tool")
+
+
+def test_a_chain_of_a_pinocchio_model_is_where_that_has_it():
+    path = EXAMPLES["ur5"]
+    for root in ((), (pin.JointModelFreeFlyer(),)):
+        model = pin.buildModelFromUrdf(str(path), *root)
+        model.gravity.linear = np.array([0.0, 1.0, -9.0])
+        chain = pp.Chain.from_pinocchio(model, path, "tool0")
+        assert chain.gravity.tolist() == [0.0, 1.0, -9.0]
+        assert len(chain.joints) == 6
+    model = pin.buildModelFromUrdf(str(path))
+    at = pin.neutral(model)
+    at[model.joints[model.getJointId("elbow_joint")].idx_q] = 0.7
+    reduced = pin.buildReducedModel(model, [model.getJointId("elbow_joint")], at)
+    with pytest.raises(InputError, match=r"has 'tool0' 0\.644 away .* locked at {'elbow_joint': 0\.0}"):
+        pp.Chain.from_pinocchio(reduced, path, "tool0")
+    chain = pp.Chain.from_pinocchio(reduced, path, "tool0", locked={"elbow_joint": 0.7})
+    pin.seed(1)
+    q = pin.randomConfiguration(reduced)
+    data = reduced.createData()
+    pin.framesForwardKinematics(reduced, data, q)
+    tool = data.oMf[reduced.getFrameId("tool0")].homogeneous
+    assert np.abs(chain.at(dict(zip(reduced.names[1:], q, strict=True))).pose - tool).max() < 1e-12
+    with pytest.raises(InputError, match="no frame 'panda_link0'"):
+        pp.Chain.from_pinocchio(model, EXAMPLES["panda"], TIPS["panda"])
+    with pytest.raises(InputError, match=r"must be a pinocchio\.Model"):
+        pp.Chain.from_pinocchio("ur5", path, "tool0")
