@@ -336,12 +336,6 @@ def _replay_failures(sampler: Sampler, seed: int, x: Array) -> list[str]:
     return failures
 
 
-def quantile_coverage(samples: int, p: float, ranks: tuple[int, int]) -> float:
-    """Return P(X₍l₎ ≤ p-quantile < X₍u₎) = P(l ≤ B ≤ u - 1) with B binomial, exact for every continuous law."""
-    lower, upper = ranks
-    return float(stats.binom.cdf(upper - 1, samples, p) - stats.binom.cdf(lower - 1, samples, p))
-
-
 # ---- the reference in plain Python ----
 
 
