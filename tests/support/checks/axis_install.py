@@ -11,14 +11,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from support.checks.common import MM, evaluated, same
-from support.plain_robot import (
-    chain_of,
-    inserted,
-    joint,
-    link,
-    robot,
-    unit,
-)
+from support.plain_robot import chain_of, inserted, joint, link, robot, unit
 
 
 def bearing(axis=(0, 0, 1), rpy=(0, 0, 0)) -> Chain:

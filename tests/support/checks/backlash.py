@@ -11,8 +11,7 @@ from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.terms.term import JointValue
-from support.checks.common import MM, Q7, evaluated, one_link, same
-from support.plain_robot import PlainRobot, chain_of, random_arm
+from support.checks.common import MM, Q7, evaluated, one_link, same, slanted_arm
 
 
 def check_backlash(module: ModuleType) -> None:
@@ -42,13 +41,12 @@ def check_backlash(module: ModuleType) -> None:
             (term,) = model.at([0.0], approach=[direction]).terms
             same(term.twist, [side * 1.5e-4], 1e-19)
     # any arm: against the slope of the potential energy
-    text = random_arm(14, prismatic=(5,))
-    chain = chain_of(text, tip="tool", gravity=(1.0, -2.0, -9.0))
-    reading = PlainRobot.parse(text)
-    torque = reading.load_torque(chain.joint_names, dict(zip(chain.joint_names, Q7, strict=True)), (1.0, -2.0, -9.0))
+    gravity = (1.0, -2.0, -9.0)
+    arm = slanted_arm(14, prismatic=(5,), gravity=gravity)
+    torque = arm.reading.load_torque(arm.q, arm.q, gravity)
     assert len({*np.sign(torque)}) == 2
-    for k, name in enumerate(chain.joint_names):
+    for k, name in enumerate(arm.q):
         for share, decided in ((0.999, True), (1.001, False)):
             source = module.Backlash(joint=name, backlash=1e-3, band=share * abs(torque[k]))
-            _, totals = evaluated(chain, Q7, [source])
+            _, totals = evaluated(arm.chain, Q7, [source])
             same(totals[JointValue(k)], [np.sign(torque[k]) * 5e-4 if decided else 0.0], 1e-18)

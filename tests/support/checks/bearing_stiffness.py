@@ -8,8 +8,7 @@ import numpy as np
 
 from precision_pin.draws.laws import Uniform
 from support.checks.clearance import GRAVITY, free_body
-from support.checks.common import Q7, evaluated, in_base, one_link, same
-from support.plain_robot import PlainRobot, chain_of, random_arm
+from support.checks.common import Q7, evaluated, in_base, one_link, same, slanted_arm
 
 RADIAL, AXIAL, TILT, ROLL = 3e6, 5e6, 2e4, 7e3
 
@@ -56,26 +55,24 @@ def _check_two_bearings(module: ModuleType) -> None:
 
 
 def _check_any_arm(module: ModuleType) -> None:
-    text = random_arm(32, prismatic=(2, 5))
-    chain = chain_of(text, tip="tool", gravity=GRAVITY)
-    reading = PlainRobot.parse(text)
-    q = dict(zip(chain.joint_names, Q7, strict=True))
+    arm = slanted_arm(32, prismatic=(2, 5), gravity=GRAVITY)
+    chain, reading, q = arm.chain, arm.reading, arm.q
     for number, name in enumerate(chain.joint_names):
         slides = bool(chain.prismatic[number])
         _, axis, force, moment = free_body(reading, name, q, GRAVITY)
         along = np.outer(axis, axis)
         across = np.eye(3) - along
-        arm = (0.07 + (q[name] if slides else 0.0)) * axis
+        lever = (0.07 + (q[name] if slides else 0.0)) * axis
         settings = {"roll": ROLL} if slides else {"axial": AXIAL}
         source = module.BearingStiffness(
             joint=name, radial=Uniform(1e6, mean=RADIAL), tilt=TILT, centre=0.07, **settings
         )
         values = {f"bearing_stiffness[{name}].radial": 3.7e6}
         at, totals = evaluated(chain, Q7, [source], values)
-        turn = across @ (moment - np.cross(arm, force)) / TILT
+        turn = across @ (moment - np.cross(lever, force)) / TILT
         shift = across @ force / 3.7e6
         if slides:
             turn = turn + along @ moment / ROLL
         else:
             shift = shift + along @ force / AXIAL
-        same(in_base(at.posture, totals) * 1e6, np.concatenate([shift + np.cross(turn, -arm), turn]) * 1e6, 1e-9)
+        same(in_base(at.posture, totals) * 1e6, np.concatenate([shift + np.cross(turn, -lever), turn]) * 1e6, 1e-9)

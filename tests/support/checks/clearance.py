@@ -12,8 +12,8 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.payload import Payload
-from support.checks.common import MM, Q7, evaluated, in_base, one_link, same
-from support.plain_robot import PlainRobot, chain_of, random_arm
+from support.checks.common import MM, Q7, evaluated, in_base, one_link, same, slanted_arm
+from support.plain_robot import PlainRobot
 
 GRAVITY = (1.0, -2.0, -9.0)
 
@@ -89,10 +89,8 @@ def _check_random_directions(module: ModuleType) -> None:
 
 def _check_any_arm(module: ModuleType) -> None:
     """Balance the arm beyond the joint on its bearings; lay the axis through the journals by definition."""
-    text = random_arm(31, prismatic=(3, 6))
-    chain = chain_of(text, tip="tool", gravity=GRAVITY)
-    reading = PlainRobot.parse(text)
-    q = dict(zip(chain.joint_names, Q7, strict=True))
+    arm = slanted_arm(31, prismatic=(3, 6), gravity=GRAVITY)
+    chain, reading, q = arm.chain, arm.reading, arm.q
     for number, name in enumerate(chain.joint_names):
         for pads_on in ("child", "parent"):
             slides = bool(chain.prismatic[number])

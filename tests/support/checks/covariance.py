@@ -7,8 +7,7 @@ from types import ModuleType
 import numpy as np
 
 from precision_pin.draws.draw import Scope
-from support.checks.common import Q7, evaluated, one_link, same
-from support.plain_robot import PlainRobot, chain_of, inserted, pose_error, random_arm
+from support.checks.common import PLACES, SIX, evaluated, one_link, same, slanted_arm
 
 STD = (1e-4, 2e-4, 3e-4, 1e-3, 2e-3, 3e-3)
 CORRELATION = np.eye(6)
@@ -38,20 +37,8 @@ def check_covariance(module: ModuleType) -> None:
         same(covariance[1, 5], 0.5 * 2e-4 * 3e-3 + 9e-6, 1e-17)
         same(covariance[3:, 3:], np.diag([1e-6, 4e-6, 9e-6]), 1e-17)
     # every place, any size
-    text = random_arm(12, prismatic=(4,))
-    reading = PlainRobot.parse(text)
-    chain = chain_of(text, tip="tool")
-    q7 = dict(zip(chain.joint_names, Q7, strict=True))
-    nominal = reading.poses(q7)["tool"]
-    six = np.array([0.03, -0.05, 0.02, 0.3, -0.4, 0.25])
-    for where, place in (
-        ({"joint": "joint4"}, ("joint", "joint4")),
-        ({"link": "half2"}, ("joint", "joint3")),
-        ({"frame": "half2"}, ("link", "half2")),
-        ({"frame": "tool"}, ("link", "tool")),
-    ):
-        source = module.Covariance(**where, std=STD, mean=tuple(map(float, six)))
-        at, _ = evaluated(chain, q7, [source])
-        moved = reading.poses(q7, displaced={place: inserted(six)})["tool"]
-        same(at.space.mean, six, 1e-15)
-        same(at.exact(six[:, None])[:, 0], pose_error(moved, nominal), 1e-13)
+    arm = slanted_arm(12, prismatic=(4,))
+    for where, kind, place in PLACES:
+        at, _ = evaluated(arm.chain, arm.q, [module.Covariance(**where, std=STD, mean=SIX)])
+        same(at.space.mean, SIX, 1e-15)
+        same(at.exact(np.array(SIX)[:, None])[:, 0], arm.moved(kind, place, SIX), 1e-13)

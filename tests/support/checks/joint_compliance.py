@@ -8,12 +8,7 @@ import numpy as np
 
 from precision_pin.draws.laws import Uniform
 from precision_pin.terms.term import JointValue
-from support.checks.common import Q7, evaluated, one_link, same
-from support.plain_robot import (
-    PlainRobot,
-    chain_of,
-    random_arm,
-)
+from support.checks.common import Q7, evaluated, one_link, same, slanted_arm
 
 
 def check_joint_compliance(module: ModuleType) -> None:
@@ -27,12 +22,11 @@ def check_joint_compliance(module: ModuleType) -> None:
     _, totals = evaluated(chain, [0.3], [module.JointCompliance(joint="hinge", compliance=1e-6)])
     same(totals[JointValue(0)], [-1e-6 * 2.0 * 9.81], 1e-15)
     # any arm: against the slope of the potential energy
-    text = random_arm(14, prismatic=(5,))
-    chain = chain_of(text, tip="tool", gravity=(1.0, -2.0, -9.0))
-    reading = PlainRobot.parse(text)
-    torque = reading.load_torque(chain.joint_names, dict(zip(chain.joint_names, Q7, strict=True)), (1.0, -2.0, -9.0))
-    for k, name in enumerate(chain.joint_names):
+    gravity = (1.0, -2.0, -9.0)
+    arm = slanted_arm(14, prismatic=(5,), gravity=gravity)
+    torque = arm.reading.load_torque(arm.q, arm.q, gravity)
+    for k, name in enumerate(arm.q):
         source = module.JointCompliance(joint=name, compliance=Uniform(1e-6, mean=1e-5))
         component = f"joint_compliance[{name}].compliance"
-        _, totals = evaluated(chain, Q7, [source], {component: 1.7e-5})
+        _, totals = evaluated(arm.chain, Q7, [source], {component: 1.7e-5})
         same(totals[JointValue(k)] / 1.7e-5, torque[k : k + 1], 1e-11)

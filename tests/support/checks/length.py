@@ -9,17 +9,8 @@ import numpy as np
 
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Uniform
-from support.checks.common import Q7, evaluated, same
-from support.plain_robot import (
-    PlainRobot,
-    chain_of,
-    joint,
-    link,
-    pose_error,
-    random_arm,
-    robot,
-    unit,
-)
+from support.checks.common import evaluated, same, slanted_arm
+from support.plain_robot import chain_of, joint, link, pose_error, robot, unit
 
 
 def check_length(module: ModuleType) -> None:
@@ -46,17 +37,15 @@ def check_length(module: ModuleType) -> None:
     same(at.exact(np.zeros((0, 1)))[:, 0], expected, 1e-15)
 
     # another way: the same robot with the origin moved
-    text = random_arm(11)
-    reading = PlainRobot.parse(text)
-    chain = chain_of(text, tip="tool")
-    q7 = dict(zip(chain.joint_names, Q7, strict=True))
-    nominal = reading.poses(q7)
+    arm = slanted_arm(11)
+    reading, chain = arm.reading, arm.chain
+    nominal = reading.poses(arm.q)
     for target, along in itertools.product(
         ({"joint": "joint4"}, {"frame": "tool"}, {"joint": "joint1"}),
         ("link", "x of joint2", "-y of joint5", "z of joint7", "axis of joint3", "-axis of joint4"),
     ):
         source = module.Length(**target, along=along, parameters=(0.8e-3, "extra"))
-        at, _ = evaluated(chain, q7, [source], {}, [Draw("extra", Uniform(1e-3, mean=0.4e-3))])
+        at, _ = evaluated(chain, arm.q, [source], {}, [Draw("extra", Uniform(1e-3, mean=0.4e-3))])
         moved_joint = target.get("joint", "flange")
         ((parent, origin),) = ((entry.parent, entry.origin) for entry in reading.joints if entry.name == moved_joint)
         start = nominal[parent][:3, :3] @ origin[:3, 3]
@@ -72,6 +61,6 @@ def check_length(module: ModuleType) -> None:
             direction = nominal[child][:3, :3] @ vector * (-1 if along.startswith("-") else 1)
         shift = np.eye(4)
         shift[:3, 3] = (nominal[parent][:3, :3] @ origin[:3, :3]).T @ direction * 1.2e-3
-        moved = reading.poses(q7, displaced={("joint", moved_joint): shift})["tool"]
+        moved = reading.poses(arm.q, displaced={("joint", moved_joint): shift})["tool"]
         same(at.exact([[0.4e-3]])[:, 0], pose_error(moved, nominal["tool"]), 1e-14)
         same(at.exact([[0.4e-3]])[:3, 0], 1.2e-3 * direction, 1e-14)

@@ -8,11 +8,7 @@ import numpy as np
 
 from precision_pin.robot import mcpc as parameters_of
 from support.checks.common import Q7, evaluated, same
-from support.plain_robot import (
-    chain_of,
-    pose_error,
-    random_arm,
-)
+from support.plain_robot import chain_of, pose_error, random_arm
 
 
 def check_mcpc(module: ModuleType) -> None:

@@ -8,10 +8,8 @@ import numpy as np
 
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Uniform
-from support.checks.common import Q7, evaluated, one_link, same
-from support.plain_robot import PlainRobot, chain_of, inserted, pose_error, random_arm
-
-NAMES = ("x", "y", "z", "rx", "ry", "rz")
+from support.checks.common import NAMES, SIX, evaluated, one_link, same, slanted_arm
+from support.plain_robot import inserted, pose_error
 
 
 def check_mounting(module: ModuleType) -> None:
@@ -24,30 +22,24 @@ def check_mounting(module: ModuleType) -> None:
     at, _ = evaluated(one_link(), [0.0], [module.Mounting(at="tool", ry=1e-3)])
     same(at.linear(np.zeros((0, 1)))[:, 0], [0, 0, 0, 0, 1e-3, 0], 1e-17)
     # any arm, large errors
-    text = random_arm(12, prismatic=(4,))
-    reading = PlainRobot.parse(text)
-    chain = chain_of(text, tip="tool")
-    q7 = dict(zip(chain.joint_names, Q7, strict=True))
-    nominal = reading.poses(q7)["tool"]
-    six = np.array([0.03, -0.05, 0.02, 0.3, -0.4, 0.25])
-    for settings, moved in (
-        ({"at": "base"}, inserted(six) @ nominal),
-        ({"at": "tool"}, nominal @ inserted(six)),
-        ({"at": "tool", "flange": "tool"}, nominal @ inserted(six)),
-        (
-            {"at": "tool", "flange": "link7"},
-            reading.poses(q7, displaced={("link", "link7"): inserted(six)})["tool"],
-        ),
+    arm = slanted_arm(12, prismatic=(4,))
+    exact, start = inserted(SIX), arm.tool
+    for settings, expected in (
+        ({"at": "base"}, pose_error(exact @ start, start)),
+        ({"at": "tool"}, pose_error(start @ exact, start)),
+        ({"at": "tool", "flange": "tool"}, pose_error(start @ exact, start)),
+        ({"at": "tool", "flange": "link7"}, arm.moved("link", "link7", SIX)),
     ):
-        source = module.Mounting(**settings, **dict(zip(NAMES, map(float, six), strict=True)))
-        at, _ = evaluated(chain, q7, [source])
-        same(at.exact(np.zeros((0, 1)))[:, 0], pose_error(moved, nominal), 1e-13)
-        laws = [Draw(name, Uniform(0.0, mean=value)) for name, value in zip(NAMES, six, strict=True)]
+        source = module.Mounting(**settings, **dict(zip(NAMES, SIX, strict=True)))
+        at, _ = evaluated(arm.chain, arm.q, [source])
+        same(at.exact(np.zeros((0, 1)))[:, 0], expected, 1e-13)
+        laws = [Draw(name, Uniform(0.0, mean=value)) for name, value in zip(NAMES, SIX, strict=True)]
         source = module.Mounting(**settings, **dict(zip(NAMES, NAMES, strict=True)))
-        at, _ = evaluated(chain, q7, [source], {}, laws)
-        same(at.exact(six[:, None])[:, 0], pose_error(moved, nominal), 1e-13)
+        at, _ = evaluated(arm.chain, arm.q, [source], {}, laws)
+        same(at.exact(np.array(SIX)[:, None])[:, 0], expected, 1e-13)
     # before everything else: whatever the arm itself does is moved with it
-    arm = module.Mounting(at="tool", flange="link7", x=0.01, ry=0.2)
-    at, _ = evaluated(chain, q7, [arm, module.Mounting(at="base", **dict(zip(NAMES, map(float, six), strict=True)))])
-    bent = reading.poses(q7, displaced={("link", "link7"): inserted([0.01, 0, 0, 0, 0.2, 0])})["tool"]
-    same(at.exact(np.zeros((0, 1)))[:, 0], pose_error(inserted(six) @ bent, nominal), 1e-13)
+    bent = module.Mounting(at="tool", flange="link7", x=0.01, ry=0.2)
+    based = module.Mounting(at="base", **dict(zip(NAMES, SIX, strict=True)))
+    at, _ = evaluated(arm.chain, arm.q, [bent, based])
+    tool = arm.reading.poses(arm.q, displaced={("link", "link7"): inserted([0.01, 0, 0, 0, 0.2, 0])})["tool"]
+    same(at.exact(np.zeros((0, 1)))[:, 0], pose_error(exact @ tool, start), 1e-13)

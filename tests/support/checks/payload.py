@@ -10,10 +10,7 @@ from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.terms.term import JointValue
 from support.checks.common import Q7, evaluated, one_link, same
-from support.plain_robot import (
-    chain_of,
-    random_arm,
-)
+from support.plain_robot import chain_of, random_arm
 
 
 def check_payload(module: ModuleType) -> None:

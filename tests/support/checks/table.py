@@ -11,8 +11,7 @@ import numpy as np
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from support.checks.common import Q7, evaluated, one_link, same
-from support.plain_robot import PlainRobot, chain_of, inserted, pose_error, random_arm
+from support.checks.common import PLACES, SIX, evaluated, one_link, same, slanted_arm
 
 PLANE = "y [mm], rz [mrad]\n1, 2\n-1, 0\n# a remark\n\n3, 1\n-3, -3\n"
 ALL = "rz [deg],x [mm],ry [mrad],z [m],y [um],rx [rad]\n10,30,-400,0.02,-50000,0.3\n"
@@ -36,19 +35,9 @@ def check_table(module: ModuleType) -> None:
         same(rows, [[-6, -1, 3, 4], [-3, 0, 2, 1]], 1e-9)
         same(tips[[0, 2, 3, 4]], 0.0, 1e-18)
         # every column, every place, any size
-        text = random_arm(12, prismatic=(4,))
-        reading = PlainRobot.parse(text)
-        chain = chain_of(text, tip="tool")
-        q7 = dict(zip(chain.joint_names, Q7, strict=True))
-        nominal = reading.poses(q7)["tool"]
-        six = np.array([0.03, -0.05, 0.02, 0.3, -0.4, np.radians(10)])
-        for where, place in (
-            ({"joint": "joint4"}, ("joint", "joint4")),
-            ({"link": "half2"}, ("joint", "joint3")),
-            ({"frame": "half2"}, ("link", "half2")),
-            ({"frame": "tool"}, ("link", "tool")),
-        ):
-            at, _ = evaluated(chain, q7, [module.Table(**where, file=folder / "all.csv")])
-            moved = reading.poses(q7, displaced={place: inserted(six)})["tool"]
+        arm = slanted_arm(12, prismatic=(4,))
+        six = np.array([*SIX[:5], np.radians(10)])
+        for where, kind, place in PLACES:
+            at, _ = evaluated(arm.chain, arm.q, [module.Table(**where, file=folder / "all.csv")])
             same(at.space.mean, six[[5, 0, 4, 2, 1, 3]], 1e-15)
-            same(at.exact(at.space.sample(3, 0, 1))[:, 0], pose_error(moved, nominal), 1e-13)
+            same(at.exact(at.space.sample(3, 0, 1))[:, 0], arm.moved(kind, place, six), 1e-13)

@@ -7,8 +7,8 @@ from types import ModuleType
 import numpy as np
 
 from precision_pin.draws.laws import Normal, Uniform
-from support.checks.common import Q7, evaluated, in_base, one_link, same
-from support.plain_robot import PlainRobot, chain_of, inserted, pose_error, random_arm
+from support.checks.common import Q7, evaluated, in_base, one_link, same, slanted_arm
+from support.plain_robot import chain_of, inserted, pose_error, random_arm
 
 
 def check_thermal(module: ModuleType) -> None:
@@ -51,10 +51,8 @@ def _check_whole_arm(module: ModuleType) -> None:
 
 def _check_slices(module: ModuleType) -> None:
     """Compare with a link cut into slices, whose fibres grow as their temperatures say."""
-    text = random_arm(32, prismatic=(3,))
-    chain = chain_of(text, tip="tool")
-    reading = PlainRobot.parse(text)
-    q7 = dict(zip(chain.joint_names, Q7, strict=True))
+    arm = slanted_arm(32, prismatic=(3,))
+    chain, reading, q7 = arm.chain, arm.reading, arm.q
     poses = reading.poses(q7)
     expansion, gradient = 3e-8, 2.0  # second order: 1e-15
     for link, start, place, warm in (

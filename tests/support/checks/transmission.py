@@ -8,8 +8,7 @@ import numpy as np
 
 from precision_pin.draws.laws import Uniform
 from precision_pin.terms.term import JointValue
-from support.checks.common import Q7, evaluated, one_link, same
-from support.plain_robot import PlainRobot, chain_of, random_arm
+from support.checks.common import Q7, evaluated, one_link, same, slanted_arm
 
 
 def check_transmission(module: ModuleType) -> None:
@@ -54,10 +53,9 @@ def check_transmission(module: ModuleType) -> None:
     assert at.exact(np.zeros((0, 1)))[2, 0] < 0
     assert all(term.loaded for term in at.terms)
     # any arm, random stiffness
-    text = random_arm(24, prismatic=(5,))
-    chain = chain_of(text, tip="tool")
-    torque = PlainRobot.parse(text).load_torque(chain.joint_names, dict(zip(chain.joint_names, Q7, strict=True)))
-    for k, name in enumerate(chain.joint_names):
+    arm = slanted_arm(24, prismatic=(5,))
+    torque = arm.reading.load_torque(arm.q, arm.q)
+    for k, name in enumerate(arm.q):
         source = module.Transmission(joint=name, stiffness=Uniform(1e3, mean=2e4))
-        _, totals = evaluated(chain, Q7, [source], {f"transmission[{name}].stiffness": 1.93e4})
+        _, totals = evaluated(arm.chain, Q7, [source], {f"transmission[{name}].stiffness": 1.93e4})
         same(totals[JointValue(k)] * 1.93e4, torque[k : k + 1], 1e-11)
