@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -313,27 +311,6 @@ def test_errors_do_not_depend_on_the_range_asked_for() -> None:
     components = sampler.sample(LAYOUT, 3, 0, 2000)
     np.testing.assert_array_equal(sampler.errors_at(LAYOUT, "exact", components), whole)
     np.testing.assert_array_equal(sampler.errors_at(LAYOUT, "exact", components[:, 5:700]), whole[:, 5:700])
-
-
-@pytest.mark.slow
-def test_any_cut_into_calls_and_any_number_of_threads_give_the_same_bits() -> None:
-    samples, blocks = 9 * BLOCK + 1234, 10
-    whole = accumulate(LAYOUT, PLAN, "exact", 5, 0, blocks, samples=samples)
-    for cuts in ([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10], [0, 4, 5, 10]):
-        pieces = [(a, b - a) for a, b in itertools.pairwise(cuts)]
-        one_by_one = start(PLAN)
-        for first, count in pieces:
-            one_by_one = accumulate(LAYOUT, PLAN, "exact", 5, first, count, samples=samples, state=one_by_one)
-        assert_same_state(one_by_one, whole)
-        for threads in (1, 3):
-            with ThreadPoolExecutor(threads) as pool:
-                found = pool.map(
-                    lambda piece: sampler.observe_blocks(LAYOUT, PLAN, "exact", 5, *piece, samples=samples), pieces
-                )
-                state = start(PLAN)
-                for part in found:
-                    state = part.add_to(state)
-            assert_same_state(state, whole)
 
 
 def test_a_block_depends_on_nothing_but_its_number() -> None:
