@@ -214,25 +214,24 @@ def test_a_broken_executor_that_was_handed_in_is_told_in_one_line() -> None:
 # wrong input ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("asked", "message"),
-    [
-        ({"threads": 0}, "threads must be a whole number from 1 to 1024, got 0"),
-        ({"threads": 2.0}, "threads must be a whole number"),
-        ({"processes": -1}, "processes must be a whole number"),
-        ({"processes": True}, "processes must be a whole number"),
-        ({"threads": 1, "processes": 1}, "threads and processes exclude each other"),
-        ({"threads": 1, "executor": Muddled()}, "threads and executor exclude each other"),
-        ({"tasks_under_way": 3}, "tasks_under_way is possible with an executor only"),
-        ({"executor": Muddled(), "tasks_under_way": 0}, "tasks_under_way must be a whole number"),
-        ({"executor": map}, r"an executor must have submit\(function, \*arguments\); type does not"),
-        ({"resume": True}, "resume needs a journal to resume from"),
-        ({"journal": "never-made", "keep_samples": True}, "a journal holds statistics only"),
-    ],
-)
-def test_wrong_requests_are_refused(asked: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        pp.monte_carlo(MODEL, "paper", samples=10, **asked)
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"threads": 0}, "threads must be a whole number from 1 to 1024, got 0"),
+    ({"threads": 2.0}, "threads must be a whole number"),
+    ({"processes": True}, "processes must be a whole number"),
+    ({"threads": 1, "processes": 1}, "threads and processes exclude each other"),
+    ({"threads": 1, "executor": Muddled()}, "threads and executor exclude each other"),
+    ({"tasks_under_way": 3}, "tasks_under_way is possible with an executor only"),
+    ({"executor": Muddled(), "tasks_under_way": 0}, "tasks_under_way must be a whole number"),
+    ({"executor": map}, r"an executor must have submit\(function, \*arguments\); type does not"),
+    ({"resume": True}, "resume needs a journal to resume from"),
+    ({"journal": "never-made", "keep_samples": True}, "a journal holds statistics only"),
+]
+
+
+def test_wrong_requests_are_refused() -> None:
+    for asked, message in WRONG:
+        with pytest.raises(InputError, match=message):
+            pp.monte_carlo(MODEL, "paper", samples=10, **asked)
 
 
 def test_wrong_numbers_of_samples_and_more_than_memory_are_refused() -> None:
@@ -528,61 +527,34 @@ def test_ctrl_c_twice_stops_at_once(started: Any, tmp_path: Path) -> None:
 # the command line ----------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def analyze(tmp_path: Path, monkeypatch, capsys) -> Any:
-    """Run ``precision-pin analyze`` in this process, in a folder of its own; return exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["precision-pin", "analyze", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert isinstance(ended.value.code, int)
-        return ended.value.code, *capsys.readouterr()
-
-    return run
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--resume",), "--resume needs the run's --journal FILE"),
-        (("--threads", "2", "--processes", "2"), "--threads and --processes exclude each other"),
-        (("--threads", "2", "--dask", "tcp://127.0.0.1:1"), "--threads and --dask exclude each other"),
-        (("--threads", "0"), "threads must be a whole number from 1 to 1024, got 0"),
-        (("--journal", "a.json", "--json", "./a.json"), "--journal and --json name the same file"),
-        (("--journal", "no/such/place"), "no/such does not exist"),
-    ],
-)
-def test_wrong_options_are_refused_in_one_line(analyze: Any, tmp_path: Path, arguments, message: str) -> None:
-    code, out, err = analyze("--samples", "10", *arguments)
-    assert (code, out) == (2, "")
-    assert err.count("\n") == 1 + err.count(" warning W_")
-    assert message in err
-    assert os.listdir(tmp_path) == []
-
-
 @pytest.mark.slow
-def test_a_changed_input_is_told(analyze: Any, tmp_path: Path) -> None:
+def test_a_changed_input_and_wrong_options_are_told_in_a_line(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
     for file in PAPER_SHEET.parent.glob("4dof.*"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
 
-    def refused(*arguments: str) -> str:
-        samples = () if "--samples" in arguments else ("--samples", "100")
-        code, _, err = analyze("4dof.errors.yaml", "--quiet", "--journal", "j", *samples, *arguments)
-        assert code == 2
-        return without_warnings(err).removeprefix("precision-pin: error E_INPUT: the journal j ")
+    def told(*arguments: str, samples: str = "100", journal: tuple[str, ...] = ("--journal", "j")) -> str:
+        line = ["analyze", "4dof.errors.yaml", "--quiet", "--samples", samples, *journal, *arguments]
+        monkeypatch.setattr(sys, "argv", ["precision-pin", *line])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        error = without_warnings(capsys.readouterr().err)
+        assert ended.value.code == (2 if error else 0)
+        return error.removeprefix("precision-pin: error E_INPUT: the journal j ")
 
-    assert analyze("4dof.errors.yaml", "--journal", "j", "--samples", "100")[0] == 0
+    assert told() == ""
     before = (tmp_path / "j").read_bytes()
-    assert refused() == "already exists; resume its run, or remove the file\n"
-    assert refused("--resume", "--seed", "8") == "belongs to another run: seed was '0', is '8'\n"
-    assert refused("--resume", "--model", "linear") == "belongs to another run: model was 'exact', is 'linear'\n"
-    assert refused("--resume", "--samples", "200") == "belongs to another run: samples was '100', is '200'\n"
-    with (tmp_path / "4dof.errors.yaml").open("a", encoding="utf-8") as stream:
-        stream.write("# a remark\n")
-    assert refused("--resume") == "belongs to another run: the sheet has changed\n"
-    with (tmp_path / "4dof.urdf").open("a", encoding="utf-8") as stream:
-        stream.write("<!-- a remark -->\n")
-    assert refused("--resume") == "belongs to another run: the URDF has changed; the sheet has changed\n"
+    assert told() == "already exists; resume its run, or remove the file\n"
+    assert told("--resume", "--seed", "8") == "belongs to another run: seed was '0', is '8'\n"
+    assert told("--resume", "--model", "linear") == "belongs to another run: model was 'exact', is 'linear'\n"
+    assert told("--resume", samples="200") == "belongs to another run: samples was '100', is '200'\n"
+    assert "--threads and --dask exclude each other" in told("--threads", "2", "--dask", "tcp://127.0.0.1:1")
+    assert "--resume needs the run's --journal FILE" in told("--resume", journal=())
+    for name, remark, changed in (
+        ("4dof.errors.yaml", "# a remark\n", "the sheet has changed"),
+        ("4dof.urdf", "<!-- a remark -->\n", "the URDF has changed; the sheet has changed"),
+    ):
+        with (tmp_path / name).open("a", encoding="utf-8") as stream:
+            stream.write(remark)
+        assert told("--resume") == f"belongs to another run: {changed}\n"
     assert (tmp_path / "j").read_bytes() == before
