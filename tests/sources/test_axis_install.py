@@ -8,7 +8,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import axis_install
 from precision_pin.sources.axis_install import AxisInstall
-from support.checks.axis_install import bearing, check_axis_install
+from support.checks.bearings import bearing, check_axis_install
 
 
 def test_by_hand_and_by_the_line_of_the_axis():

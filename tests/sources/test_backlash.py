@@ -15,8 +15,8 @@ from precision_pin.sources.backlash import Backlash
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
 from precision_pin.terms.term import JointValue
-from support.checks.backlash import check_backlash
 from support.checks.common import evaluated, leaning_hand, one_link, turn_and_slide
+from support.checks.drives import check_backlash
 from support.sheets import PAPER_Q
 
 ARCMIN = np.pi / 10800

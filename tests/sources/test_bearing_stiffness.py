@@ -16,7 +16,7 @@ from precision_pin.robot.loads import Load
 from precision_pin.sources import bearing_stiffness
 from precision_pin.sources.bearing_stiffness import BearingStiffness
 from precision_pin.sources.payload import Payload
-from support.checks.bearing_stiffness import check_bearing_stiffness
+from support.checks.bearings import check_bearing_stiffness
 from support.checks.common import Q7, evaluated, in_base, one_link, turn_and_slide
 from support.plain_robot import chain_of, random_arm
 from support.sheets import PAPER_Q

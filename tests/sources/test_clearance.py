@@ -15,7 +15,7 @@ from precision_pin.sources import clearance
 from precision_pin.sources.clearance import Clearance
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
-from support.checks.clearance import check_clearance
+from support.checks.bearings import check_clearance
 from support.checks.common import MM, evaluated, one_link, turn_and_slide
 from support.plain_robot import chain_of, joint, link, robot
 from support.sheets import PAPER_Q

@@ -11,7 +11,7 @@ from precision_pin.sources import covariance
 from precision_pin.sources.covariance import Covariance
 from precision_pin.sources.frame import Frame
 from support.checks.common import Q7, one_link
-from support.checks.covariance import CORRELATION, STD, check_covariance, rows
+from support.checks.places import CORRELATION, STD, check_covariance, rows
 from support.engines import check_engines, check_no_spread, written
 from support.plain_robot import chain_of, random_arm
 

@@ -11,7 +11,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import encoder
 from precision_pin.sources.encoder import Encoder
 from support.checks.common import one_link
-from support.checks.encoder import ARCSEC, check_encoder
+from support.checks.drives import ARCSEC, check_encoder
 from support.engines import check_engines, check_no_spread, written
 
 

@@ -10,7 +10,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import frame
 from precision_pin.sources.frame import Frame
 from support.checks.common import Q7, one_link
-from support.checks.frame import check_frame
+from support.checks.places import check_frame
 from support.plain_robot import chain_of, inserted, pose_error, random_arm
 
 

@@ -9,7 +9,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import joint_compliance
 from precision_pin.sources.joint_compliance import JointCompliance
 from support.checks.common import one_link
-from support.checks.joint_compliance import check_joint_compliance
+from support.checks.drives import check_joint_compliance
 
 
 def test_by_hand_and_by_the_slope_of_the_potential_energy():

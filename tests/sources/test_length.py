@@ -11,7 +11,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import length
 from precision_pin.sources.length import Length
 from support.checks.common import one_link
-from support.checks.length import check_length
+from support.checks.places import check_length
 
 
 @pytest.mark.slow

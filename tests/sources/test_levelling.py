@@ -14,7 +14,7 @@ from precision_pin.sources.levelling import Levelling
 from precision_pin.sources.mounting import Mounting
 from precision_pin.terms.term import JointValue, Term
 from support.checks.common import Q7, one_link
-from support.checks.levelling import check_levelling
+from support.checks.loads import check_levelling
 from support.engines import check_engines, check_no_spread, written
 from support.oracles import value_of
 from support.plain_robot import chain_of, random_arm

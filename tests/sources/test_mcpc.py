@@ -12,7 +12,7 @@ from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import mcpc
 from precision_pin.sources.mcpc import Mcpc
 from support.checks.common import Q7
-from support.checks.mcpc import check_mcpc
+from support.checks.places import check_mcpc
 from support.plain_robot import chain_of, pose_error, random_arm
 
 

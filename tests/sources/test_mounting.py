@@ -11,7 +11,7 @@ from precision_pin.sources import mounting
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.mounting import Mounting
 from support.checks.common import Q7, one_link
-from support.checks.mounting import NAMES, check_mounting
+from support.checks.places import NAMES, check_mounting
 from support.engines import check_engines, check_no_spread, written
 from support.plain_robot import chain_of, random_arm
 

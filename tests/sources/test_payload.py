@@ -11,7 +11,7 @@ from precision_pin.sources import payload
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.payload import Payload
 from support.checks.common import Q7, evaluated, one_link
-from support.checks.payload import check_payload
+from support.checks.loads import check_payload
 from support.plain_robot import chain_of, random_arm
 
 

@@ -14,7 +14,7 @@ from precision_pin.sampling import monte_carlo
 from precision_pin.sources import table
 from precision_pin.sources.table import Table
 from support.checks.common import one_link
-from support.checks.table import PLANE, check_table
+from support.checks.places import PLANE, check_table
 from support.engines import check_engines, check_no_spread, written
 
 TRACKER = "x [mm], y [mm], rz [mrad]\n0.012, -0.030, 0.05\n-0.004, 0.011, -0.02\n0.007, -0.018, 0.04\n"

@@ -10,7 +10,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import thermal
 from precision_pin.sources.thermal import Thermal
 from support.checks.common import Q7, one_link
-from support.checks.thermal import check_thermal
+from support.checks.loads import check_thermal
 from support.engines import check_engines, check_no_spread, written
 from support.plain_robot import chain_of, joint, link, random_arm, robot
 

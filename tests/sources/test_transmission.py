@@ -12,7 +12,7 @@ from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
 from precision_pin.sources.transmission import Transmission
 from support.checks.common import one_link
-from support.checks.transmission import check_transmission
+from support.checks.drives import check_transmission
 from support.engines import check_engines, check_no_spread, written
 
 
