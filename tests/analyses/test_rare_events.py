@@ -32,7 +32,7 @@ from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import Space
 from precision_pin.statistics import Specification, clopper_pearson
-from support.sliding import slides
+from support.sheets import slides
 
 # --- design points ---
 

@@ -23,8 +23,7 @@ from precision_pin.sources.length import Length
 from precision_pin.sources.payload import Payload
 from precision_pin.terms.source import Source
 from support.checks.common import one_link
-from support.exact_rods import rods_error
-from support.settled import settled_errors
+from support.oracles import rods_error, settled_errors
 from support.sheets import PAPER_Q
 
 JOINTS = ("joint1", "joint2", "joint3", "joint4")

@@ -25,9 +25,8 @@ from precision_pin.sources.length import Length
 from precision_pin.sources.payload import Payload
 from precision_pin.sources.profiles import Segment
 from precision_pin.terms.term import JointValue
-from support.exact_rods import rods_error
+from support.oracles import rods_error, settled_errors
 from support.plain_robot import chain_of, joint, link, robot
-from support.settled import settled_errors
 from support.sheets import PAPER_Q
 
 MM = 1e-3

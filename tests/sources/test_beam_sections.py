@@ -14,8 +14,8 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.profiles import MATERIALS, Section, Segment, box, rod, tube
-from support.beam_elements import torsion_constant
 from support.checks.common import evaluated, one_link
+from support.oracles import torsion_constant
 
 GRAVITY = (3.0, -4.0, -8.0)
 
