@@ -1,4 +1,4 @@
-"""What answers are compared with, from definitions: displaced chains, arms at rest, cantilevers, exact rods, a UR5 in closed form."""
+"""What answers are compared with: displaced chains, arms at rest, cantilevers, exact rods, a UR5 in closed form."""
 
 from __future__ import annotations
 
