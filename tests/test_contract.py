@@ -1,10 +1,11 @@
-"""The names and formats that users rely on: public names, the Python of the contract, the sheet of the contract."""
+"""The names and formats that users rely on: public names, findings, the Python and the sheet of the contract."""
 
 from __future__ import annotations
 
 import importlib
 import inspect
 import json
+import pickle
 import shutil
 import subprocess
 import sys
@@ -16,6 +17,8 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
+from precision_pin.base import errors
+from precision_pin.base.errors import Finding, InputError, SheetError, UnitError, UnknownNameError, nearest
 from precision_pin.robot.examples import PAPER_SHEET
 
 SNIPPET = """
@@ -52,20 +55,14 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 # names ---------------------------------------------------------------------------------------------------------------
 
 
-def test_every_public_name_is_there():
-    assert [name for name in pp.__all__ if getattr(pp, name) is None or name not in dir(pp)] == []
-
-
-def test_names_the_contract_promises():
+def test_every_public_name_is_there_and_says_what_it_is():
     for name in ("Chain", "ErrorModel", "monte_carlo", "mcpc"):
         assert name in pp.__all__, name
     for name in ("from_chain", "parameter_errors", "frame_displacements"):
         assert callable(getattr(pp.mcpc, name)), name
-
-
-def test_every_public_class_and_function_says_what_it_is():
     for name in pp.__all__:
         thing = getattr(pp, name)
+        assert name in dir(pp)
         assert inspect.getdoc(thing), name
         if inspect.isclass(thing):
             members = [member for key, member in vars(thing).items() if not key.startswith("_") and callable(member)]
@@ -177,17 +174,6 @@ def test_joint_values_by_name_and_in_chain_order(arm):
     assert results[0] == results[1] == results[2]
 
 
-def test_a_model_without_a_sheet(arm):
-    from precision_pin.sources.joint_offset import JointOffset
-
-    chain = pp.Chain.from_urdf("arm.urdf")
-    model = pp.ErrorModel(chain, pp.Space(()), [JointOffset(joint="joint1", offset=pp.Uniform(1e-3))])
-    result = pp.monte_carlo(model, [0, 0, 0, 0], samples=1000, seed=1)
-    # an offset of the first, upright joint turns everything about z by itself
-    assert result.attitude.norm.max == pytest.approx(max(-result.attitude.z.min, result.attitude.z.max), rel=1e-9)
-    assert result.attitude.x.max == 0.0
-
-
 def test_the_dataset_holds_what_the_json_does(arm, tmp_path):
     model = pp.ErrorModel.load("sheet.yaml")
     result = pp.monte_carlo(model, samples=2000, seed=3, keep_samples=True)
@@ -215,20 +201,16 @@ def test_the_dataset_holds_what_the_json_does(arm, tmp_path):
     np.testing.assert_array_equal(dataset["covariance_interval"], data["covariance_interval"])
     assert dataset.attrs["tip"] == "tool0"
     assert all(isinstance(value, str) for value in dataset.attrs.values())  # what a netCDF file can hold
-
-
-def test_the_dataset_of_one_sample_has_no_numbers_it_cannot_have(arm):
-    dataset = pp.monte_carlo(pp.ErrorModel.load("sheet.yaml"), samples=1).to_xarray()
-    assert np.isnan(dataset["std"]).all()
-    assert np.isnan(dataset["covariance"]).all()
-    assert np.isnan(dataset["quantile"]).all()
+    dataset = pp.monte_carlo(model, samples=1).to_xarray()
+    for name in ("std", "covariance", "quantile"):
+        assert np.isnan(dataset[name]).all()
     assert not np.isnan(dataset["mean"]).any()
     assert "error" not in dataset
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
+def test_wrong_arguments_in_python(arm):
+    model = pp.ErrorModel.load("sheet.yaml")
+    for settings, message in (
         ({"samples": 0}, "from 1 to"),
         ({"samples": 1.5}, "whole number"),
         ({"samples": True}, "whole number"),
@@ -241,13 +223,9 @@ def test_the_dataset_of_one_sample_has_no_numbers_it_cannot_have(arm):
         ({"q": {"joint9": 0}}, "no joint on the chain named 'joint9'"),
         ({"q": "nosuch"}, "no pose named 'nosuch'"),
         ({"q": [0, 0, 0, np.nan]}, "finite"),
-    ],
-)
-def test_wrong_arguments_in_python(arm, settings, message):
-    model = pp.ErrorModel.load("sheet.yaml")
-    q = settings.pop("q", None)
-    with pytest.raises(pp.InputError, match=message):
-        pp.monte_carlo(model, q, **settings)
+    ):
+        with pytest.raises(pp.InputError, match=message):
+            pp.monte_carlo(model, **{"q": None, **settings})
 
 
 # the contract's sheet ------------------------------------------------------------------------------------------------
@@ -298,3 +276,53 @@ def test_the_sheet_of_the_contract_runs_unchanged(tmp_path):
     result = pp.monte_carlo(model, "folded", samples=1000)
     assert result.position.norm.mean > 0
     assert result.scopes["visit"] == 1
+
+
+def test_a_finding_prints_as_the_contract_says_and_is_placed_only_where_it_has_no_place() -> None:
+    for finding, text in (
+        (Finding("error", "E_X", "no good", "a.yaml", 3), "a.yaml:3: error E_X: no good"),
+        (Finding("warning", "W_X", "odd", "a.yaml"), "a.yaml: warning W_X: odd"),
+        (Finding("error", "E_X", "no good"), "precision-pin: error E_X: no good"),
+        (Finding("error", "E_X", "no good", line=1), "precision-pin:1: error E_X: no good"),
+    ):
+        assert str(finding) == text
+    assert Finding("error", "E", "m").at("f", 2) == Finding("error", "E", "m", "f", 2)
+    assert Finding("error", "E", "m", "own", 9).at("f", 2) == Finding("error", "E", "m", "own", 9)
+    assert Finding("error", "E", "m", "own").at("f", 2) == Finding("error", "E", "m", "own", 2)
+
+
+def test_every_input_error_is_one_of_ours_and_internal_errors_are_not_input_errors() -> None:
+    for name in ("UrdfError", "SheetError", "UnitError", "UnknownNameError", "OutputError"):
+        assert issubclass(getattr(errors, name), InputError)
+    assert issubclass(InputError, errors.PrecisionPinError)
+    assert issubclass(errors.InternalError, errors.PrecisionPinError)
+    assert not issubclass(errors.InternalError, InputError)
+    assert issubclass(errors.PrecisionPinWarning, UserWarning)
+
+
+def test_findings_are_kept_in_order_printed_one_a_line_and_survive_the_way_to_another_process() -> None:
+    (finding,) = UnitError("no unit").findings
+    assert (finding.severity, finding.code, finding.message) == ("error", "E_UNIT", "no unit")
+    found = [Finding("error", "E_A", "a", "f", 1), Finding("warning", "W_B", "b", "f", 2)]
+    assert SheetError(found).findings == tuple(found)
+    assert str(SheetError(found)).splitlines() == ["f:1: error E_A: a", "f:2: warning W_B: b"]
+    unknown = UnknownNameError("pose", "papr", {"paper": 1, "folded": 2})
+    assert str(unknown) == "precision-pin: error E_NAME: no pose named 'papr'; did you mean 'paper'?"
+    for error in (InputError("no"), SheetError(found), unknown):
+        again = pickle.loads(pickle.dumps(error))
+        assert (type(again), str(again), again.findings) == (type(error), str(error), error.findings)
+    assert pickle.loads(pickle.dumps(unknown)).name == unknown.name == "papr"
+
+
+def test_nearest_names_and_a_long_list_is_cut_and_counted() -> None:
+    for name, valid, expected in (
+        ("jont1", ["joint1", "elbow"], "did you mean 'joint1'?"),
+        ("TOOL", ["tool", "base"], "did you mean 'tool'?"),
+        ("x", [], "there are none"),
+        ("zzz", ["b", "a", "a"], "valid: a, b"),
+    ):
+        assert nearest(name, valid) == expected
+    message = nearest("qqq", [f"name{k:02}" for k in range(40)])
+    assert message.startswith("valid: name00, ")
+    assert message.endswith(", … (40 in all)")
+    assert message.count("name") == 12

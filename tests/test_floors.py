@@ -14,25 +14,11 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
+from support.package_code import PACKAGE, tree
 
 FLOORS = (
-    "base",
-    "statistics",
-    "render",
-    "draws",
-    "robot",
-    "terms",
-    "sources",
-    "sheet",
-    "model",
-    "export",
-    "kernel",
-    "sampling",
-    "analyses",
-    "pages",
-    "cli",
-    "__main__",
+    *("base", "statistics", "render", "draws", "robot", "terms", "sources", "sheet", "model", "export", "kernel"),
+    *("sampling", "analyses", "pages", "cli", "__main__"),
 )
 """Files and folders of the package, the lowest first."""
 
@@ -62,11 +48,6 @@ def home(path: Path, package: Path) -> str:
     """Return the folder of a file, or the file itself where it lies beside them."""
     relative = path.relative_to(package)
     return relative.parts[0] if len(relative.parts) > 1 else relative.stem
-
-
-@cache
-def tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def dotted(path: Path, package: Path) -> str:
@@ -228,14 +209,13 @@ def test_the_rule_finds_a_planted_fault(rule: Rule, tmp_path: Path) -> None:
     assert rule(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("folder", "other"), [(folder, other) for folder in HIDDEN for other in sorted(HIDDEN[folder])]
-)
-def test_what_is_hidden_is_found(folder: str, other: str, tmp_path: Path) -> None:
-    for name, text in ((folder, f"from precision_pin.{other} import thing"), (other, "thing = 1")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "thing.py").write_text(text, encoding="utf-8")
-    assert imports_of_what_is_hidden(tmp_path) == [f"{folder}/thing.py imports {other}"]
+def test_what_is_hidden_is_found(tmp_path: Path) -> None:
+    for folder, other in [(below, above) for below in HIDDEN for above in sorted(HIDDEN[below])]:
+        package = tmp_path / f"{folder}-{other}"
+        for name, text in ((folder, f"from precision_pin.{other} import thing"), (other, "thing = 1")):
+            (package / name).mkdir(parents=True)
+            (package / name / "thing.py").write_text(text, encoding="utf-8")
+        assert imports_of_what_is_hidden(package) == [f"{folder}/thing.py imports {other}"]
 
 
 def test_every_floor_is_there() -> None:

@@ -1,4 +1,4 @@
-"""The examples run, the README's commands stand, the locks name no host, and the package carries its robots."""
+"""The examples run, the README's commands stand, the locks hold what is named, and the package carries its robots."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 from precision_pin.base.errors import UrdfError
 from precision_pin.robot.examples import example_urdfs
@@ -25,7 +27,6 @@ from precision_pin.robot.urdf.reader import mended
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = ROOT / "scripts"
-LOCKS = ("requirements.lock", "requirements-dev.lock")
 
 
 def readme_commands() -> list[str]:
@@ -57,9 +58,8 @@ def test_paper_case(tmp_path, monkeypatch, capsys):
     out = capsys.readouterr().out
     assert "2,000 samples, seed 0" in out
     assert "100,000 samples, seed 0" in out
-    assert {path.name for path in (tmp_path / "new" / "figures").iterdir()} == {
-        "fig5.png", "fig5.svg", "fig6.png", "fig6.svg",
-    }  # fmt: skip
+    written = sorted(path.name for path in (tmp_path / "new" / "figures").iterdir())
+    assert written == ["fig5.png", "fig5.svg", "fig6.png", "fig6.svg"]
 
 
 @pytest.mark.slow
@@ -138,9 +138,8 @@ def test_ur_sheets(tmp_path, capsys):
     rng, text = np.random.default_rng(0), ""
     for name in ("ur3e-0", "ur3e-1", "ur3e-2", "ur10-3", "ur10-4", "ur5-5", "ur5-6"):
         if name != "ur5-6":
-            rows = (
-                rng.normal(0, 5e-4, (4, 6)) * np.array([0, 1, 1, 1])[:, None]
-            )  # as calibration.conf has them, no zeros
+            # as calibration.conf has them, no zeros
+            rows = rng.normal(0, 5e-4, (4, 6)) * np.array([0, 1, 1, 1])[:, None]
             rows[1:, 5] *= [0, 1, 0]
             keys = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
             text = "".join(f"{key} = {row.tolist()}\n" for key, row in zip(keys, rows, strict=True))
@@ -198,21 +197,13 @@ def test_contributing_names_the_targets_of_the_makefile_and_hooks_fetch_nothing(
     assert set(re.findall(r"language: (\w+)", hooks)) == {"system"}
 
 
-@pytest.mark.parametrize("name", LOCKS)
-def test_a_lock_names_no_host(name):
+def locked(name: str) -> dict[str, str]:
+    """Return the versions of a lock, in which no host is named."""
     text = (ROOT / name).read_text(encoding="utf-8")
-    assert "://" not in text
-    assert "index-url" not in text
-    assert "find-links" not in text
     for line in text.splitlines():
         entry = line.strip()
-        if not entry or entry.startswith("#"):
-            continue
-        assert re.match(r"[A-Za-z0-9._-]+==\S+( ;.*)?( \\)?$|--hash=sha256:[0-9a-f]{64}( \\)?$", entry), entry
-
-
-def locked(name: str) -> dict[str, str]:
-    text = (ROOT / name).read_text(encoding="utf-8")
+        if entry and not entry.startswith("#"):
+            assert re.match(r"[A-Za-z0-9._-]+==\S+( ;.*)?( \\)?$|--hash=sha256:[0-9a-f]{64}( \\)?$", entry), entry
     return {plain(name): version for name, version in re.findall(r"^([A-Za-z0-9._-]+)==(\S+)", text, re.MULTILINE)}
 
 
@@ -249,15 +240,9 @@ def test_the_wheel_holds_the_robots_and_every_module(tmp_path):
         shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=skipped)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
-    made = subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--wheel-dir", str(tmp_path), str(source)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    if made.returncode and re.search(
-        "No matching distribution|connection|Temporary failure", made.stderr, re.IGNORECASE
-    ):
+    words = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--wheel-dir", str(tmp_path), str(source)]
+    made = subprocess.run(words, capture_output=True, text=True, timeout=300)
+    if made.returncode and re.search("(?i)No matching distribution|connection|Temporary failure", made.stderr):
         pytest.skip("the package index, from which the build tool comes, is not to be reached")
     assert made.returncode == 0, made.stderr
     (wheel,) = tmp_path.glob("*.whl")
@@ -275,3 +260,32 @@ def test_the_wheel_holds_the_robots_and_every_module(tmp_path):
     }
     assert files <= names
     assert not any(name.startswith(("tests", "scripts", "docs")) for name in names)
+
+
+ROOT = Path(__file__).parent.parent
+UNBOUNDED = {"types-tqdm"}
+
+
+def test_the_lowest_versions_are_those_of_pyproject() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    listed = [*project["dependencies"], *(one for extra in project["optional-dependencies"].values() for one in extra)]
+    named = {}
+    for requirement in listed:
+        match = re.fullmatch(r"([A-Za-z0-9._-]+)(?:\[.*\])?(?:>=([0-9.]+)(?:,<[0-9]+)?)?", requirement)
+        assert match is not None, requirement
+        if match[1] != project["name"]:
+            named[match[1]] = match[2]
+    assert {name for name, lowest in named.items() if lowest is None} == UNBOUNDED
+    lines = (ROOT / "requirements-lowest.txt").read_text(encoding="utf-8").splitlines()
+    lowest = dict(line.split("==") for line in lines if not line.startswith("#"))
+    bounds = {canonicalize_name(name): version for name, version in named.items() if version is not None}
+    assert {name: Version(lowest[name]) for name in bounds} == {name: Version(text) for name, text in bounds.items()}
+
+
+def test_every_python_that_ci_runs_is_named() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    named = {line.rpartition(" ")[2] for line in project["classifiers"] if line.startswith("Programming Language")}
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    others = re.search(r"for version in (.+); do", script)
+    assert others is not None
+    assert named == {project["requires-python"].removeprefix(">="), *others[1].split()}

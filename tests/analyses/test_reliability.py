@@ -36,7 +36,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import examples
 from precision_pin.statistics import Specification
-from support.sliding import slides
+from support.sheets import slides
 
 TAIL = -stats.norm.ppf(1e-7)
 

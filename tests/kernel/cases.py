@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import fields
 from functools import cache
 from typing import Any
 
@@ -148,3 +149,8 @@ def accumulate(
     """Return the statistics after some blocks, added to those of ``state``."""
     found = sampler.observe_blocks(layout, plan, model, seed, first_block, blocks, **units)
     return found.add_to(start(plan) if state is None else state)
+
+
+def assert_same_state(first: State, second: State) -> None:
+    for field in fields(State):
+        np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name), err_msg=field.name)

@@ -1,11 +1,16 @@
-"""First call: one compilation for all robots, a cache that is damaged or cannot be written, and plain Python."""
+"""First call: one compilation for all robots, ahead in other processes; a cache that is damaged; plain Python."""
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -13,7 +18,8 @@ import pytest
 
 import precision_pin
 from kernel.cases import EVERY_LAW, compiled_variants, plain_table, random_table
-from precision_pin.base import jit
+from precision_pin.base import compile_ahead, jit
+from precision_pin.base.compile_ahead import Job, compile_jobs, shown_by, silent
 from precision_pin.base.jit import INTERPRETED, cached_entry
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw, Scope
@@ -22,7 +28,6 @@ from precision_pin.draws.laws import (
     Circle,
     Disc,
     JointNormal,
-    Law,
     Lognormal,
     Normal,
     Triangular,
@@ -79,14 +84,8 @@ def run(source: Path, program: str, *, cache: Path | None, **environment: str) -
     settings.pop("NUMBA_CACHE_DIR", None)
     if cache is not None:
         settings["NUMBA_CACHE_DIR"] = str(cache)
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", PROGRAMS[program]],
-        env=settings,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    words = [sys.executable, "-W", "error", "-c", PROGRAMS[program]]
+    done = subprocess.run(words, env=settings, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
 
@@ -112,16 +111,16 @@ def test_one_compilation_serves_every_table() -> None:
 
 
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
-@pytest.mark.parametrize("name", PARTS)
-def test_parts_compiled_ahead_are_those_that_the_loops_ask_for(name: str) -> None:
+def test_parts_compiled_ahead_are_those_that_the_loops_ask_for() -> None:
     """A part with other argument types would be compiled twice: ahead in vain, then with the loops."""
     for variant in ((None, None), (True, None), (None, True)):
         sampler.warm_up(*variant)
         many_poses.warm_up(*variant)
-    function = getattr(loops, name)
-    ahead = {tuple(map(numba.typeof, parts.part_arguments(name, rare))) for rare in (None, True)}
-    asked = {*function.overloads, *(key[0] for key in function._cache._cache_file._load_index())}
-    assert asked <= ahead
+    for name in PARTS:
+        function = getattr(loops, name)
+        ahead = {tuple(map(numba.typeof, parts.part_arguments(name, rare))) for rare in (None, True)}
+        asked = {*function.overloads, *(key[0] for key in function._cache._cache_file._load_index())}
+        assert asked <= ahead, name
 
 
 def test_loops_with_rare_laws_give_the_same_bits_where_there_are_none() -> None:
@@ -134,12 +133,9 @@ def test_loops_with_rare_laws_give_the_same_bits_where_there_are_none() -> None:
         np.testing.assert_array_equal(sampler.errors(common, model, 1, 0, 999), sampler.errors(rare, model, 1, 0, 999))
 
 
-@pytest.mark.parametrize("draw", [Disc(1.0), Circle(0.7), JointNormal(((1.0,),)), Lognormal(0.3, 1.0), Arcsine(0.1)])
-def test_laws_that_the_common_loops_do_not_draw_are_known_as_rare(draw: Law) -> None:
-    assert sampler.variant_of(Space((Draw("a", Normal(1.0)), Draw("b", draw))), "exact") == (True, None)
-
-
-def test_correlated_common_laws_are_rare() -> None:
+def test_laws_that_the_common_loops_do_not_draw_and_correlated_ones_are_known_as_rare() -> None:
+    for law in (Disc(1.0), Circle(0.7), JointNormal(((1.0,),)), Lognormal(0.3, 1.0), Arcsine(0.1)):
+        assert sampler.variant_of(Space((Draw("a", Normal(1.0)), Draw("b", law))), "exact") == (True, None)
     draws = (Draw("a", Normal(1.0)), Draw("b", Uniform(1.0)), Draw("c", TruncatedNormal(1.0, 0.0, 2.0)))
     assert sampler.variant_of(Space(draws), "linear") == (None, True)
     assert sampler.variant_of(Space(draws, (Correlation.pair("a", "b", 0.5),)), "exact") == (True, None)
@@ -203,3 +199,131 @@ def test_the_loops_run_as_plain_python(tmp_path: Path) -> None:
     assert interpreted[:2] == ["True", "True"]
     first, second = (np.frombuffer(bytes.fromhex(printed[2])) for printed in (jit, interpreted))
     np.testing.assert_allclose(first, second, rtol=0, atol=1e-15)
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[str]]:
+    """Return the list of the processes that are started, as it grows."""
+    found: list[subprocess.Popen[str]] = []
+
+    class Recorded(subprocess.Popen):  # type: ignore[type-arg]
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            found.append(self)
+
+    monkeypatch.setattr(compile_ahead.subprocess, "Popen", Recorded)
+    return found
+
+
+@pytest.mark.slow
+def test_jobs_are_done_the_last_after_all_others(tmp_path: Path, started: list[subprocess.Popen[str]]) -> None:
+    shares: list[float] = []
+
+    @contextmanager
+    def shown() -> Iterator[Any]:
+        yield shares.append
+
+    first = [Job("os", "mkdir", (str(tmp_path / name),), 0.1) for name in "abcd"]
+    # those that fail or end their process keep nothing else from being done
+    first += [Job("os", "rmdir", (str(tmp_path / "none"),), 3.0), Job("os", "abort", (), 2.0)]
+    first.append(Job("no_such_module", "f", (), 1.5))
+    slow = Job("time", "sleep", (0.5,), 1.0)
+    last = Job("os", "rename", (str(tmp_path / "a"), str(tmp_path / "b" / "a")), 0.1, last=True)
+    with shown_by(shown):
+        compile_jobs([*first, slow, last])
+    assert sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")) == ["b", "b/a", "c", "d"]
+    assert 0 < len(started) <= compile_ahead.MOST_WORKERS
+    assert all(worker.returncode is not None for worker in started)
+    assert shares
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] <= shares[-1] <= 1
+
+
+def test_where_no_process_can_be_started_nothing_happens(monkeypatch: pytest.MonkeyPatch) -> None:
+    for executable in ("", "/no/such/python", sys.prefix):
+        monkeypatch.setattr(sys, "executable", executable)
+        compile_jobs([Job("os", "abort", (), 1.0)])
+
+
+def test_a_process_that_never_answers_is_given_up(
+    monkeypatch: pytest.MonkeyPatch, started: list[subprocess.Popen[str]]
+) -> None:
+    monkeypatch.setattr(compile_ahead, "PATIENCE", 0.3)
+    compile_jobs([Job("time", "sleep", (60.0,), 1.0)])
+    assert started[0].returncode is not None
+
+
+def test_an_interrupt_ends_the_processes_at_once(started: list[subprocess.Popen[str]]) -> None:
+    @contextmanager
+    def shown() -> Iterator[Any]:
+        def interrupt(share: float) -> None:
+            raise KeyboardInterrupt
+
+        yield interrupt
+
+    began = time.monotonic()
+    with shown_by(shown), pytest.raises(KeyboardInterrupt):
+        compile_jobs([Job("time", "sleep", (60.0,), 1.0), Job("time", "sleep", (60.0,), 1.0)])
+    assert time.monotonic() - began < 5
+    assert all(worker.returncode is not None for worker in started)
+
+
+def test_a_process_ends_with_whoever_asked() -> None:
+    words = [sys.executable, "-c", compile_ahead._PROGRAM, json.dumps(sys.path)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as worker:
+        assert worker.stdin is not None
+        assert worker.stdout is not None
+        worker.stdin.write('["time", "sleep", 0.0]\n["time", "sleep", 60.0]\n')
+        worker.stdin.flush()
+        assert worker.stdout.readline() == "done\n"
+        worker.stdin.close()
+        assert worker.wait(timeout=10) == 0
+
+
+@pytest.mark.slow
+def test_jobs_begun_ahead_are_done_once_and_others_join_them(
+    tmp_path: Path, started: list[subprocess.Popen[str]]
+) -> None:
+    begun = [Job("os", "mkdir", (str(tmp_path / name),), 0.1) for name in "ab"]
+    slow = Job("time", "sleep", (0.3,), 1.0)
+    compile_ahead.begin_jobs([slow, *begun])
+    more = Job("os", "mkdir", (str(tmp_path / "c"),), 0.1)
+    last = Job("os", "rename", (str(tmp_path / "a"), str(tmp_path / "c" / "a")), 0.1, last=True)
+    compile_jobs([*begun, more, last])
+    assert sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")) == ["b", "c", "c/a"]
+    assert 0 < len(started) <= compile_ahead.MOST_WORKERS
+    assert all(worker.returncode is not None for worker in started)
+
+
+@pytest.mark.slow
+def test_jobs_begun_ahead_that_nobody_asks_for_end_with_the_process() -> None:
+    code = (
+        "from precision_pin.base.compile_ahead import Job, begin_jobs\n"
+        "import time\n"
+        "begin_jobs([Job('time', 'sleep', (60.0,), 1.0)])\n"
+        "time.sleep(0.5)\n"
+    )
+    began = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+    assert time.monotonic() - began < 20
+
+
+def test_compiling_begins_only_where_no_loops_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(parts, "begin_jobs", lambda jobs: asked.append(len(jobs)))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    parts.begin_compiling()
+    assert asked == [len(parts.PARTS) - 2]  # without the laws, which the sheet decides, and the linear model
+    (tmp_path / "kernel_1").mkdir()
+    (tmp_path / "kernel_1" / f"loops.run-1.py{sys.version_info.major}{sys.version_info.minor}.nbi").touch()
+    parts.begin_compiling()
+    assert len(asked) == 1
+
+
+def test_python_says_that_something_is_compiled(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    line = "precision-pin: compiling the sampler, once on this machine: some 8 s\n"
+    for name, quiet in (("a", nullcontext()), ("b", shown_by(silent))):
+        with quiet:
+            compile_jobs([Job("os", "mkdir", (str(tmp_path / name),), 1.0)])
+        assert capfd.readouterr().err == (line if name == "a" else "")

@@ -11,8 +11,8 @@ from precision_pin.base.errors import InputError
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.inverse_kinematics import inverse_kinematics
+from support.oracles import ur5_branches, ur5_pose
 from support.plain_robot import chain_of, joint, link, robot
-from support.ur5 import ur5_branches, ur5_pose
 
 
 @pytest.fixture(scope="module")

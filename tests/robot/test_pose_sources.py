@@ -14,8 +14,8 @@ from precision_pin.robot.approach import approaches_along, read_approach, writte
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.pose_set import NO_BRANCH, PoseSet, smallest_singular_values
+from support.oracles import ur5_branches, ur5_pose
 from support.plain_robot import chain_of, joint, link, robot
-from support.ur5 import ur5_branches, ur5_pose
 
 
 def gantry() -> Chain:

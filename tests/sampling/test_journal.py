@@ -1,17 +1,23 @@
-"""File of the journal: incomplete ends, flipped bits, full disks, other runs, other processes."""
+"""File of the journal: incomplete ends, flipped bits, full disks, other runs, other processes, files made to harm."""
 
 from __future__ import annotations
 
 import errno
+import hashlib
+import io
 import json
 import os
-import shutil
+import resource
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from dataclasses import fields, replace
+import time
+import tracemalloc
+import zipfile
+import zlib
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +31,7 @@ from precision_pin.sampling.one_pose import Sampling
 from precision_pin.sampling.workers import Foreign
 from precision_pin.statistics import State, start
 from precision_pin.statistics.accumulate import LARGEST
-from sampling.cases import AT, MODEL, PLAN, Muddled, assert_same_bits, in_one_go, work
+from sampling.cases import AT, MODEL, PLAN, Muddled, assert_same_bits, work
 
 IDENTITY = {"seed": "0", "the error model": "ab12"}
 
@@ -113,29 +119,29 @@ def test_a_state_is_written_once(whole: bytes, file: Path) -> None:
     assert file.read_bytes() == whole
 
 
+def places(data: bytes, begin: int, end: int) -> list[int]:
+    """Return the places of all heads of records and their neighbours, and every fifth of the others."""
+    heads = [len(MAGIC), *record_ends(data)]
+    return [k for k in range(begin, end) if k % 5 == 0 or any(-3 <= k - head < 30 for head in heads)]
+
+
 @pytest.mark.slow
-def test_torn_at_every_byte_of_the_last_record(whole: bytes, file: Path, no_waiting_for_disks) -> None:
+def test_torn_anywhere_in_the_beginning_and_the_last_record(whole: bytes, file: Path, no_waiting_for_disks) -> None:
     ends = record_ends(whole)
-    for length in range(ends[-2], ends[-1]):
+    for length in [*places(whole, 0, ends[0]), *places(whole, ends[-2], ends[-1])]:
         file.write_bytes(whole[:length])
         told: list[str] = []
         with opened_by(file, told=told) as (journal, state):
-            assert_same_bits(state, STATES[-2])
-            assert (f"the last {length - ends[-2]} bytes are incomplete or damaged" in told[0]) == (length > ends[-2])
+            if length < ends[0]:
+                assert state is EMPTY
+                for further in STATES[:-1]:
+                    journal.save(further)
+                assert told == [f"the journal {file} is empty; the run starts from the first sample"]
+            else:
+                assert_same_bits(state, STATES[-2])
+                is_told = f"the last {length - ends[-2]} bytes are incomplete or damaged" in told[0]
+                assert is_told == (length > ends[-2])
             journal.save(STATES[-1])
-        assert file.read_bytes() == whole
-
-
-@pytest.mark.slow
-def test_torn_at_every_byte_of_the_beginning(whole: bytes, file: Path, no_waiting_for_disks) -> None:
-    for length in range(record_ends(whole)[0]):
-        file.write_bytes(whole[:length])
-        told: list[str] = []
-        with opened_by(file, told=told) as (journal, state):
-            assert state is EMPTY
-            for further in STATES:
-                journal.save(further)
-        assert told == [f"the journal {file} is empty; the run starts from the first sample"]
         assert file.read_bytes() == whole
 
 
@@ -143,15 +149,14 @@ def test_torn_at_every_byte_of_the_beginning(whole: bytes, file: Path, no_waitin
 def test_a_flipped_bit_anywhere_never_gives_a_wrong_state(whole: bytes, file: Path, no_waiting_for_disks) -> None:
     ends = record_ends(whole)
     known = {0: EMPTY, **{state.count: state for state in STATES}}
-    for place in range(len(whole)):
+    for place in places(whole, 0, len(whole)):
         data = bytearray(whole)
         data[place] ^= 1 << place % 8
         file.write_bytes(data)
         told: list[str] = []
         if place < ends[0]:
-            with pytest.raises(
-                InputError, match=r"not a journal of this version|beginning of the journal .* is damaged"
-            ):
+            damaged = r"not a journal of this version|beginning of the journal .* is damaged"
+            with pytest.raises(InputError, match=damaged):
                 state_in(file)
             assert file.read_bytes() == data
             continue
@@ -162,29 +167,15 @@ def test_a_flipped_bit_anywhere_never_gives_a_wrong_state(whole: bytes, file: Pa
         assert "incomplete or damaged and are ignored" in told[0]
 
 
-@pytest.mark.parametrize(
-    "contents", [b"precision-pin: 1\nrobot: 4dof.urdf\n", b"<robot/>", b"x", MAGIC.replace(b"1", b"2") + b"x" * 999]
-)
-def test_other_files_are_left_as_they_are(file: Path, contents: bytes) -> None:
-    file.write_bytes(contents)
-    with pytest.raises(InputError, match=r"is not a journal of this version|beginning of the journal"):
-        state_in(file)
-    with (
-        pytest.raises(InputError, match="already exists; resume its run, or remove the file"),
-        opened_by(file, resume=False),
-    ):
-        pass
-    assert file.read_bytes() == contents
-
-
-@pytest.mark.slow
-def test_a_state_comes_back_whole_and_only_as_what_it_was() -> None:
-    state = in_one_go(work(3, 2 * BLOCK))
-    assert_same_bits(unpacked(packed(state), start(PLAN), SAMPLES.check), state)
-    assert {field.name for field in fields(State)} == set(vars(state))  # no field is left out by accident
-    for damaged in (b"", b"x", packed(state)[:-9]):
-        with pytest.raises(InputError, match="cannot be read"):
-            unpacked(damaged, start(PLAN), SAMPLES.check)
+def test_other_files_are_left_as_they_are(file: Path) -> None:
+    for contents in (b"precision-pin: 1\nrobot: 4dof.urdf\n", b"x", MAGIC.replace(b"1", b"2") + b"x" * 999):
+        file.write_bytes(contents)
+        with pytest.raises(InputError, match=r"is not a journal of this version|beginning of the journal"):
+            state_in(file)
+        exists = "already exists; resume its run, or remove the file"
+        with pytest.raises(InputError, match=exists), opened_by(file, resume=False):
+            pass
+        assert file.read_bytes() == contents
 
 
 # size ----------------------------------------------------------------------------------------------------------------
@@ -205,10 +196,9 @@ def test_the_file_stays_small_however_many_records(file: Path, monkeypatch) -> N
     assert sorted(os.listdir(file.parent)) == [file.name]
 
 
-@pytest.mark.parametrize("left", [b"", b"half a fi"])
-def test_what_a_process_killed_while_replacing_left_does_no_harm(file: Path, monkeypatch, left: bytes) -> None:
+def test_what_a_process_killed_while_replacing_left_does_no_harm(file: Path, monkeypatch) -> None:
     monkeypatch.setattr(journal_module, "MOST_RECORDS", 1)
-    (file.parent / "run.journal.part").write_bytes(left)
+    (file.parent / "run.journal.part").write_bytes(b"half a fi")
     with opened_by(file) as (journal, _):
         for state in STATES:
             journal.save(state)
@@ -222,8 +212,8 @@ def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks)
     monkeypatch.setattr(journal_module.time, "monotonic", lambda: now)
     saved = []
     with opened_by(file) as (journal, _):
-        for tick in range(1, 16_000):  # 8000 s: the pauses are the longest from 6000 s on
-            now = tick / 2
+        for tick in range(1, 8_000):  # the pauses are the longest from 6000 s on
+            now = float(tick)
             before = journal.saved
             journal.save_if_due(replace(EMPTY, count=tick))
             if journal.saved != before:
@@ -232,7 +222,7 @@ def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks)
     assert saved[0] == 2.0
     assert gaps.min() == 2.0
     assert gaps.max() == 60.0
-    assert (gaps <= np.clip(np.array(saved[1:]) / 100, 2.0, 60.0) + 0.5).all()
+    assert (gaps <= np.clip(np.array(saved[1:]) / 100, 2.0, 60.0) + 1).all()
 
 
 # disks ---------------------------------------------------------------------------------------------------------------
@@ -252,109 +242,66 @@ def full_after(monkeypatch, room: int):
     monkeypatch.setattr(os, "pwrite", pwrite)
 
 
-@pytest.mark.parametrize("room", [0, 1, 23, 24, 25, 500])
 @pytest.mark.parametrize("replacing", [False, True])
-def test_a_full_disk_loses_nothing(whole: bytes, file: Path, monkeypatch, room: int, replacing: bool) -> None:
+def test_a_full_disk_loses_nothing(whole: bytes, file: Path, monkeypatch, replacing: bool) -> None:
     if replacing:
         monkeypatch.setattr(journal_module, "MOST_RECORDS", 3)
-    with opened_by(file) as (journal, _):
+    for room in (0, 1, 23, 24, 25, 500):
+        file.write_bytes(whole)
+        with opened_by(file) as (journal, _):
+            with monkeypatch.context() as patched:
+                full_after(patched, room)
+                message = r"cannot write the journal .*: No space left on device; it holds the first 300 samples, from"
+                with pytest.raises(OutputError, match=message):
+                    journal.save(small_state(400))
+            assert file.read_bytes() == whole
+            journal.save(small_state(500))  # there is room again
+        assert_same_bits(state_in(file), small_state(500))
+        assert os.listdir(file.parent) == [file.name]
+
+
+def test_a_journal_that_cannot_be_begun_leaves_no_file(file: Path, monkeypatch) -> None:
+    for room in (0, 1, 30):
         full_after(monkeypatch, room)
-        message = r"cannot write the journal .*: No space left on device; it holds the first 300 samples, from which"
-        with pytest.raises(OutputError, match=message):
-            journal.save(small_state(400))
-        assert file.read_bytes() == whole
+        with pytest.raises(OutputError, match=r"No space left on device$"), opened_by(file, resume=False):
+            pass
         monkeypatch.undo()
-        journal.save(small_state(500))  # there is room again
-    assert_same_bits(state_in(file), small_state(500))
-    assert os.listdir(file.parent) == [file.name]
-
-
-@pytest.mark.parametrize("room", [0, 1, 30])
-def test_a_journal_that_cannot_be_begun_leaves_no_file(file: Path, monkeypatch, room: int) -> None:
-    full_after(monkeypatch, room)
-    with pytest.raises(OutputError, match=r"No space left on device$"), opened_by(file, resume=False):
-        pass
-    assert os.listdir(file.parent) == []
+        assert os.listdir(file.parent) == []
 
 
 @pytest.mark.slow
-def test_a_run_on_a_real_full_disk(tmp_path: Path) -> None:
+def test_a_run_that_a_real_limit_of_files_stops_goes_on(file: Path, monkeypatch) -> None:
     """The largest file size of the process allows the beginning and a few states only."""
-    code = (
-        "import resource, sys\n"
-        "import precision_pin as pp\n"
-        "from precision_pin.robot.examples import PAPER_SHEET\n"
-        "from precision_pin.sampling import journal\n"
-        "journal.SHORTEST_PAUSE = journal.LONGEST_PAUSE = journal.COST_OF_WRITING = 0\n"
-        "from precision_pin.kernel import sampler as kernel\n"
-        "kernel.warm_up()\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))\n"
-        "try:\n"
-        "    pp.monte_carlo(pp.ErrorModel.load(PAPER_SHEET), samples=40 * 16384, threads=1, journal=sys.argv[1])\n"
-        "except pp.InputError as error:\n"
-        "    print(error)\n"
-    )
-    file = tmp_path / "run.journal"
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(file)], capture_output=True, text=True, timeout=100, check=True
-    )
-    assert "E_OUTPUT: cannot write the journal" in done.stdout, done.stderr
-    assert "File too large; it holds the first" in done.stdout
+    for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
+        monkeypatch.setattr(journal_module, name, 0)
+    before, alive = resource.getrlimit(resource.RLIMIT_FSIZE), threading.active_count()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, before[1]))
+    try:
+        with pytest.raises(OutputError, match=r"cannot write the journal .*: File too large; it holds the first"):
+            pp.monte_carlo(MODEL, samples=40 * BLOCK, threads=2, journal=file)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert file.stat().st_size <= 300_000
+    assert threading.active_count() == alive
     told: list[str] = []
     resumed = pp.monte_carlo(MODEL, samples=40 * BLOCK, journal=file, resume=True, tell=told.append)
-    assert len(told) == 1
     assert int(told[0].split()[-2].replace(",", "")) > 0
     assert resumed.to_json() == pp.monte_carlo(MODEL, samples=40 * BLOCK).to_json()
 
 
-@pytest.fixture
-def tiny_disk(tmp_path: Path) -> Iterator[Path]:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mount = shutil.which("mount")
-    made = (
-        mount
-        and subprocess.run([mount, "-t", "tmpfs", "-o", "size=256k", "tmpfs", disk], capture_output=True).returncode
-    )
-    if made != 0:
-        pytest.skip("mounting a small disk needs root")
-    yield disk
-    subprocess.run(["umount", disk], check=True)
-
-
-@pytest.mark.slow
-def test_a_run_on_a_tiny_disk(tiny_disk: Path, monkeypatch) -> None:
-    for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
-        monkeypatch.setattr(journal_module, name, 0)
-    file = tiny_disk / "run.journal"
-    with pytest.raises(OutputError, match="No space left on device; it holds the first"):
-        pp.monte_carlo(MODEL, samples=40 * BLOCK, threads=1, journal=file)
-    subprocess.run(["mount", "-o", "remount,size=8m", tiny_disk], check=True)
-    resumed = pp.monte_carlo(MODEL, samples=40 * BLOCK, journal=file, resume=True)
-    assert resumed.to_json() == pp.monte_carlo(MODEL, samples=40 * BLOCK).to_json()
-    subprocess.run(["mount", "-o", "remount,ro", tiny_disk], check=True)
-    for name in ("run.journal", "other.journal"):
-        with pytest.raises(OutputError, match=r"cannot write the journal .*: Read-only file system"):
-            pp.monte_carlo(MODEL, samples=10, journal=tiny_disk / name, resume=True)
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
+def test_places_where_no_journal_can_be(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    for name, message in (
         ("", "cannot write the journal : No such file"),
         ("no/such/folder", "No such file or directory"),
         (".", "Is a directory"),
         ("pipe", "it is not a regular file"),
         ("a\0b", "embedded null"),
         ("x" * 300, "File name too long"),
-    ],
-)
-def test_places_where_no_journal_can_be(tmp_path: Path, monkeypatch, name: str, message: str) -> None:
-    monkeypatch.chdir(tmp_path)
-    os.mkfifo("pipe")
-    with pytest.raises(OutputError, match=message):
-        pp.monte_carlo(MODEL, samples=10, journal=name, resume=True)
+    ):
+        with pytest.raises(OutputError, match=message):
+            pp.monte_carlo(MODEL, samples=10, journal=name, resume=True)
     assert os.listdir() == ["pipe"]
 
 
@@ -381,66 +328,60 @@ def test_a_journal_in_use_is_refused(whole: bytes, file: Path) -> None:
 
 
 def test_every_part_of_the_identity_counts(whole: bytes, file: Path) -> None:
-    for name, value in IDENTITY.items():
-        other = {**IDENTITY, name: value + "x"}
-        expected = f"{name} has changed" if name.startswith("the ") else f"{name} was {value!r}, is '{value}x'"
-        with pytest.raises(InputError, match=f"belongs to another run: {expected}$"), opened_by(file, identity=other):
-            pass
-    for other in ({"seed": "0"}, {**IDENTITY, "the moon": "full"}):
-        with (
-            pytest.raises(InputError, match=r"belongs to another run: the (error model|moon) has changed$"),
-            opened_by(file, identity=other),
-        ):
+    for other, told in (
+        ({**IDENTITY, "seed": "0x"}, "seed was '0', is '0x'"),
+        ({**IDENTITY, "the error model": "x"}, "the error model has changed"),
+        ({"seed": "0"}, "the error model has changed"),
+        ({**IDENTITY, "the moon": "full"}, "the moon has changed"),
+    ):
+        with pytest.raises(InputError, match=f"belongs to another run: {told}$"), opened_by(file, identity=other):
             pass
     assert file.read_bytes() == whole
 
 
-@pytest.fixture
-def names() -> dict[str, str]:
-    return identity(work(), AT.posture, {"URDF": AT.posture.chain.robot.file})
-
-
 @pytest.mark.slow
-def test_the_identity_tells_runs_apart(names: dict[str, str], monkeypatch, tmp_path: Path) -> None:
-    def changed(task=None, posture=AT.posture, file=AT.posture.chain.robot.file) -> set[str]:
+def test_the_identity_tells_runs_apart(monkeypatch, tmp_path: Path) -> None:
+    robot = AT.posture.chain.robot.file
+    names = identity(work(), AT.posture, {"URDF": robot})
+
+    def changed(task=None, posture=AT.posture, file=robot) -> set[str]:
         now = identity(task or work(), posture, {"URDF": file})
         return {line.split(" was ")[0].removesuffix(" has changed") for line in differences(names, now)}
 
-    assert changed() == set()
-    assert changed(work(1)) == {"seed"}
-    assert changed(work(samples=9)) == {"samples"}
-    assert changed(work(model="linear")) == {"model"}
-    assert changed(work(plan=replace(PLAN, specifications=()))) == {"specifications"}
-    assert changed(work(plan=replace(PLAN, centre=PLAN.centre + 1e-9))) == {"the planned centres and scales"}
     layout = work().layout
     draws = layout.space.draws
     softer = replace(layout.space, draws=(replace(draws[0], law=pp.Uniform(2e-3)), *draws[1:]))
-    assert changed(work(layout=replace(layout, space=softer))) == {"the error model"}
     arms = layout.motions.arms.copy()
     arms[0, 0] += 1e-15
-    assert changed(work(layout=replace(layout, motions=layout.motions._replace(arms=arms)))) == {"the error model"}
-    assert changed(posture=MODEL.at("folded").posture if "folded" in MODEL.poses else MODEL.chain.at([0, 0, 1, 0])) == {
-        "pose"
-    }
-    (tmp_path / "other.urdf").write_text(Path(AT.posture.chain.robot.file).read_text("utf-8") + "<!-- -->", "utf-8")
-    assert changed(file=tmp_path / "other.urdf") == {"the URDF"}
-    with monkeypatch.context() as patch:
-        patch.setattr(journal_module, "versions", lambda: dict.fromkeys(("python", "precision-pin", "numba"), "0"))
-        assert {"python", "precision-pin", "numba"} <= changed()
-    with monkeypatch.context() as patch:
-        patch.setattr(journal_module, "BLOCK", 1 << 15)
-        assert changed() == {"block"}
-    with monkeypatch.context() as patch:
-        patch.setattr(journal_module.loops, "__file__", str(tmp_path / "other.urdf"))
-        assert changed() == {"the sampler's code"}
+    other = tmp_path / "other.urdf"
+    other.write_text(Path(robot).read_text("utf-8") + "<!-- -->", "utf-8")
+    for now, expected in (
+        (changed(), set()),
+        (changed(work(1)), {"seed"}),
+        (changed(work(samples=9)), {"samples"}),
+        (changed(work(model="linear")), {"model"}),
+        (changed(work(plan=replace(PLAN, specifications=()))), {"specifications"}),
+        (changed(work(plan=replace(PLAN, centre=PLAN.centre + 1e-9))), {"the planned centres and scales"}),
+        (changed(work(layout=replace(layout, space=softer))), {"the error model"}),
+        (changed(work(layout=replace(layout, motions=layout.motions._replace(arms=arms)))), {"the error model"}),
+        (changed(posture=MODEL.chain.at([0, 0, 1, 0])), {"pose"}),
+        (changed(file=other), {"the URDF"}),
+    ):
+        assert now == expected
     codegen = journal_module.cpu_target.target_context.codegen()
     triple, processor, features = codegen.magic_tuple()
-    for place, (tuple_, name) in enumerate(
-        [((triple, "386", features), "machine"), ((triple, processor, features + ",+x"), "the processor's features")]
+    versions = dict.fromkeys(("python", "precision-pin", "numba"), "0")
+    for where, name, value, expected in (
+        (journal_module, "versions", lambda: versions, set(versions)),
+        (journal_module, "BLOCK", 1 << 15, {"block"}),
+        (journal_module.loops, "__file__", str(other), {"the sampler's code"}),
+        (type(codegen), "magic_tuple", lambda _: (triple, "386", features), {"machine"}),
+        (type(codegen), "magic_tuple", lambda _: (triple, processor, features + ",+x"), {"the processor's features"}),
     ):
         with monkeypatch.context() as patch:
-            patch.setattr(type(codegen), "magic_tuple", lambda _, told=tuple_: told)
-            assert changed() == {name}, place
+            patch.setattr(where, name, value)
+            assert expected <= changed()
+            assert changed() == expected or "versions" in name
 
 
 def test_digests_tell_apart_what_looks_alike() -> None:
@@ -468,14 +409,13 @@ class Stopping:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "first",
+    ("first", "then"),
     [
-        {"threads": 3},
-        {"threads": 1},
-        pytest.param({"executor": Muddled(), "tasks_under_way": 4}, marks=pytest.mark.slow),
+        ({"threads": 3}, {"executor": Muddled(), "tasks_under_way": 3}),
+        ({"threads": 1}, {"threads": 2}),
+        ({"executor": Muddled(), "tasks_under_way": 4}, {"threads": 2}),
     ],
 )
-@pytest.mark.parametrize("then", [{"executor": Muddled(), "tasks_under_way": 3}, {"threads": 2}])
 def test_an_interrupted_run_goes_on_with_any_workers(file: Path, first, then) -> None:
     settings = {"samples": 25 * BLOCK + 77, "seed": 3, "specifications": PLAN.specifications}
     whole = pp.monte_carlo(MODEL, "paper", **settings).to_json()
@@ -538,20 +478,6 @@ def test_an_error_keeps_what_was_done(file: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_journal_that_fails_ends_the_run_and_its_threads(file: Path, monkeypatch) -> None:
-    for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
-        monkeypatch.setattr(journal_module, name, 0)
-    before = threading.active_count()
-    full_after(monkeypatch, 20_000)
-    with pytest.raises(OutputError, match=r"No space left on device$"):
-        pp.monte_carlo(MODEL, "paper", samples=30 * BLOCK, threads=2, journal=file)
-    assert threading.active_count() == before
-    monkeypatch.undo()
-    resumed = pp.monte_carlo(MODEL, "paper", samples=30 * BLOCK, journal=file, resume=True)
-    assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=30 * BLOCK).to_json()
-
-
-@pytest.mark.slow
 def test_a_run_may_end_before_it_began(file: Path) -> None:
     class Never(Muddled):
         def submit(self, function, /, *arguments):
@@ -575,3 +501,105 @@ def test_records_are_forced_to_the_disk_before_they_count(file: Path, monkeypatc
         for state in STATES:
             journal.save(state)
     assert events == ["pwrite", "fsync", "fsync", *["pwrite", "fsync"] * 2, "pwrite", "fsync", "replace", "fsync"]
+
+
+def journal_of(file: Path, *payloads: bytes) -> None:
+    """Write a journal of complete records with any contents."""
+    records = [
+        len(data).to_bytes(8, "little")
+        + hashlib.blake2b(len(data).to_bytes(8, "little") + data, digest_size=16).digest()
+        + data
+        for data in payloads
+    ]
+    file.write_bytes(MAGIC + b"".join(records))
+
+
+def changed(name: str, member: bytes, method: int = zipfile.ZIP_STORED) -> bytes:
+    """Return the last state with one of its arrays replaced by other bytes."""
+    before = zipfile.ZipFile(io.BytesIO(zlib.decompress(packed(STATES[-1]))))
+    after = io.BytesIO()
+    with zipfile.ZipFile(after, "w", method) as archive:
+        for known in before.namelist():
+            archive.writestr(known, member if known == f"{name}.npy" else before.read(known))
+    return zlib.compress(after.getvalue())
+
+
+def array(values: Any) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, values)
+    return buffer.getvalue()
+
+
+def header_of(shape: tuple[int, ...]) -> bytes:
+    """Return the header of an array of any size, without the array."""
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(buffer, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return buffer.getvalue() + bytes(64)
+
+
+STORED = zipfile.ZIP_STORED
+MEMBERS: dict[str, tuple[str, bytes, int]] = {
+    "a header of 80 terabytes": ("sums", header_of((10**13,)), STORED),
+    "a member that inflates to 100 MB": ("sums", bytes(10**8), zipfile.ZIP_DEFLATED),
+    "another shape": ("sums", array(np.zeros(3)), STORED),
+    "another type": ("sums", array(np.zeros(8, dtype=np.int64)), STORED),
+    "text": ("sums", array(np.array(["a"] * 8)), STORED),
+    "sums that are none": ("sums", array(np.full(8, np.nan)), STORED),
+    "fewer than none": ("count", array(np.array(-5)), STORED),
+    "a count of others": ("count", array(np.array(10**15)), STORED),
+    "several counts": ("count", array(np.array([1, 2])), STORED),
+    "a smallest value that is none": ("lowest", array(np.full(8, np.nan)), STORED),
+    "an infinite largest value": ("highest", array(np.full(8, np.inf)), STORED),
+    "a largest value below the smallest": ("highest", array(np.full(8, -1e9)), STORED),
+    "largest norms that are none": ("largest", array(np.full((2, 10), np.nan)), STORED),
+    "largest norms in ascending order": ("largest", array(np.tile(np.arange(10.0), (2, 1))), STORED),
+    "largest norms of no samples": ("largest_units", array(np.full((2, 10), 2**62)), STORED),
+}
+
+
+@pytest.mark.fast(7)
+@pytest.mark.parametrize("name", MEMBERS)
+def test_a_record_made_to_harm_is_refused_at_once(name: str, file: Path) -> None:
+    journal_of(file, json.dumps(IDENTITY).encode(), changed(*MEMBERS[name]))
+    before, begun = file.read_bytes(), time.perf_counter()
+    tracemalloc.start()
+    with pytest.raises(InputError, match="the journal's last record cannot be read: ") as refused:
+        state_in(file)
+    assert tracemalloc.get_traced_memory()[1] < 10 * len(before) + 2_000_000
+    tracemalloc.stop()
+    assert time.perf_counter() - begun < 1
+    assert "\n" not in str(refused.value)
+    assert file.read_bytes() == before
+
+
+@pytest.mark.slow
+def test_a_record_that_inflates_without_end_is_refused_at_once(file: Path) -> None:
+    inflate = zlib.compressobj(9)
+    bomb = b"".join([inflate.compress(bytes(2**20)) for _ in range(64)]) + inflate.flush()
+    small = replace(
+        EMPTY, sketch=np.zeros((8, 2000), dtype=np.int64)
+    )  # so that the bomb is no longer than a state may be
+    tracemalloc.start()
+    with pytest.raises(InputError, match="cannot be read: it is too long"):
+        unpacked(bomb, small, SAMPLES.check)
+    assert tracemalloc.get_traced_memory()[1] < 2_000_000
+    tracemalloc.stop()
+
+
+def test_an_identity_made_to_harm_is_refused(file: Path) -> None:
+    for harm in (b'{"a":' + b"[" * 100_000, b"[1, 2]", b"\xff\xfe", b'{"seed": 1}', b" " * 2_000_000 + b"{}", b"nan"):
+        journal_of(file, harm, packed(STATES[-1]))
+        with pytest.raises(InputError, match=r"the beginning of the journal .* is damaged"):
+            state_in(file)
+
+
+def test_a_record_longer_than_any_state_is_not_read(file: Path) -> None:
+    journal_of(file, json.dumps(IDENTITY).encode(), packed(STATES[-1]))
+    with file.open("ab") as stream:
+        stream.write((10**9).to_bytes(8, "little") + bytes(16))
+        stream.truncate(2 * 10**9)  # a file with a hole: it takes no room
+    told: list[str] = []
+    begun = time.perf_counter()
+    assert_same_bits(state_in(file, told), STATES[-1])
+    assert time.perf_counter() - begun < 1
+    assert "incomplete or damaged" in told[0]

@@ -15,8 +15,8 @@ from precision_pin.robot.loads import Load
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.profiles import Segment
-from support.beam_elements import Piece, cantilever
 from support.checks.common import evaluated, one_link
+from support.oracles import Piece, cantilever
 from support.plain_robot import chain_of, joint, link, robot
 
 L = 1.7

@@ -1,15 +1,21 @@
-"""What a displaced chain is, written from its definition: places make one E each, joints take scalar errors."""
+"""What answers are compared with: displaced chains, arms at rest, cantilevers, exact rods, a UR5 in closed form."""
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio
 from scipy.spatial.transform import Rotation
 
 from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator
+from precision_pin.model.equilibrium import settle
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.places import Place
 from precision_pin.terms.term import JointValue, Term
@@ -99,3 +105,216 @@ def virtual_joint_pose(chain: Chain, q, joint_errors, ends, seats) -> np.ndarray
     data = model.createData()
     pinocchio.forwardKinematics(model, data, np.array(values))
     return data.oMi[parent].homogeneous
+
+
+def settled_errors(model: ErrorModel, q, x) -> np.ndarray:
+    """Return the errors ``(6, N)`` of robots with component values ``(d, N)``, each at rest under its own loads."""
+    nominal = ErrorModel(model.chain, model.space, model.sources, statics="nominal")
+    posture = nominal.at(q).posture
+    errors = []
+    for column in np.asarray(x, dtype=float).T:
+        rest = settle(posture, model.space, model._make_terms, values=column)
+        errors.append(PoseModel(posture, model.space, rest.table, rest.terms).exact(column[:, None])[:, 0])
+    return np.array(errors).T
+
+
+SHOULDER, UPPER, FORE, WRIST_1, WRIST_2, WRIST_3 = 0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823
+"""Lengths of a UR5 in the maker's Denavit-Hartenberg table, m."""
+
+
+def dh(angle: float, offset: float, length: float, twist: float) -> np.ndarray:
+    c, s, ct, st = math.cos(angle), math.sin(angle), math.cos(twist), math.sin(twist)
+    return np.array(
+        [[c, -s * ct, s * st, length * c], [s, c * ct, -c * st, length * s], [0, st, ct, offset], [0, 0, 0, 1]]
+    )
+
+
+def ur5_pose(q) -> np.ndarray:
+    """Return the flange of a UR5; the URDF's base is the maker's turned by half a turn."""
+    quarter = math.pi / 2
+    rows = ((SHOULDER, 0, quarter), (0, -UPPER, 0), (0, -FORE, 0), (WRIST_1, 0, quarter), (WRIST_2, 0, -quarter))
+    pose = np.diag([-1.0, -1, 1, 1])
+    for angle, row in zip(q, (*rows, (WRIST_3, 0, 0)), strict=True):
+        pose = pose @ dh(angle, *row)
+    return pose
+
+
+def ur5_branches(pose) -> list[np.ndarray]:
+    """Return the up to eight postures of a UR5 at a flange pose: shoulder left or right, wrist turned or not, elbow up, down."""
+    turned = np.diag([-1.0, -1, 1, 1]) @ pose
+    (nx, ox, _, px), (ny, oy, _, py) = turned[:2]
+    found = []
+    wx, wy, _ = turned[:3, 3] - WRIST_3 * turned[:3, 2]
+    if math.hypot(wx, wy) < WRIST_1:
+        return []
+    for shoulder in (1, -1):
+        q1 = math.atan2(wy, wx) + shoulder * math.acos(WRIST_1 / math.hypot(wx, wy)) + math.pi / 2
+        s, c = math.sin(q1), math.cos(q1)
+        cosine = (px * s - py * c - WRIST_1) / WRIST_3
+        for wrist in (1, -1) if abs(cosine) <= 1 else ():
+            q5 = wrist * math.acos(cosine)
+            sine = math.sin(q5)
+            q6 = math.atan2((oy * c - ox * s) / sine, (nx * s - ny * c) / sine)
+            beyond = dh(q5, WRIST_2, 0, -math.pi / 2) @ dh(q6, WRIST_3, 0, 0)
+            plane = np.linalg.inv(dh(q1, SHOULDER, 0, math.pi / 2)) @ turned @ np.linalg.inv(beyond)
+            x, y, _ = plane[:3, 3] - WRIST_1 * plane[:3, 1]
+            bend = (x * x + y * y - UPPER**2 - FORE**2) / (2 * UPPER * FORE)
+            for elbow in (1, -1) if abs(bend) <= 1 else ():
+                q3 = elbow * math.acos(bend)
+                q2 = math.atan2(-y, -x) - math.atan2(FORE * math.sin(q3), UPPER + FORE * math.cos(q3))
+                rest = np.linalg.inv(dh(q2, 0, -UPPER, 0) @ dh(q3, 0, -FORE, 0)) @ plane
+                found.append(np.array([q1, q2, q3, math.atan2(rest[1, 0], rest[0, 0]), q5, q6]))
+    return found
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A prismatic piece from the clamp on: its end, GI, EI_y, EI_z, EA and weight per length (beam axes)."""
+
+    end: float
+    rigidities: tuple[float, float, float, float]
+    weight: np.ndarray
+
+
+def cantilever(pieces: Sequence[Piece], points: Sequence[tuple[float, np.ndarray, np.ndarray]], elements: int = 100):
+    """Return the end's displacement ``[d; δ]``; ``points`` are (reach, force, moment), beam axes, SI.
+
+    Nodes stand at the ends of the pieces and where points are loaded; there cubic elements are exact.
+    """
+    length = pieces[-1].end
+    fixed = {0.0, *(piece.end for piece in pieces), *(reach for reach, _, _ in points)}
+    even = [k * length / elements for k in range(elements)]
+    nodes = sorted(fixed | {x for x in even if min(abs(x - other) for other in fixed) > 0.3 * length / elements})
+    stiffness, force = np.zeros((6 * len(nodes),) * 2), np.zeros(6 * len(nodes))
+    for k, (start, end) in enumerate(itertools.pairwise(nodes)):
+        piece = next(piece for piece in pieces if end <= piece.end)
+        rows = slice(6 * k, 6 * k + 12)
+        stiffness[rows, rows] += _element(end - start, *piece.rigidities)
+        force[rows] += _consistent(piece.weight, end - start)
+    for reach, push, turn in points:
+        node = nodes.index(reach)
+        force[6 * node : 6 * node + 3] += push
+        force[6 * node + 3 : 6 * node + 6] += turn
+    return np.linalg.solve(stiffness[6:, 6:], force[6:])[-6:]
+
+
+def _element(h: float, gi: float, ei_y: float, ei_z: float, ea: float) -> np.ndarray:
+    k = np.zeros((12, 12))
+    for i, value in ((0, ea / h), (3, gi / h)):
+        k[i, i] = k[i + 6, i + 6] = value
+        k[i, i + 6] = k[i + 6, i] = -value
+    for w, t, rigidity, s in ((1, 5, ei_z, h), (2, 4, ei_y, -h)):
+        bend = [[12, 6 * s, -12, 6 * s], [6 * s, 4 * h**2, -6 * s, 2 * h**2]]
+        bend += [[-12, -6 * s, 12, -6 * s], [6 * s, 2 * h**2, -6 * s, 4 * h**2]]
+        rows = [w, t, w + 6, t + 6]
+        k[np.ix_(rows, rows)] += rigidity / h**3 * np.array(bend)
+    return k
+
+
+def _consistent(weight: np.ndarray, h: float) -> np.ndarray:
+    f = np.zeros(12)
+    f[:3] = f[6:9] = weight * h / 2
+    f[[5, 11]] = weight[1] * h**2 / 12 * np.array([1, -1])
+    f[[4, 10]] = weight[2] * h**2 / 12 * np.array([-1, 1])
+    return f
+
+
+def torsion_constant(width: float, height: float, wall: float, cells: int) -> float:
+    """Return J of a rectangular tube by bilinear elements for Prandtl's function, which is constant over the hole.
+
+    ``cells`` square-ish cells through the wall; the walls must be whole parts of the sides. J = 2 ∫ φ dA.
+    """
+    nx, ny = round(width / wall * cells), round(height / wall * cells)
+    dx, dy = width / nx, height / ny
+    x, y = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), indexing="ij")
+    in_wall = (np.minimum(x, nx - x) < cells) | (np.minimum(y, ny - y) < cells)
+    outside = (np.minimum(x, nx - x) == 0) | (np.minimum(y, ny - y) == 0)
+    inner = in_wall & ~outside
+    number = np.where(outside, -1, 0)
+    number[inner] = np.arange(inner.sum())
+    number[~in_wall] = inner.sum()
+    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], -1).reshape(-1, 4)
+    along_x = np.array([[2, -2, -1, 1], [-2, 2, 1, -1], [-1, 1, 2, -2], [1, -1, -2, 2]]) * dy / dx / 6
+    along_y = np.array([[2, 1, -1, -2], [1, 2, -2, -1], [-1, -2, 2, 1], [-2, -1, 1, 2]]) * dx / dy / 6
+    matrix = np.zeros((inner.sum() + 1,) * 2)
+    right = np.zeros(inner.sum() + 1)
+    for corner in corners:
+        free = corner >= 0
+        np.add.at(matrix, np.ix_(corner[free], corner[free]), (along_x + along_y)[np.ix_(free, free)])
+        np.add.at(right, corner[free], 2 * dx * dy / 4)
+    return float(right @ np.linalg.solve(matrix, right))
+
+
+POSE = np.radians([-90.0, 3.0, 88.0, -91.0])
+LENGTHS = (1.97, 1.77)
+ROD_MASSES = (1.4, 1.4)
+RIGIDITIES = np.array([[4000.0, 8000.0, 8000.0], [1000.0, 8000.0, 8000.0]])
+COMPLIANCE = 1e-5
+
+
+def rods_error(stiffness: float = 1.0, payload: float = 1.0, pieces: int = 20) -> np.ndarray:
+    """Return the tool's error ``[d; δ]`` in base axes, all stiffness scaled by a factor, extrapolated in the pieces.
+
+    The paper's arm under gravity. Links 2 and 3 are Kirchhoff rods (inextensible, no shear): curvature in the rod's own
+    axes is the moment there divided by (GI, EI, EI). Link 4 is rigid, joints are torsion springs. A rod is a row of n
+    straight pieces that turn by ``curvature × length`` from one middle to the next, an error of second order in 1/n, which
+    two n take away.
+    """
+    position, turn = _at_rest(stiffness, payload, 1, (0.0, 0.0, 0.0))
+    errors = []
+    for count in (pieces, 2 * pieces):
+        moved, turned = _at_rest(stiffness, payload, count, (0.0, 0.0, -9.81))
+        errors.append(np.concatenate([moved - position, Rotation.from_matrix(turned @ turn.T).as_rotvec()]))
+    return (4 * errors[1] - errors[0]) / 3
+
+
+def _turn(vector) -> np.ndarray:
+    return Rotation.from_rotvec(vector).as_matrix()
+
+
+def _at_rest(stiffness: float, payload: float, count: int, gravity) -> tuple[np.ndarray, np.ndarray]:
+    """Return the tool's position and axes: shape, then moments, then curvatures, in turn until nothing moves."""
+    curvatures = np.zeros((2, count, 3))
+    joints = np.zeros(4)
+    last = np.full(3, np.inf)
+    for _ in range(200):
+        pivots, axes, middles, frames = [], [], [], []
+        turn, here = _turn([0, 0, POSE[0] + joints[0]]), np.zeros(3)
+        pivots.append(here)
+        axes.append(turn[:, 2])
+        here = here + turn @ [0, 0, 0.085]
+        turn = turn @ _turn([-np.pi / 2, 0, 0]) @ _turn([0, 0, POSE[1] + joints[1]])
+        pivots.append(here)
+        axes.append(turn[:, 2])
+        for rod in (0, 1):
+            step = LENGTHS[rod] / count
+            half, whole = _turn(curvatures[rod] * step / 2), _turn(curvatures[rod] * step)
+            for k in range(count):
+                frame = turn @ half[k]
+                middles.append(here + frame[:, 0] * step / 2)
+                frames.append(frame)
+                here = here + frame[:, 0] * step
+                turn = turn @ whole[k]
+            turn = turn @ _turn([0, 0, POSE[2 + rod] + joints[2 + rod]])
+            pivots.append(here)
+            axes.append(turn[:, 2])
+        tool = here + turn @ [0, 0, -0.274]
+        if np.abs(tool - last).max() < 1e-15:
+            break
+        last = tool
+        # from the tool backwards: mass and first moment of what lies beyond
+        mass, first = 3.3 + payload, 3.3 * (here + turn @ [0, 0, -0.137]) + payload * tool
+        torques = np.zeros(4)
+        torques[3] = axes[3] @ np.cross(first - mass * pivots[3], gravity)
+        for rod in (1, 0):
+            step, piece = LENGTHS[rod] / count, ROD_MASSES[rod] / count
+            for k in reversed(range(count)):
+                middle, frame = middles[rod * count + k], frames[rod * count + k]
+                beyond, its_first = mass + piece / 2, first + piece / 2 * (middle + frame[:, 0] * step / 4)
+                moment = np.cross(its_first - beyond * middle, gravity)
+                curvatures[rod, k] = frame.T @ moment / (RIGIDITIES[rod] * stiffness)
+                mass, first = mass + piece, first + piece * middle
+            torques[rod + 1] = axes[rod + 1] @ np.cross(first - mass * pivots[rod + 1], gravity)
+        torques[0] = axes[0] @ np.cross(first - mass * pivots[0], gravity)
+        joints = COMPLIANCE / stiffness * torques
+    return tool, turn

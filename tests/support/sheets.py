@@ -1,4 +1,4 @@
-"""Error models with many sources, for the tests of the engines."""
+"""Error models with many sources, for the tests of the engines, and arms of sliding joints, whose error is known exactly."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from precision_pin.sources.length import Length
 from precision_pin.sources.mcpc import Mcpc
 from precision_pin.sources.payload import Payload
 from precision_pin.terms.source import Source
-from support.plain_robot import chain_of, random_arm
+from support.plain_robot import chain_of, joint, link, random_arm, robot
 
 SEVEN_Q = (0.3, -0.7, 1.1, 0.2, -1.3, 0.8, 0.5)
 PAPER_Q = tuple(np.radians([-90, 3, 88, -91]))
@@ -85,3 +85,14 @@ def spread_out(model: ErrorModel, seed: int = 5, deviations: float = 1.5) -> np.
 def named(model: ErrorModel) -> Space:
     """Return the draws that have names of their own, which no source brings itself."""
     return Space(tuple(draw for draw in model.space.draws if "[" not in draw.name))
+
+
+def slides(axes, offsets, space: Space | None = None) -> ErrorModel:
+    """Return an arm of sliding joints: its error is the sum of its joints' errors along their axes, exactly."""
+    names = ["base", *(f"link{k}" for k in range(1, len(axes))), "tool"]
+    parts = [link(name) for name in names]
+    for k, axis in enumerate(axes):
+        parts.append(joint(f"joint{k + 1}", "prismatic", names[k], names[k + 1], axis=axis))
+    chain = chain_of(robot(*parts), tip="tool")
+    sources = [JointOffset(joint=f"joint{k + 1}", offset=offset) for k, offset in enumerate(offsets)]
+    return ErrorModel(chain, space or Space(), sources, {"rest": np.zeros(len(axes))})

@@ -12,15 +12,7 @@ from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.robot.loads import Load
 from support.checks.common import Q7, evaluated, in_base, one_link, same
-from support.plain_robot import (
-    PlainRobot,
-    chain_of,
-    joint,
-    link,
-    random_arm,
-    robot,
-    unit,
-)
+from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm, robot, unit
 
 LENGTH, EI, GI, EA = 2.0, 8000.0, 1000.0, 1e6
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.terms.source import Source
 from support.oracles import displacements
-from support.plain_robot import chain_of, joint, link, robot
+from support.plain_robot import PlainRobot, chain_of, inserted, joint, link, pose_error, random_arm, robot
 
 MM = 1e-3
 Q7 = (0.3, -0.7, 1.1, 0.4, -1.3, 0.8, 0.5)
@@ -50,6 +51,42 @@ def one_link(kind="revolute", axis=(0, 0, 1), length=1.0, gravity=(0.0, 0.0, -9.
         ),
         gravity=gravity,
     )
+
+
+@dataclass(frozen=True)
+class RandomArm:
+    """An arm with slanted axes at `Q7`, read twice: as a chain, and plainly."""
+
+    chain: Chain
+    reading: PlainRobot
+    q: dict[str, float]
+
+    @property
+    def tool(self) -> np.ndarray:
+        return self.reading.poses(self.q)["tool"]
+
+    def moved(self, kind: str, place: str, six) -> np.ndarray:
+        """Return the error of the tool where E is inserted at a joint's origin or at a link."""
+        displaced = {(kind, place): inserted(six)}
+        return pose_error(self.reading.poses(self.q, displaced=displaced)["tool"], self.tool)
+
+
+def slanted_arm(seed: int, prismatic: tuple[int, ...] = (), **settings) -> RandomArm:
+    text = random_arm(seed, prismatic=prismatic)
+    chain = chain_of(text, tip="tool", **settings)
+    return RandomArm(chain, PlainRobot.parse(text), dict(zip(chain.joint_names, Q7, strict=True)))
+
+
+SIX = (0.03, -0.05, 0.02, 0.3, -0.4, 0.25)
+"""A large displacement, m and rad."""
+NAMES = ("x", "y", "z", "rx", "ry", "rz")
+PLACES = (
+    ({"joint": "joint4"}, "joint", "joint4"),
+    ({"link": "half2"}, "joint", "joint3"),
+    ({"frame": "half2"}, "link", "half2"),
+    ({"frame": "tool"}, "link", "tool"),
+)
+"""Where a source may displace: joint, link or frame; and where that is: the joint's origin or the link's."""
 
 
 def leaning_hand() -> tuple[Chain, float]:
