@@ -23,7 +23,7 @@ from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, q
 from precision_pin.statistics.verdicts import Grounds, SpecificationResult
 
 NO_SPREAD: Final = 1e-12
-"""Differences between errors below this value (m, rad) count as rounding on an arm of metres."""
+"""Differences below this value (m, rad) count as rounding, for an arm of metres."""
 
 
 @final
@@ -63,10 +63,9 @@ class Summary(Record):
         attitude: |δ|, δx, δy, δz in rad.
         mean: ``(6,)`` mean error [d; δ].
         covariance: ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
-        varying: True for each of the eight quantities that differs from robot to robot, in the order of `QUANTITIES`.
-        specifications: One result for each specification of the plan, in its order.
-        largest_position, largest_attitude: The ten samples with the largest |d| and |δ|, in descending order; all
-            samples if there are fewer.
+        varying: Which of the eight `QUANTITIES` differ from robot to robot.
+        specifications: One result for each specification of the plan.
+        largest_position, largest_attitude: The ten (or fewer) samples with the largest |d| and |δ|, descending.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -86,7 +85,7 @@ class Summary(Record):
     largest_attitude: tuple[Extreme, ...]
 
     def with_grounds(self, grounds: Grounds) -> Summary:
-        """Return the statistics with what the verdicts on the specifications rest on besides."""
+        """Return the statistics with these grounds in the verdicts on the specifications."""
         return replace(self, specifications=tuple(replace(one, grounds=grounds) for one in self.specifications))
 
     @cached_property
@@ -94,10 +93,10 @@ class Summary(Record):
     def covariance_interval(self) -> Array | None:
         """Ends of the intervals of the covariances, ``(6, 6, 2)``, NaN where not resolved; None for one sample.
 
-        The accumulated statistics only bound the variance of (x - E x)(y - E y): it is at most the root of the product of
-        the fourth moments minus the square of the covariance (Cauchy-Schwarz). The intervals therefore cover more often
-        than stated, the more so the less x and y are correlated. Where one is a multiple of the other, they equal those
-        of the variances.
+        The accumulated statistics only bound the variance of (x - E x)(y - E y), by Cauchy-Schwarz: at most the root of
+        the product of the fourth moments minus the square of the covariance. The intervals therefore cover more often
+        than stated, the more so the less x and y are correlated; for proportional x and y they equal those of the
+        variances.
         """
         if self.covariance is None:
             return None
@@ -121,10 +120,8 @@ class Summary(Record):
 def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray[np.bool_]:
     """Return a mask ``(8,)`` of the quantities that vary, in the samples or to first order.
 
-    Args:
-        state: The accumulated samples.
-        spread: ``(6,)`` standard deviations of the components to first order. They include rare values that no sample
-            has.
+    ``spread`` ``(6,)`` are first-order standard deviations of the components; they include rare values that no sample
+    has.
     """
     seen: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
     if spread is not None:
