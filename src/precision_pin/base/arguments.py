@@ -116,7 +116,6 @@ def check_number(
     """Return a finite number; booleans and text are refused.
 
     Args:
-        allowed: Text after "must be" in the message.
         within: Further condition on a finite number.
     """
     number = _number(value)

@@ -100,7 +100,6 @@ class Measured:
     """Columns of a file.
 
     Attributes:
-        file: Name of the file, for messages.
         units: Units of the columns, as written; empty for a plain number.
         rows: ``(R, C)`` numbers as written, not in SI.
         texts: Text columns by name; ignored ones by their name in the file.
@@ -160,7 +159,6 @@ def read(
     """Read a file.
 
     Args:
-        path: The file.
         texts: Names of text columns, if the file has them; all others hold numbers.
         columns: Names and units where the header does not give them.
         ignored: Names, in lower case, of columns to skip.

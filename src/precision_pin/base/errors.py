@@ -187,8 +187,6 @@ class UnknownNameError(InputError):
 
     Args:
         kind: What was looked for: ``"joint"``, ``"link"``, ….
-        name: The name that was given.
-        valid: The names that exist.
     """
 
     code = "E_NAME"

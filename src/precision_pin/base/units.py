@@ -22,7 +22,6 @@ class Quantity:
     """A physical quantity.
 
     Attributes:
-        name: Name used in messages.
         si: The SI unit, ``""`` for a pure number.
         units: Accepted unit → factor to SI.
         written: The unit a user wrote a number in, or empty; ignored in comparisons.

@@ -171,7 +171,6 @@ class BlockCovariance(Fixed):
     """Covariance of d numbers, most of them mutually independent.
 
     Attributes:
-        variances: ``(d,)``.
         blocks: Columns ``(m,)`` of dependent numbers, and their covariance ``(m, m)``; no column is in two.
     """
 

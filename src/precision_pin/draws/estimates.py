@@ -38,9 +38,6 @@ class Estimates:
     """Mean and covariance of numbers of a space after a calibration, SI.
 
     Attributes:
-        names: The numbers.
-        mean: ``(U,)``.
-        covariance: ``(U, U)``.
         stated: Mean and standard deviation of each in the sheet that was calibrated; empty if unknown.
     """
 

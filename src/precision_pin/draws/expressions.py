@@ -192,7 +192,6 @@ class Program:
 
     Attributes:
         components: d, the number of components.
-        constants: Values of the constants.
         operations: ``(operator, left register, right register)``; both are the same for an operator of one argument.
         outputs: The register of each parameter.
     """

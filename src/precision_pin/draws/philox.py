@@ -66,7 +66,6 @@ def uniforms(seed: int, stream: int | Sequence[int], occasion: int, first_pair: 
     """Return the uniform numbers of units ``2·first_pair … 2·(first_pair + pairs) - 1``.
 
     Args:
-        seed: 64-bit key.
         stream: 32-bit word of each component of a draw; one or S of them.
         occasion: 32-bit word: 0 for unit scope, see :func:`precision_pin.draws.draw.occasion`.
         first_pair, pairs: The pairs of units (even, odd).

@@ -300,7 +300,6 @@ class LabelledSpace:
     """The space of one source: turns its settings into numbers and expressions.
 
     Attributes:
-        space: All draws of the model.
         label: The source's label, ``kind[joint or link]``, the prefix of its own draws' names.
     """
 

@@ -197,7 +197,6 @@ class SamplerArrays:
     """Error model at one pose as arrays, which the same compiled loops read for every robot.
 
     Attributes:
-        space: The draws of the model.
         targets: Number of targets that displace the chain, K.
         rows: Rows of a workspace.
         draws, formulas, superposition, motions: Arrays for the compiled loops, see :mod:`precision_pin.kernel.loops`.

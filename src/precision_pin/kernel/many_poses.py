@@ -38,7 +38,6 @@ class JoinedTables:
     """Arrays of one error model at P poses, with the common draws and formulas separated.
 
     Attributes:
-        layouts: Arrays of the model at each pose.
         unit_draws, unit_formulas: Draws and formulas evaluated once for all poses.
         draws, formulas: Draws and formulas evaluated at each pose.
         scopes: Scope of each stream of ``draws``.
@@ -221,7 +220,6 @@ class NormBlocks:
     """Sums and small sketches of consecutive blocks at P poses, for a map.
 
     Attributes:
-        count: Number of samples at each pose.
         lowest, highest: ``(P, 2)`` smallest and largest |d| and |δ|.
         sums: ``(P, blocks, 31)`` with the same bits as in :class:`precision_pin.kernel.sampler.Blocks`.
         sketch: ``(P, 2, 514)`` counts of |d| and |δ| between `norm_edges`.

@@ -62,7 +62,6 @@ class Blocks:
     """Sums, extremes, bins and counts of consecutive blocks.
 
     Attributes:
-        count: Number of samples.
         lowest, highest: ``(8,)`` smallest and largest value of each quantity.
         sums: ``(blocks, 31)`` sums of each block: of (value - centre) of the eight quantities, of the products of two
             components' (value - centre) (upper triangle of 6 × 6, by rows), and of the squared (value - centre) of the
@@ -172,10 +171,7 @@ def errors(
     The bits do not depend on the range and are those that `observe_blocks` uses.
 
     Args:
-        layout: The error model at a pose.
         model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
-        seed: 64-bit seed.
-        first, count: First unit and number of units.
         pose, visit: Numbers of pose and visit for the draws of these scopes, from 0.
 
     Raises:

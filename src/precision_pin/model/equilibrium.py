@@ -81,9 +81,6 @@ class Settled:
     """The arm at rest under its loads, for one value of every parameter.
 
     Attributes:
-        posture: The posture with its loads on the deflected arm.
-        terms: The terms at that posture.
-        table: The table of the terms.
         displacements: v*, of the slots of the table's targets, ``(2K, 6)``.
         feedback: G about v*.
     """
@@ -111,7 +108,6 @@ def settle(
 
     Args:
         posture: The undisplaced chain, with all loads.
-        space: All draws.
         make_terms: Returns the terms of all sources at a posture.
         within: Change of the displacements (m, rad) per round at which the arm counts as at rest.
         values: Values of the components, ``(d,)``; by default their means.

@@ -38,7 +38,6 @@ class Part:
 
     Attributes:
         name: Name of its node below ``arm``.
-        link: Chain link that it is on.
         frame: Its pose in the chain link's axes, ``(4, 4)``.
         rank: Position of its URDF link among those of the chain link from base to tip; ``None`` for the tip and what
             hangs on it.
@@ -77,7 +76,6 @@ class PoseModel:
     Attributes:
         posture: The undisplaced chain, with all loads.
         space: Draws in column order.
-        table: The terms.
     """
 
     posture: Posture

@@ -109,7 +109,6 @@ def exact_findings(model: ErrorModel, values: Array, approaches: NDArray[np.int8
     """Return a warning of the fraction of first-order variance lost because changes fixed laws to single values.
 
     Args:
-        model: A model of a sheet with changes.
         values, approaches: Poses ``(n, P)``, and how their joints moved last.
     """
     lost = _lost(model)

@@ -41,7 +41,6 @@ class Table:
     """A table of plain text, rendered by :func:`rendered`.
 
     Attributes:
-        heading: A line above the table, none if empty.
         words: Number of left-aligned text columns from the left; numbers after them align right.
     """
 

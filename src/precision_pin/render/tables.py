@@ -121,7 +121,6 @@ def resting_on(
 
     Args:
         assumed: Labels of the sources marked as assumptions.
-        sources: Number of all sources.
         origins: Fraction of the variance of position and attitude by provenance.
         where: Pose of these fractions, if it is not that of the result.
         is_brief: Whether to return one line on the assumptions only.

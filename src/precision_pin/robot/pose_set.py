@@ -41,7 +41,6 @@ class PoseSet:
     Attributes:
         q: Joint values in chain order, rad and m, ``(n, P)``; NaN if unknown.
         names: A name or an empty text for each pose.
-        status: A status for each pose.
         branch: Number of the inverse kinematics solution, ``(P,)``; -1 where joint values were given.
         position: Tip in the base, or if unknown its wanted position, m, ``(3, P)``.
         times: Time of each point of a path, s, ``(P,)``; ``None`` without times.

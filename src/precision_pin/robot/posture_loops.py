@@ -235,7 +235,6 @@ def run(
     """Compute all poses, tile by tile. Results are flat: rows of P numbers, one for each pose.
 
     Args:
-        f, w: Scratch, see `allocate_scratch`.
         q: ``(n, P)`` joint values; angles not above `FARTHEST_TURN`.
         slides, slanted: ``(n,)`` masks of the prismatic joints, and of those with another axis than z.
         aligned: ``(n + 1, 3, 3)`` from axes whose z is the joint's to those of the URDF; the identity for the tip.

@@ -70,11 +70,8 @@ class Work(Sent):
     """All inputs of a block's statistics except the block number. Can be pickled.
 
     Attributes:
-        layout: The error model at the pose.
-        plan: Centres, bins and specifications.
         model: ``"exact"`` or ``"linear"``.
         samples: Samples of the whole run, at which its last block ends.
-        keep_errors: Return the errors as well.
         packages: Versions in the process that started the run; other versions in a worker are an error.
     """
 

@@ -208,8 +208,6 @@ class ErrorAtPoses:
     Attributes:
         quantity: ``"position.norm"`` or ``"attitude.norm"``.
         title, caption: Lines above and below the figure.
-        labels: Names of the poses.
-        largest: Largest sampled value.
         quantiles: Intervals ``(2, P)`` and quantiles ``(P,)`` by level.
         specifications: For each specification of this quantity or its components, the overall verdict and the results.
     """

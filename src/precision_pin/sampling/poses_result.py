@@ -50,7 +50,6 @@ class PosesSpecification(Record):
     """Result of a specification over several poses.
 
     Attributes:
-        results: At each pose.
         labels: Of the poses, no two alike.
         largest: Mean of the quantity's norm at each pose, which orders poses with the same fraction inside.
         everywhere: Fraction of robots that keep it at all poses; ``None`` if not requested.

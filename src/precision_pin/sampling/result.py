@@ -44,7 +44,6 @@ class Correlated(Record):
     """Group of correlated parameters.
 
     Attributes:
-        parameters: Names of the parameters.
         scores: Correlation matrix of their normal scores, as given, row by row.
         pearson: Correlation matrix of the parameters themselves, from `scores` and the laws.
     """

@@ -41,9 +41,6 @@ class GridEntry:
     """A value of a file.
 
     Attributes:
-        text: The file's contents.
-        file: Its name.
-        path: Keys and positions from the top of the file.
         data: The value there: text, a list, or keys with values.
     """
 

@@ -50,16 +50,11 @@ class Sheet:
     """A sheet read without error.
 
     Attributes:
-        file: The sheet.
-        chain: The arm.
         space: The named draws.
-        sources: Error sources.
         poses: Named configurations, the first one the default.
         approaches: Direction in which each joint moved last, for poses that state it.
         statics: ``"nominal"``: loads at the undeflected pose; ``"equilibrium"``: on the arm at rest under them.
-        findings: Warnings about sheet and URDF.
         assumed: Positions of the sources marked as assumptions.
-        contents: What it was read from.
         estimates: Of a calibration, in place of tolerances.
         measurements: Instruments and set-ups of a calibration.
         origins: Where numbers come from, by source label, ``label.setting`` or ``parameters.name``.
@@ -109,7 +104,6 @@ class Contents:
     """The contents of a sheet, from which it can be read again.
 
     Attributes:
-        text: Keys and values.
         file: Name of the sheet in messages.
         folder: Folder that file names are relative to.
         kinds, overrides: As for :func:`read`.
@@ -152,7 +146,6 @@ def read(
     """Read a sheet and the robot it names.
 
     Args:
-        path: The YAML sheet.
         kinds: Source classes beyond those of the package.
         overrides: Robot, tip, base and target in place of the sheet's.
         changes: Values in place of the sheet's, which must be correct without them.
@@ -167,7 +160,6 @@ def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds:
     """Return the sheet given as a dictionary: keys and values of the YAML sheet, numbers as such or as text.
 
     Args:
-        data: Keys and values.
         folder: Folder that the names of the robot and of tables are relative to.
         kinds: Source classes beyond those of the package.
     """

@@ -44,7 +44,6 @@ class Text:
     """A sheet's contents.
 
     Attributes:
-        data: Dictionaries, lists and strings.
         lines: Line of every key and item by its path.
         findings: Findings about the text itself, such as duplicate keys.
         changes: Names of later changes in messages, by path.

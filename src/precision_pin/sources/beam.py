@@ -255,7 +255,6 @@ class _BeamLoad:
     Attributes:
         start, stop: Ends of the loaded stretch, m along the beam; equal for a point.
         wrench: ``[F; M]``, beam axes, ``(6[, P])``: at the point; for a spread load its whole weight.
-        factors: Parameters that multiply it.
     """
 
     start: float

@@ -100,7 +100,6 @@ def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
     """Return the state after a further block of errors.
 
     Args:
-        plan: The plan that the state was started with.
         state: The state so far; it is not changed.
         errors: ``(6, N)`` errors [d; δ], m and rad, base axes; N may be 0.
 

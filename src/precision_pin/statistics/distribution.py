@@ -75,7 +75,6 @@ class Distribution(Record):
 
     Attributes:
         quantity: Name of the quantity, such as ``position.norm``.
-        confidence: Confidence of every interval.
         std: Sample standard deviation, divisor N − 1; None for a single sample.
         min, max: Smallest and largest *sampled* value; not bounds.
         bin_lower, bin_upper: ``(k,)`` edges of the occupied bins of the sketch, clipped to `min` and `max`.

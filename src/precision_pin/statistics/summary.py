@@ -57,8 +57,6 @@ class Summary(Record):
     """Statistics of the sampled pose error, base axes.
 
     Attributes:
-        samples: Number of samples.
-        confidence: Confidence of every interval.
         position: |d|, dx, dy, dz in m.
         attitude: |δ|, δx, δy, δz in rad.
         mean: ``(6,)`` mean error [d; δ].
@@ -135,8 +133,6 @@ def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayL
     """Return the summary of the accumulated samples.
 
     Args:
-        plan: The plan that the state was started with.
-        state: State of at least one sample.
         confidence: Confidence of every interval, between 0 and 1.
         spread: As for :func:`varying_quantities`.
 

@@ -93,7 +93,6 @@ class SpecificationResult(Record):
         quantity, limit, required: The specification.
         probability: Fraction of samples with |quantity| ≤ limit, counted exactly.
         interval: Clopper-Pearson interval of the probability.
-        varies: True if the quantity differs from robot to robot.
     """
 
     KEYS: ClassVar[Keys] = (

@@ -79,7 +79,6 @@ def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[Boun
     Args:
         bare: A posture of P configurations, without the loads of sources.
         each: The P postures of one configuration.
-        sources: The sources.
     """
     chain = bare.chain
     alone = [not source.source.accepts_many(chain) for source in sources]

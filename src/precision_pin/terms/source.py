@@ -37,7 +37,6 @@ class SettingField:
     """A setting of a kind of source, or of a part of a setting.
 
     Attributes:
-        hint: The declared type, with its annotations.
         default: The default; :data:`dataclasses.MISSING` if the setting is required.
     """
 

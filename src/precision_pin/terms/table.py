@@ -133,7 +133,6 @@ class TableLayout(Fixed):
     The tables share its arrays, by which the sampler recognises the layout.
 
     Attributes:
-        terms: The terms of one such table.
         targets, program, target, factors: As in :class:`TermTable`.
         links, places: ``(K,)`` chain link of each target, and ``(K, 4, 4)`` the target's pose in its axes.
         at_joints, joints: The terms on joint values, and their joints.

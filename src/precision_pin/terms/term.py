@@ -131,7 +131,6 @@ def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:
         values: Numbers, all of one shape, by the parameters that multiply them: from
             :meth:`~precision_pin.robot.chain.Posture.wrench_on` or
             :meth:`~precision_pin.robot.chain.Posture.torque_on`.
-        space: All draws.
 
     Raises:
         InputError: A formula has no value at the means.

@@ -1,18 +1,18 @@
 """Which poses to measure: the best of many candidates, and how good they are.
 
-With weights w_i of candidates, the information on z and nuisances is ``M(w) = diag(I, 0) + Σ w_i A_iᵀ A_i``, A_i the whitened
-derivatives of candidate i. Two measures of a design:
+With weights w_i of candidates, the information on z and nuisances is ``M(w) = diag(I, 0) + Σ w_i A_iᵀ A_i``, A_i the
+whitened derivatives of candidate i. Two measures of a design:
 
 - *D*: ``ln det S(w)``, S the Schur complement of the nuisances: the information on z with the nuisances free;
-- *task*: ``tr(G S(w)⁻¹)``, G = Σ JᵀJ over the user's poses: the mean square position error that is left there.
+- *task*: ``tr(G S(w)⁻¹)``, G = Σ JᵀJ over the user's poses: the mean square position error left there.
 
-Poses are exchanged while that improves the measure: first by adding the best candidate and leaving out the worst pose, or the
-other way round (Mitchell 1974), which is quick; then by the best of all exchanges of one pose for another (Fedorov 1972).
+Poses are exchanged while that improves the measure: first by adding the best candidate and dropping the worst pose, or
+the reverse (Mitchell 1974), which is quick; then by the best of all exchanges of one pose for another (Fedorov 1972).
 
-The first measure is concave in w, the second convex. So with weights between 0 and 1 in place of 0 or 1 the tangent of the loss
-at any weights bounds it from below over all designs: the loss there plus the least that the slopes allow. Where the relaxed
-design counts parts of poses, the problem is split: a candidate is measured or it is not. The least bound of all parts is the
-bound (Land and Doig 1960).
+The first measure is concave in w, the second convex. So with weights relaxed to 0 to 1 the tangent of the loss at any
+weights bounds it from below over all designs: the loss there plus the least that the slopes allow. If the relaxed
+design uses fractions of poses, the problem is split: a candidate is measured or not. The least bound of all parts is
+the bound (Land and Doig 1960).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from precision_pin.sheet.measurement import Measurement
 
 _EXCHANGES: Final = 500
 _RIDGE: Final = 1e-9
-"""Information on nuisances that is added, as a share of that of all candidates, so that few poses are no singular case."""
+"""Information added on nuisances, as a fraction of that of all candidates, so that few poses are not singular."""
 
 
 @final
@@ -68,7 +68,7 @@ class Design:
 
     @classmethod
     def of(cls, by_z: Array, by_nuisance: Array, goal: Array | None) -> Design:
-        """Return the design of candidates; nuisances are scaled so that all candidates together give them unit information."""
+        """Return the design of candidates, with nuisances scaled to unit information from all candidates together."""
         size, count = by_z.shape[2], by_nuisance.shape[2]
         scaled = by_nuisance
         if count:
@@ -99,7 +99,7 @@ class Design:
         return float(np.einsum("ij,ji->", self.goal, inverse))
 
     def exact_loss(self, chosen: NDArray[np.intp]) -> float:
-        """Return the loss of some candidates without the information that is added on nuisances; never the smaller one."""
+        """Return the loss of some candidates without the information added on nuisances; never the smaller one."""
         by_z, by_nuisance = np.split(self.rows[chosen], [self.size], axis=2)
         covariance = linear.covariance_with_prior(linear.flat(by_z), linear.flat(by_nuisance))
         if self.goal is None:
@@ -107,7 +107,7 @@ class Design:
         return float(np.einsum("ij,ji->", self.goal, covariance))
 
     def efficiency(self, loss: float, bound: float) -> float:
-        """Return the efficiency of a loss, at least."""
+        """Return a lower bound of the efficiency of a loss."""
         if self.goal is None:
             return float(np.exp(min(bound - loss, 0.0) / self.rank))
         return float(np.clip(bound / loss, 0.0, 1.0)) if loss > 0 else 1.0
@@ -127,7 +127,7 @@ class Design:
         return self.loss(information), -gains
 
     def swap(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return a choice that neither adding the best candidate, then leaving out the worst pose, improves, nor the reverse."""
+        """Return a choice that adding the best candidate and dropping the worst pose, or reverse, cannot improve."""
         inside = np.zeros(len(self.rows), dtype=bool)
         inside[chosen] = True
         information = self.information(chosen)
@@ -154,7 +154,7 @@ class Design:
         return np.flatnonzero(inside)
 
     def _changes_by_one(self, information: Array, sign: float) -> Array:
-        """Return the change of loss where a candidate is added (1) or left out (-1), ``(P,)``; infinite where none is left."""
+        """Return the change of loss by adding (1) or dropping (-1) a candidate, ``(P,)``; infinite if none is left."""
         inverse: Array = scipy.linalg.inv(information)
         eye = np.eye(self.rows.shape[1])
         through = self.rows @ inverse
@@ -245,11 +245,11 @@ def _trace_changes(
 
 _MOST_STEPS: Final = 400
 _GAP: Final = 2e-5
-"""Gap of the relaxed problem, in units of the efficiency, at which it is solved."""
+"""Gap, in units of efficiency, at which the relaxed problem counts as solved."""
 _WORK: Final = 24_000
-"""Parts that are bounded, times candidates."""
+"""Most parts to bound, times candidates."""
 _MOST: Final = 120
-"""The most parts that are bounded."""
+"""Most parts to bound."""
 _ENOUGH: Final = 0.995
 """Efficiency at which no better bound is sought."""
 
@@ -257,7 +257,7 @@ _ENOUGH: Final = 0.995
 @final
 @dataclass(frozen=True, eq=False)
 class Relaxed:
-    """A relaxed problem: a bound of its loss, weights ``(P,)``, and their limits, equal where a candidate is settled."""
+    """A relaxed problem: a bound of its loss, weights ``(P,)``, and their limits, equal for a settled candidate."""
 
     bound: float
     weights: Array
@@ -273,7 +273,7 @@ class Relaxed:
 
 
 def relaxed(design: Design, count: int, weights: Array, low: Array, high: Array) -> Relaxed:
-    """Return the solution of the relaxed problem within limits, from first weights ``(P,)``."""
+    """Return the solution of the relaxed problem within limits, from initial weights ``(P,)``."""
     weights, best, step = _project(weights, count, low, high), -np.inf, 1.0
     loss, slopes = design.slopes(weights)
     for _ in range(_MOST_STEPS):
@@ -292,13 +292,13 @@ def relaxed(design: Design, count: int, weights: Array, low: Array, high: Array)
                 weights, loss, slopes = moved, new_loss, new_slopes
                 break
             scale /= 4
-        else:  # no descent but rounding
+        else:  # only rounding left
             break
     return Relaxed(best, weights, low, high)
 
 
 def branches(design: Design, count: int, root: Relaxed, chosen: NDArray[np.intp]) -> tuple[float, NDArray[np.intp]]:
-    """Return a bound at least as good as the root's, of no candidate settled, and a choice at least as good as that given."""
+    """Return a bound at least as good as that of the unsettled root, and a choice at least as good as given."""
     best, parts = design.exact_loss(chosen), [root]
     for _ in range(min(_MOST, _WORK // len(root.weights)) // 2):
         raise_if_interrupted()
@@ -316,7 +316,7 @@ def branches(design: Design, count: int, root: Relaxed, chosen: NDArray[np.intp]
             if not low.sum() <= count <= high.sum():
                 continue
             found = relaxed(design, count, part.weights, low, high)
-            # a part of a problem is bounded by the whole's bound as well
+            # the bound of the whole also bounds its parts
             heapq.heappush(parts, Relaxed(max(found.bound, part.bound), found.weights, low, high))
             tried = design.swap(found.rounded(count))
             loss = design.exact_loss(tried)
@@ -349,15 +349,15 @@ def _project(weights: Array, count: int, low: Array, high: Array) -> Array:
 
 _STARTS: Final = 3
 PLAN_STEPS: Final = _STARTS + 3
-"""Steps of a plan: an exchange from each start, the relaxed design, the perturbed choices, and branches of the bound."""
+"""Steps of a plan: an exchange from each start, the relaxed design, perturbed choices, branches of the bound."""
 _PERTURBED: Final = 200
 """Searches from the best choice with some poses replaced at random."""
 _REPLACED: Final = 0.3
-"""Largest share of poses that are replaced."""
+"""Largest fraction of poses replaced."""
 _CERTAIN: Final = 0.999
 """Efficiency at which no better choice is sought."""
 _RANDOM: Final = 25
-"""Random choices with which the choice is compared."""
+"""Random choices to compare with."""
 
 Criterion = Literal["task", "D"]
 
@@ -365,17 +365,17 @@ Criterion = Literal["task", "D"]
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CalibrationPlan(PosesOutcome):
-    """The poses to measure, beside what :class:`PosesOutcome` has.
+    """The poses to measure, in addition to :class:`PosesOutcome`.
 
     Attributes:
-        criterion, candidates: ``"task"`` or ``"D"``, and how many candidates there were that the instrument sees.
-        chosen, names, q: Candidates to measure, in their order, from 0; their names, and joint values ``(n, count)``.
-        left_out: How many candidates, or draws of random ones, are left out: ``collision``, ``kept out``, ``hidden``
-            from the instrument.
-        value, bound: The measure of the choice, and a bound that no choice of as many candidates can pass: ln det of
-            the information on z (largest is best), or the mean square position error without the floor, m² (smallest is
+        criterion, candidates: ``"task"`` or ``"D"``, and the number of candidates that the instrument sees.
+        chosen, names, q: Candidates to measure, in order, from 0; their names, and joint values ``(n, count)``.
+        left_out: Number of candidates, or draws of random ones, left out: ``collision``, ``kept out``, ``hidden`` from
+            the instrument.
+        value, bound: The measure of the choice, and a bound for any choice of as many candidates: ln det of the
+            information on z (largest is best), or the mean square position error without the floor, m² (smallest is
             best).
-        efficiency, random_efficiency: Of the choice, at least: for D ``exp((value - bound) / L)`` with L the
+        efficiency, random_efficiency: Lower bound of the choice's: for D ``exp((value - bound) / L)`` with L the
             combinations that all candidates together determine, for a task bound / value. The same of a random choice,
             the median of 25.
     """
@@ -405,7 +405,7 @@ class CalibrationPlan(PosesOutcome):
 
     @property
     def count(self) -> int:
-        """How many candidates are measured."""
+        """Number of candidates to measure."""
         return len(self.chosen)
 
     @property
@@ -417,7 +417,7 @@ class CalibrationPlan(PosesOutcome):
         ]
 
     def rms(self, which: str) -> float:
-        """Return the root mean square error of the position over the user's poses: ``before``, ``after``, ``floor``."""
+        """Return the root mean square position error over the user's poses: ``before``, ``after``, ``floor``."""
         return self.rms_position[which]
 
     def __repr__(self) -> str:
@@ -444,9 +444,9 @@ def plan_calibration(
     Args:
         model: The model, whose sheet is the prior.
         candidates: Poses that can be measured: a list, an array ``(n, P)``, a mapping of joint values or a pose set.
-        count: How many of them are measured, each once.
-        measurement: Instrument and set-up; those of the sheet if left out.
-        at: The user's own poses; the model's named poses if left out, else the candidates.
+        count: Number of poses to measure, each once.
+        measurement: Instrument and set-up; by default the sheet's.
+        at: The user's own poses; by default the model's named poses, else the candidates.
         criterion: ``"task"``: the mean square position error left at the user's poses. ``"D"``: the determinant of the
             information.
         seed: 64-bit seed of the starting choices.
@@ -497,7 +497,7 @@ def plan_calibration(
     goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
     design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
     generator = np.random.default_rng(seed)
-    # matrices of a few dozen rows: threads of BLAS would wait for each other, five times as long on two cores
+    # matrices of a few dozen rows: BLAS threads would wait for each other, five times slower on two cores
     with threadpool_limits(1, user_api="blas"), steps_to(progress, PLAN_STEPS, "steps") as step:
         choices = []
         for _ in range(_STARTS):
@@ -545,7 +545,7 @@ def plan_calibration(
 def _perturbed(
     design: Design, chosen: NDArray[np.intp], bound: float, generator: np.random.Generator
 ) -> NDArray[np.intp]:
-    """Return the best of searches that begin at a choice with some of its poses replaced (iterated local search)."""
+    """Return the best of searches that start at a choice with some poses replaced (iterated local search)."""
     rest = len(design.rows) - len(chosen)
     most = min(max(2, round(_REPLACED * len(chosen))), len(chosen), rest)
     best = design.exact_loss(chosen)

@@ -57,10 +57,8 @@ class LawOption:
     """A key allowed beside a law's own.
 
     Attributes:
-        key: The key.
         meaning: Text for schema and documentation; texts of several laws for one key are joined.
         example: A value that fits the law's example.
-        is_ratio: True for a number without a unit.
     """
 
     key: str
@@ -80,7 +78,6 @@ class SheetForm:
     Attributes:
         key: The key that names it; empty if no sheet can.
         example: A law as a mapping, with lengths as its numbers.
-        meaning: A line for the documentation.
         options: The keys allowed beside the law's own and ``scope``.
         schema: JSON schema of the value under the key.
     """

@@ -29,7 +29,6 @@ class PlaneLaw(Law):
     Attributes:
         along: Its projection on any direction, given the radius.
         divisor: Square of the radius over the variance on either axis.
-        words: Where the point is.
     """
 
     size: ClassVar = 2
