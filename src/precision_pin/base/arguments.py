@@ -288,10 +288,8 @@ def check_quantities(
 
 
 def _in_si(what: str, value: object, quantity: Quantity) -> object:
-    """Return a value with each text in it replaced by its number or numbers in SI.
-
-    Text that does not begin with a number stays, so that the check of the numbers reports it.
-    """
+    """Return a value with each text in it replaced by its number or numbers in SI."""
+    # text that does not begin with a number stays, so that the check of the numbers reports it
     if isinstance(value, list | tuple) and any(isinstance(entry, str | list | tuple) for entry in value):
         return [_in_si(what, entry, quantity) for entry in value]
     if not isinstance(value, str) or not _BEGINS.match(value):

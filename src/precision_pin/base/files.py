@@ -259,7 +259,6 @@ def is_regular(status: os.stat_result) -> bool:
 
 @cache
 def _virtual_devices() -> frozenset[int]:
-    """Return the device numbers of the virtual file systems of the kernel."""
     return frozenset(os.stat(folder).st_dev for folder in _KERNEL_FOLDERS if os.path.ismount(folder))
 
 

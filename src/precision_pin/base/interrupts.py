@@ -29,8 +29,6 @@ _LOSING: Final = (f"{os.sep}llvmlite{os.sep}", f"{os.sep}numba{os.sep}", "weakre
 
 
 class _State:
-    """State of signal handling, one for the process."""
-
     def __init__(self) -> None:
         self.number = 0
         self.unwinding = False
@@ -138,7 +136,6 @@ def undone(undo: Callable[[], None]) -> Iterator[None]:
 
 
 def _heed(number: int, frame: FrameType | None) -> None:
-    """Handle a signal, in the main thread."""
     again, _state.number = _state.number, _state.number or number
     if _state.held:
         return
@@ -152,7 +149,6 @@ def _heed(number: int, frame: FrameType | None) -> None:
 
 
 def _running(frame: FrameType | None) -> tuple[set[str], set[str]]:
-    """Return the files and names of the functions on the stack."""
     files, names = set(), set()
     while frame is not None:
         files.add(frame.f_code.co_filename)

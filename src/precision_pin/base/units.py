@@ -202,7 +202,6 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
 
 
 def _turn_of_bits(bits: float) -> str:
-    """Return advice on writing the resolution of an encoder of so many bits."""
     if not (bits.is_integer() and 1 <= bits <= _MOST_BITS):
         return "an encoder of n bit resolves 360 deg / 2^n"
     return f"an encoder of {bits:.0f} bit resolves 360 deg / 2^{bits:.0f}, so write '{360 / 2**bits:.6g} deg'"

@@ -218,10 +218,8 @@ class BlockCovariance(Fixed):
 
 
 def _allowed_interval(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
-    """Return the interval of an entry in which the matrix is positive definite, if any.
-
-    It is where the partial correlation of the two, given all others, lies between -1 and 1.
-    """
+    """Return the interval of an entry in which the matrix is positive definite, if any."""
+    # it is where the partial correlation of the two, given all others, lies between -1 and 1
     others = [k for k in range(len(matrix)) if k not in (i, j)]
     pair = matrix[np.ix_(others, (i, j))]
     rest = matrix[np.ix_(others, others)]
@@ -278,10 +276,8 @@ def _double_integral(first: Law, second: Law, correlation: float) -> float:
 
 
 def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
-    """Return normal scores in rising order, and (value - mean) × density × weight at each.
-
-    Panels are split where the law jumps or bends, and no wider than ``width`` or 1.
-    """
+    """Return normal scores in rising order, and (value - mean) × density × weight at each."""
+    # panels are split where the law jumps or bends, and no wider than `width` or 1
     count = math.ceil(2 * reach / min(width, 1.0))
     bends = lazy_special.ndtri(np.array(law.breaks, dtype=float))
     edges = np.unique(np.concatenate([np.linspace(-reach, reach, count + 1), bends[np.abs(bends) < reach]]))

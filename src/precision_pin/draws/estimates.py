@@ -116,7 +116,6 @@ class Estimates:
         return tuple(name for name, is_less in zip(self.names, less.tolist(), strict=True) if is_less)
 
     def _touched(self, space: Space) -> set[str]:
-        """Return the names of the draws whose law has changed."""
         columns = np.array([space.index[name] for name in self.names], dtype=np.intp)
         prior = space.block_covariance.within(columns)
         std = np.sqrt(np.diag(prior))
@@ -139,12 +138,10 @@ def bounds_of(law: Law, number: int) -> tuple[float, float]:
 
 
 def _clip(normal: JointNormal, bounds: Sequence[tuple[float, float]]) -> Law:
-    """Return the law with those bounds that lie within its reach; the normal law itself if none does.
-
-    A number of which a combination with others is known is not cut: that would spoil what is known. But a number that
-    its prior keeps on one side of zero, such as a stiffness, stays there: it is cut half way from its bound to zero,
-    which the normal law hardly reaches.
-    """
+    """Return the law with those bounds that lie within its reach; the normal law itself if none does."""
+    # A number of which a combination with others is known is not cut: that would spoil what is known. But a number that
+    # its prior keeps on one side of zero, such as a stiffness, stays there: it is cut half way from its bound to zero,
+    # which the normal law hardly reaches.
     std = np.sqrt(np.diag(normal.covariance))
     unit = np.where(std > 0, std, 1.0)
     correlation = normal.covariance / np.outer(unit, unit)

@@ -339,7 +339,6 @@ def _collect(expression: Expression, found: dict[Expression, None]) -> None:
 
 
 def _slopes(operator: Operator, a: float, b: float, result: float, da: Slopes, db: Slopes) -> Slopes:
-    """Return the derivatives of an operation's result, by component."""
     if not any(da.values()) and not any(db.values()):
         return {}
     return {k: _slope(operator, a, b, result, da.get(k, 0.0), db.get(k, 0.0)) for k in dict.fromkeys((*da, *db))}

@@ -154,7 +154,6 @@ class AsBuilt:
         return self.original.edited(placements, added, [part for line in lines for part in _wrapped(line)])
 
     def _verify(self, text: bytes, error: Array) -> None:
-        """Read a written robot and compare its tip with the exact model's."""
         posture = self.at.posture
         chain = posture.chain
         values = {**chain.locked, **dict(zip(chain.joint_names, posture.q, strict=True))}
@@ -167,12 +166,11 @@ class AsBuilt:
 
 
 class _Step(NamedTuple):
-    """A constant factor on the way from base to tip, ``(4, 4)`` as the file has it.
+    """A constant factor on the way from base to tip, ``(4, 4)`` as the file has it."""
 
-    ``name`` is the joint whose origin it is; if ``added``, the link that gets a new frame; empty if the file cannot
-    change it. ``backwards``: from child to parent, so that the factor is the inverse of what is written. ``end`` is the
-    frame it leads to, in the chain link's axes.
-    """
+    # `name` is the joint whose origin it is; if `added`, the link that gets a new frame; empty if the file cannot
+    # change it. `backwards`: from child to parent, so that the factor is the inverse of what is written. `end` is
+    # the frame it leads to, in the chain link's axes.
 
     name: str
     written: Array
@@ -186,10 +184,9 @@ class _Step(NamedTuple):
 
 
 class _Fold(NamedTuple):
-    """The displacements folded into one step: rows of the term table's targets in chain order.
+    """The displacements folded into one step: rows of the term table's targets in chain order."""
 
-    Each has its frame in that of the step's end, ``(4, 4)``, or None if they are the same.
-    """
+    # each has its frame in that of the step's end, `(4, 4)`, or None if they are the same
 
     step: _Step
     places: tuple[tuple[int, Array | None], ...]
@@ -219,11 +216,9 @@ def _way(robot: Robot, base: str, tip: str) -> tuple[tuple[Joint, ...], tuple[Jo
 
 
 def _links(robot: Robot, chain: Chain) -> tuple[tuple[_Step, ...], ...]:
-    """Return the steps of every chain link, ranked as the links on the way are.
-
-    A moving joint passed backwards is two steps, as in `precision_pin.robot.urdf.rerooted`: no origin of the file comes
-    before its motion, its own comes after.
-    """
+    """Return the steps of every chain link, ranked as the links on the way are."""
+    # a moving joint passed backwards is two steps, as in `precision_pin.robot.urdf.rerooted`: no origin of the file
+    # comes before its motion, its own comes after
     links: list[list[_Step]] = [[]]
     frame = np.eye(4)
     ends: list[Array] = []
@@ -294,7 +289,6 @@ def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
 
 
 def _about(at: PoseModel, pose: str, base: str, tip: str, frozen: Sequence[str]) -> Iterator[str]:
-    """Yield the comment lines of a written robot."""
     chain = at.posture.chain
     yield f"chain: {base} to {tip}"
     way = chain.robot.path(chain.robot.root, chain.tip)

@@ -234,7 +234,6 @@ def _head(chain: Chain, robot_text: str) -> Lines:
 
 
 def _gripper(chain: Chain) -> Lines:
-    """Return a comment on the gripper joint at the end of the chain, if any."""
     joint = None if chain.robot.joints[0].reversed else gripper_joint(chain.robot, chain.tip)
     if joint is None or joint.name not in chain.joint_names:
         return []
@@ -309,7 +308,6 @@ def _locked(chain: Chain) -> Lines:
 
 
 def _follows(chain: Chain, joint: Joint) -> bool:
-    """Return whether a joint's value follows from its mimic rule and the sheet's other values."""
     if joint.mimic is None:
         return False
     leader = chain.locked.get(joint.mimic.joint, 0.0)
@@ -317,7 +315,6 @@ def _follows(chain: Chain, joint: Joint) -> bool:
 
 
 def _packed(entries: Iterable[str]) -> Lines:
-    """Return entries of a flow mapping on as few lines as fit the width."""
     lines = [""]
     for entry in entries:
         if lines[-1] and len(lines[-1]) + len(entry) + 2 > _WIDTH:

@@ -156,7 +156,6 @@ def _stack_roots(tables: Sequence[Array]) -> tuple[Array, NDArray[np.uint64]]:
 
 
 def _pad(matrices: Sequence[Array]) -> Array:
-    """Return square matrices as one array, zero-padded to the largest."""
     largest = max(map(len, matrices), default=1)
     padded = np.zeros((len(matrices), largest, largest))
     for k, matrix in enumerate(matrices):
@@ -422,10 +421,8 @@ def _product_interval(a: Interval, b: Interval) -> Interval:
 def _convert_displacements(
     tables: Sequence[TermTable], columns: Sequence[Column], rows: _RowAllocator
 ) -> list[tuple[Superposition, Motions, float]]:
-    """Return, for each table, the arrays of both models and the bound on the sum of the targets' rotation angles.
-
-    Sums and products are elementwise, because the bits of a matrix product depend on its size.
-    """
+    """Return, for each table, the arrays of both models and the bound on the sum of the targets' rotation angles."""
+    # sums and products are elementwise, because the bits of a matrix product depend on its size
     count = len(tables[0].targets)
     poses, frames, twists = _stack(tables, "pose"), _stack(tables, "frames"), _stack(tables, "twists")
     target = tables[0].target
@@ -525,7 +522,6 @@ def _stack(tables: Sequence[TermTable], name: str) -> Array:
 
 
 def _rotate(rotation: Array, vector: Array) -> Array:
-    """Return rotations ``(…, 3, 3)`` times vectors ``(…, 3)``."""
     parts = rotation * vector[..., None, :]
     return parts[..., 0] + parts[..., 1] + parts[..., 2]
 

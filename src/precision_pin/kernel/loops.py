@@ -339,7 +339,6 @@ else:
 
     @intrinsic
     def _float_of(context: Any, bits: Any) -> Any:
-        """Return the double with these 64 bits."""
         del context, bits
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -349,7 +348,6 @@ else:
 
     @intrinsic
     def _bits_of(context: Any, value: Any) -> Any:
-        """Return the 64 bits of a double."""
         del context, value
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -370,18 +368,15 @@ def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
 
 @strict
 def _uniform(product: Scalar, word: Scalar, key: Scalar) -> Scalar:
-    """Return (2j + 1)/2⁵³, with j the top 52 of the 64 bits from one product of the last round; every step is exact.
-
-    The upper half of these bits is the product's lower half; their lower half is the product's upper half, xored with a
-    word and, last, which saves two instructions, the key.
-    """
+    """Return (2j + 1)/2⁵³, with j the top 52 of the 64 bits from one product of the last round; every step is exact."""
+    # the upper half of these bits is the product's lower half; their lower half is the product's upper half, xored with
+    # a word and, last, which saves two instructions, the key
     bits = ((product << _HALF_WORD) | (product >> _HALF_WORD)) ^ (word & _LOW)
     return _float_of((bits >> _TWELVE) ^ (_BITS_OF_ONE | (key >> _TWELVE))) - _ONE_LESS
 
 
 @strict
 def _last_round(c: Any, key_0: Scalar, key_1: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the two uniform numbers of four words after a last round."""
     a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
     return _uniform(b, c[1], key_0), _uniform(a, c[3], key_1)
 
@@ -484,10 +479,8 @@ def logarithm(x: Scalar) -> Scalar:
 
 @fma
 def _octant(u: Scalar) -> Any:
-    """Return u in eighths of a turn, as bits, whether they are odd, and cosine and sine of 2πu up to quarter turns.
-
-    For odd eighths both are √2 times too large, so that the series cover 1/16 of a turn only.
-    """
+    """Return u in eighths of a turn, as bits, whether they are odd, and cosine and sine of 2πu up to quarter turns."""
+    # for odd eighths both are √2 times too large, so that the series cover 1/16 of a turn only
     rounded = u + _ROUND_TO_EIGHTH
     eighths = _bits_of(rounded)
     r = u - (rounded - _ROUND_TO_EIGHTH)  # exact
@@ -783,7 +776,6 @@ def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
 
 @strict
 def _multiply(w: Array, factors: Offsets, results: Offsets) -> None:
-    """Write products of two rows."""
     for k in range(results.size):
         a, b, result = factors[k, 0], factors[k, 1], results[k]
         for i in range(_TILE):
@@ -915,7 +907,6 @@ def _mix_products(
 
 @strict
 def _clear(s: Array, row: Scalar) -> None:
-    """Fill three rows of the scratch with zeros."""
     for i in range(_TILE):
         s[row + i] = 0.0
         s[row + _STRIDE + i] = 0.0
@@ -949,7 +940,6 @@ def _turn(
 def _add_cross(
     px: Scalar, py: Scalar, pz: Scalar, gx: Scalar, gy: Scalar, gz: Scalar, ux: Scalar, uy: Scalar, uz: Scalar
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Return p + G × u."""
     return px + gy * uz - gz * uy, py + gz * ux - gx * uz, pz + gx * uy - gy * ux
 
 
@@ -972,10 +962,8 @@ def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
 
 @fma
 def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
-    """Rotate and shift the part of the chain beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q.
-
-    (Rot - 1) p = G × C (p + G × p) avoids cancellation; q is a multiple of the rotation's quaternion.
-    """
+    """Rotate and shift the part of the chain beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q."""
+    # (Rot - 1) p = G × C (p + G × p) avoids cancellation; q is a multiple of the rotation's quaternion
     (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
         gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
@@ -1066,7 +1054,6 @@ def _rotation_vector_wide(s: Array) -> None:
 
 @strict
 def _stay(s: Array) -> None:
-    """Set all displacements to zero."""
     _clear(s, _E0)
     _clear(s, _V0)
     for i in range(_TILE):
@@ -1081,11 +1068,9 @@ def _part(starts: Offsets, k: Scalar) -> Any:
 
 @cached_part_inline
 def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
-    """Compose all targets from tip to base; return the first sample in which a target rotates by π or more, or -1.
-
-    The tip's displacement e and rotation q are composed instead of the pose, which avoids cancellation. X is zero
-    before and after.
-    """
+    """Compose all targets from tip to base; return the first sample in which a target rotates by π or more, or -1."""
+    # The tip's displacement e and rotation q are composed instead of the pose, which avoids cancellation. X is zero
+    # before and after.
     turn_rows, turns, shift_rows, shifts = motions.turn_rows, motions.turns, motions.shift_rows, motions.shifts
     at_rest = True
     targets = motions.arms.shape[0]
@@ -1266,10 +1251,8 @@ def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
 
 @cached_part
 def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
-    """Write norms and residuals, add these to their lanes, update the extremes; count the non-finite samples.
-
-    All is done in one loop, because the processor does the rest while it waits for the square roots.
-    """
+    """Write norms and residuals, add these to their lanes, update the extremes; count the non-finite samples."""
+    # all is done in one loop, because the processor does the rest while it waits for the square roots
     if count < TILE:
         return _measure_some(s, centre, count)
     failures = 0
@@ -1306,10 +1289,8 @@ def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
 
 @cached_part
 def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None:
-    """Write the bins of the residuals in the sketch, for up to `HELD` tiles, quantity by quantity.
-
-    Only the upper halves of the scaled residuals are needed; they are stored after the tiles.
-    """
+    """Write the bins of the residuals in the sketch, for up to `HELD` tiles, quantity by quantity."""
+    # only the upper halves of the scaled residuals are needed; they are stored after the tiles
     for q in range(_U(8)):
         residuals, halves, factor = _RESIDUALS + q * _STRIDE, (_U(8 * HELD) + q) * _TILE, inverse_scale[q]
         for i in range(_TILE):
@@ -1361,7 +1342,6 @@ def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, ske
 
 @cached_part
 def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[np.int64]) -> None:
-    """Count the samples inside each specification."""
     for k in range(counting.limits.size):
         row, limit = counting.limit_rows[k] * _STRIDE, counting.limits[k]
         kept = 0
@@ -1436,7 +1416,6 @@ def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
 
 @cached_part
 def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
-    """Fold the smallest and largest values of the lanes."""
     for q in range(_U(8)):
         for lane in range(_LANE):
             low = s[_LANES + (_U(SUMS) + q) * _LANE + lane]
@@ -1579,7 +1558,6 @@ def run(
 
 @strict
 def _keep_lanes(s: Array, lanes: Array) -> None:
-    """Copy the lanes of the scratch to another array."""
     for k in range(_U(LANE_DOUBLES)):
         lanes[k] = s[_LANES + k]
 

@@ -129,7 +129,6 @@ def _all_rows(draws: loops.Draws) -> loops.Offsets:
 
 
 def _select_draws(draws: loops.Draws, rows: loops.Offsets) -> loops.Draws:
-    """Return the draws in the given rows."""
     kept = {name: np.isin(getattr(draws, name), rows) for name in BESIDE}
     chosen = {field: getattr(draws, field)[kept[name]] for name in BESIDE for field in (name, *BESIDE[name])}
     groups = [

@@ -346,7 +346,6 @@ def _arguments(
     plan: Plan | None = None,
     into: Blocks | None = None,
 ) -> tuple[Any, ...]:
-    """Return the arguments of the compiled loops."""
     centre, scale = (np.zeros(8), np.ones(8)) if plan is None else (plan.centre, plan.scale)
     specifications = () if plan is None else plan.specifications
     counting = loops.Counting(

@@ -241,11 +241,9 @@ class Feedback:
 
 
 def _follow_loads(feedback: Feedback, within: float) -> Array:
-    """Return the displacements of the arm at rest, followed while the loads grow from zero to full size.
-
-    With a fraction s of the loads, ``z = s g(z)``, z the displacements by loads. A step of s is halved if Newton's
-    method does not lead from the tangent's prediction to a stable rest state nearby.
-    """
+    """Return the displacements of the arm at rest, followed while the loads grow from zero to full size."""
+    # With a fraction s of the loads, `z = s g(z)`, z the displacements by loads. A step of s is halved if Newton's
+    # method does not lead from the tangent's prediction to a stable rest state nearby.
     path = _Path.begin(feedback)
     first_growth = _growth(path.slopes)
     # a leaning arm bends past the load at which a straight one buckles; short steps find that load
@@ -414,10 +412,8 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
 
 
 def _first_order_twists(settled: Settled, reacting: NDArray[np.intp], added: Array) -> dict[tuple[int, Factors], Array]:
-    """Return the twists of ``G(v*, x) + (A - I)(G(v*, x) - v*)`` in the slots displaced by loads, by their factors.
-
-    ``added`` ``(2K, 2K, 6, 6)`` is A - I: the further displacement in the first slot per displacement in the second.
-    """
+    """Return the twists of ``G(v*, x) + (A - I)(G(v*, x) - v*)`` in the slots displaced by loads, by their factors."""
+    # `added` `(2K, 2K, 6, 6)` is A - I: the further displacement in the first slot per displacement in the second
     sums: dict[tuple[int, Factors], Array] = {}
     for source, twist, term in zip(settled.slots.tolist(), settled.table.twists, settled.terms, strict=True):
         if term.loaded:

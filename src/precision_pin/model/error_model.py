@@ -349,7 +349,6 @@ class ErrorModel:
         return self._layout
 
     def _at(self, bare: Posture) -> PoseModel:
-        """Return the model at a posture with the chain's own loads."""
         posture = bound_source.load_posture(bare, self.bound_sources)
         if self.statics == "nominal":
             terms = self._make_terms(posture)

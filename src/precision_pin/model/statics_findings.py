@@ -192,7 +192,6 @@ def resettled_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, .
 
 
 def _signs(at: PoseModel) -> list[Expression]:
-    """Return the distinct signs that decide sides."""
     return list(dict.fromkeys(sign for term in at.terms for sign in signs_of(term.factors)))
 
 
@@ -201,7 +200,6 @@ def _at_means(at: PoseModel, signs: list[Expression]) -> list[float]:
 
 
 def _with_sides(at: PoseModel, sides: dict[Expression, float]) -> PoseModel:
-    """Return the model with signs replaced by numbers."""
     terms = tuple(
         replace(term, factors=tuple(fix_signs(factor, sides) for factor in term.factors)) for term in at.terms
     )

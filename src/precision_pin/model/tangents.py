@@ -60,7 +60,6 @@ def _is_alike(one: TermTable, other: TermTable) -> bool:
 
 
 def _tangents(space: Space, tables: Sequence[TermTable]) -> Tangents:
-    """Return the first-order models of tables of one layout."""
     try:
         with np.errstate(over="raise", invalid="raise"):
             return _multiply_out(space.mean, tables)

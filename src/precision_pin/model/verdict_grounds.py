@@ -72,10 +72,8 @@ def _outside(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> st
 
 
 def _too_fast(model: ErrorModel, values: Array, times: NDArray[np.float64] | None) -> str:
-    """Return which joint exceeds its ``velocity`` first, between poses ``(n, P)`` at these times, or empty.
-
-    A velocity of zero limits nothing.
-    """
+    """Return which joint exceeds its ``velocity`` first, between poses ``(n, P)`` at these times, or empty."""
+    # a velocity of zero limits nothing
     if times is None or len(times) < 2:
         return ""
     joints = model.chain.joints

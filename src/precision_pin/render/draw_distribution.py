@@ -58,10 +58,8 @@ class _Ruler:
 
 
 def _ruler(distribution: Distribution, unit: WrittenUnit) -> _Ruler:
-    """Return the axis in this unit, or in a smaller one where the span is far smaller.
-
-    Values that hardly differ for their size get an axis of differences from a round number.
-    """
+    """Return the axis in this unit, or in a smaller one where the span is far smaller."""
+    # values that hardly differ for their size get an axis of differences from a round number
     shown = symbol(distribution.quantity)
     span = distribution.max - distribution.min
     size = max(abs(distribution.min), abs(distribution.max))
@@ -102,7 +100,6 @@ def draw_histogram(
 
 
 def _draw_tails(axes: Axes, bars: Histogram, distribution: Distribution, ruler: _Ruler, limit: float) -> None:
-    """Colour the part beyond a limit, on both sides for a component."""
     sides = [(limit, math.inf)] if distribution.is_norm else [(-math.inf, -limit), (limit, math.inf)]
     for low, high in sides:
         edges = np.clip(bars.edges, low, high)
@@ -154,7 +151,6 @@ def _mark(
     ruler: _Ruler,
     specifications: Sequence[SpecificationResult],
 ) -> None:
-    """Draw mean, quantiles with their intervals and limits as vertical lines, and set the axis."""
     mean = _text(distribution.mean, distribution.mean_interval(), ruler.text_unit)
     axes.axvline(ruler(distribution.mean), color=BLACK, linestyle="-", label=f"mean: {mean}")
     marked = _MARKED_OF_NORM if distribution.is_norm else _MARKED_OF_COMPONENT

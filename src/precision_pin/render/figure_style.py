@@ -65,8 +65,6 @@ def style() -> Iterator[None]:
 
 
 class _ShownFigure(Figure):
-    """A figure that a notebook shows without pyplot."""
-
     def draw(self, renderer: Any) -> None:
         """Draw the figure, or only lay it out when Matplotlib disables drawing for that purpose."""
         engine = self.get_layout_engine()

@@ -102,7 +102,6 @@ def written_approach(joints: Sequence[str], approach: Approach) -> dict[str, str
 
 
 def _by_joint(text: str) -> dict[str, str]:
-    """Parse ``joint1 +, joint2 -``."""
     found: dict[str, str] = {}
     for entry in text.split(","):
         name, _, sign = entry.strip().rpartition(" ")

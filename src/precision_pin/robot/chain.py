@@ -419,7 +419,6 @@ class Chain(Fixed):
 
     @cached_property
     def _places(self) -> tuple[tuple[Place, Place], ...]:
-        """End and seat of every chain link."""
         far = enumerate(zip((*self.joint_names, self.tip), self.placements, strict=True))
         return tuple(Place.far_end(link, name, frame) for link, (name, frame) in far)
 

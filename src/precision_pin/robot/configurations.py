@@ -137,7 +137,6 @@ class Configurations:
             )
 
     def _check_names(self, q: Mapping[str, object]) -> None:
-        """Check that ``q`` has a value for each joint and no others."""
         for name in check_mapping("joint values", q):
             check_name("joint on the chain", name, self.names)
         missing = [name for name in self.names if name not in q]

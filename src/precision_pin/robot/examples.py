@@ -126,7 +126,6 @@ def description(name: str) -> ModuleType:
 
 
 def _suggest_robot(path: Path) -> str | None:
-    """Return a suggestion for a missing robot: ``example:NAME``, or a file in the same folder."""
     name = path.name.casefold().removesuffix(ROBOT_SUFFIXES[0]).removesuffix("_robot")
     examples = {known.casefold(): PREFIX + known for known in example_urdfs()}
     if name in examples:

@@ -309,7 +309,6 @@ class Mcpc:
         return finite_array("mcpc joint values q", q, (self.joint_count,))
 
     def _links(self, q: Array) -> list[Array]:
-        """Return T_0 … T_n at checked joint values."""
         values = (0.0, *q)
         return [self.joint_pose(i, value) @ self.link_pose(i) for i, value in enumerate(values)]
 
@@ -429,7 +428,6 @@ def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
 
 
 def _poses(displacements: ArrayLike, count: int) -> Array:
-    """Return the displacements as ``(count, 4, 4)`` rigid motions."""
     what = "mcpc displacements"
     given = check_numbers(what, displacements, needs=f"({count}, 6) or ({count}, 4, 4)")
     if given.shape == (count, 6):

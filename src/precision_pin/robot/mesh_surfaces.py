@@ -115,7 +115,6 @@ def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_F
 
 
 def _with_faces(surface: Surface, faces: NDArray[np.int64]) -> Surface:
-    """Return some of a surface's triangles, with their corners only."""
     used, renumbered = np.unique(faces, return_inverse=True)
     return replace(surface, vertices=surface.vertices[used], faces=renumbered.reshape(-1, 3))
 

@@ -119,10 +119,8 @@ def model_poses(
 
 
 def _replace_names(robot: Robot) -> Robot:
-    """Return the robot with names replaced by numbers: ``link000000``, ``joint000000`` … in the order of the names.
-
-    URDF readers sort by name, so Pinocchio's joints and sums keep the order of the file's own names.
-    """
+    """Return the robot with names replaced by numbers: ``link000000``, ``joint000000`` … in the order of the names."""
+    # URDF readers sort by name, so Pinocchio's joints and sums keep the order of the file's own names
     links = _numbers("link", (link.name for link in robot.links))
     joints = _numbers("joint", (joint.name for joint in robot.joints))
     renamed = (
@@ -138,10 +136,8 @@ def _numbers(kind: str, names: Iterable[str]) -> dict[str, str]:
 
 
 def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
-    """Compare names, masses, centres and forward kinematics; a difference is a bug in our canonical form.
-
-    ``written`` are the links' names in the file, for messages.
-    """
+    """Compare names, masses, centres and forward kinematics; a difference is a bug in our canonical form."""
+    # `written` are the links' names in the file, for messages
     names = {link.name: name for link, name in zip(robot.links, written, strict=True)}
     moving = [joint for joint in robot.joints if joint.kind != "fixed"]
     if sorted(model.names) != sorted(["universe", *(joint.name for joint in moving)]):

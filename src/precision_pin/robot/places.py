@@ -218,7 +218,6 @@ class _Row:
 
 
 def _rows(root: str, way: Sequence[Joint], moving: Mapping[str, int]) -> list[_Row]:
-    """Return the row of every chain link."""
     rows = [_Row([root], [])]
     for joint in way:
         if joint.name in moving:

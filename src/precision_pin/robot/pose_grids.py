@@ -81,7 +81,6 @@ def _row(name: str, given: ArrayLike, quantity: Quantity) -> Array:
 
 
 def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
-    """Return the values of the varying joints, as the name of each pose."""
     varied = [joint for joint, row in enumerate(rows) if len(row) > 1] or list(range(len(rows)))
 
     def word(joint: int, value: float) -> str:

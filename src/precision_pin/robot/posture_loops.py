@@ -94,7 +94,6 @@ def _go_to_end(f: Array, w: Array, end: Scalar, turns: Array, arms: Array, link:
 
 @fma
 def _turn(f: Array, w: Array, end: Scalar) -> None:
-    """Turn the joint at an end: the frame beyond it."""
     for i in range(_TILE):
         s, c = f[_SINE + i], f[_COSINE + i]
         e = end + i
@@ -132,7 +131,6 @@ def _weigh(f: Array, w: Array, end: Scalar, mass: Scalar, moments: Array, joint:
 
 @fma
 def _copy_row(rows: Array, row: Scalar, out: Array, at: Scalar, size: Scalar) -> None:
-    """Copy one row of a tile to its place in a result."""
     for i in range(size):
         out[at + i] = rows[row + i]
 

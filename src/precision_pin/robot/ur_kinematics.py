@@ -117,7 +117,6 @@ def read_ur_calibration(path: str | os.PathLike[str], name: str, *, x_y_z: bool 
 
 
 def _assigned(text: str, key: str) -> re.Match[str] | None:
-    """Return where a line assigns a key."""
     # blanks within the line only: the search would restart at each of many blank lines
     return re.search(rf"^[^\S\n]*{key}[^\S\n]*=", text, re.MULTILINE)
 
@@ -162,7 +161,6 @@ def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
 
 
 def _placed(steps: list[list[float]], *, x_y_z: bool) -> Array:
-    """Return the frame of each joint in that of the joint before, ``(6, 4, 4)``."""
     frames = []
     for x, y, z, *angles in steps:
         about_x, about_y, about_z = map(se3.exp_rotation, np.diag(angles))
@@ -178,13 +176,11 @@ def _is_folded(placed: Array) -> bool:
 
 
 def _unfolded(placed: Array) -> Array:
-    """Return the frames without the half turns of elbow and wrist 1 added by older tools.
-
-    ``ur_calibration`` before June 2024 uses the arctangent of y/x for the direction from the elbow to the axis of wrist
-    1, which is the opposite one if |θ_2 + Δθ_2| exceeds π/2. The elbow is then turned by π about its axis, wrist 1
-    turned back, and the axis of wrist 1 lies on the other side of the elbow. Wrist 1 is d along its axis from where
-    this meets the elbow's plane; turning that part with it gives the controller's robot.
-    """
+    """Return the frames without the half turns of elbow and wrist 1 added by older tools."""
+    # `ur_calibration` before June 2024 uses the arctangent of y/x for the direction from the elbow to the axis of
+    # wrist 1, which is the opposite one if |θ_2 + Δθ_2| exceeds π/2. The elbow is then turned by π about its axis,
+    # wrist 1 turned back, and the axis of wrist 1 lies on the other side of the elbow. Wrist 1 is d along its axis from
+    # where this meets the elbow's plane; turning that part with it gives the controller's robot.
     half = _turn(np.pi)
     elbow, wrist = placed[2] @ half, placed[3].copy()
     axis = wrist[:3, 2]

@@ -180,7 +180,6 @@ def _finish(
     *,
     columns: int,
 ) -> None:
-    """Add title, legend and caption outside the axes, and set the height (mm)."""
     caption = f"N = {counted.samples:,}" + ("" if seed is None else f", seed {seed}")
     caption += f"; intervals at {100 * counted.confidence:g} % confidence"
     above, below = figure_style.wrapped(title, figure), figure_style.wrapped(caption, figure)

@@ -258,7 +258,6 @@ SAMPLES: Final = Codec[State](lambda state: state.count, _check_samples, "sample
 
 
 def _leaves(value: Any, name: str) -> dict[str, Any]:
-    """Return arrays and numbers by their path in data classes and tuples."""
     leaves: dict[str, Any] = {}
     for key, entry in _parts(value):
         below = f"{name}{key}"
@@ -322,7 +321,6 @@ def start_of_poses(part: Mapping[str, Array], poses: int) -> PosesDone:
 
 
 def _check_poses(state: PosesDone) -> None:
-    """Check that samples could give this state."""
     if not 0 <= state.count <= state.values[0].shape[-1]:
         raise ValueError("its counts are inconsistent")
     for name, array in state.arrays().items():
@@ -558,7 +556,6 @@ class Journal(Generic[S]):
 
 
 def _identity(header: bytes) -> dict[str, str] | None:
-    """Return the identity of a run from the first record; None if it is not one."""
     try:
         found = json.loads(header)
     except (ValueError, RecursionError):

@@ -294,10 +294,8 @@ class _Run:
                 layouts = layouts[alike:]
 
     def count_everywhere(self, pool: Executor, step: Callable[[int], object]) -> tuple[int, ...]:
-        """Return how many robots keep each specification at all poses.
-
-        A robot has the draws that it has where each pose is sampled alone, so the counts do not depend on the pool.
-        """
+        """Return how many robots keep each specification at all poses."""
+        # a robot has the draws that it has where each pose is sampled alone, so the counts do not depend on the pool
         work, specifications = self.work, self.work.specifications
         if not specifications:
             return ()
@@ -328,7 +326,6 @@ def _poses(
     q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | ApproachedPose,
     specifications: Sequence[Specification],
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return joint values ``(n, P)`` and the poses' names."""
     poses = q.pose if isinstance(q, ApproachedPose) else q
     given, specified = error_model.chain.configurations.count(poses), len(specifications)
     # joint values, and the results twice: once in groups and once concatenated
@@ -473,11 +470,9 @@ class PoseGroup:
         return centre + sums / self.count, np.sqrt(variance)
 
     def _quantile(self, cumulative: Counts, level: float, confidence: float) -> tuple[Array, Array, Array]:
-        """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins.
-
-        As :meth:`precision_pin.statistics.Distribution.quantile`: linear between the order statistics at rank 1 + (N -
-        1) p, each placed in its bin by its rank.
-        """
+        """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins."""
+        # as :meth:`precision_pin.statistics.Distribution.quantile`: linear between the order statistics at rank 1 + (N
+        # - 1) p, each placed in its bin by its rank
         ranks = quantile_ranks(self.count, level, confidence)
         if ranks is None:
             nothing = np.full((2, self.poses), np.nan)

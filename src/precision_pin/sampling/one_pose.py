@@ -398,7 +398,6 @@ class Sampling:
             self._journal.save(self.state)
 
     def _check_blocks(self) -> list[int]:
-        """Return the numbers of blocks after which to check."""
         blocks = self._work.blocks
         return [*(2**k for k in range((blocks - 1).bit_length())), blocks]
 

@@ -344,7 +344,6 @@ class PosesResult(Record, JsonResult):
         return covariance.between(here, there)
 
     def _approach(self, pose: int) -> tuple[int, ...]:
-        """Return the approach of a pose; empty if no pose has one."""
         return () if self.approaches is None else tuple(self.approaches[:, pose].tolist())
 
     def pose(self, name: str) -> int:

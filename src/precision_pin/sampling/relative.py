@@ -150,8 +150,6 @@ def relative(
 @final
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """The error model at a pose and at another, for the same robots."""
-
     at: PoseModel
     other: PoseModel
     model: Literal["exact", "linear"]
@@ -222,6 +220,5 @@ class _Pair:
 
 
 def _named(findings: Sequence[Finding], label: str) -> list[Finding]:
-    """Return findings that say they are about the other pose."""
     where = f"pose {label!r}, relative to which" if label else "the pose relative to which"
     return [replace(one, message=f"{where} errors are taken: {one.message}") for one in findings]

@@ -384,7 +384,6 @@ class MonteCarloResult(Record, JsonResult):
 
 
 def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:
-    """Return a row of :meth:`MonteCarloResult.to_pandas`."""
     row = tables.interval_columns("mean", distribution.mean, distribution.mean_interval())
     row |= tables.interval_columns("std", distribution.std, distribution.std_interval())
     row |= {"min": distribution.min, "max": distribution.max}
@@ -400,7 +399,6 @@ def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, f
 
 
 def _cells(distribution: Distribution) -> list[str]:
-    """Return a row of the table in a notebook."""
     vanishes = max(abs(distribution.min), abs(distribution.max)) < tables.ROUNDING
     cells = []
     for statistic in ("mean", "std", 0.5, 0.95, 0.9973):
@@ -421,7 +419,6 @@ def _cells(distribution: Distribution) -> list[str]:
 
 
 def _share_cells(result: SpecificationResult) -> tuple[str, str]:
-    """Return the fraction inside a limit, and its interval, for a table."""
     share, low, high = format_share(result.probability, result.interval, result.required)
     return f"{share} %", f"{low} to {high} %"
 

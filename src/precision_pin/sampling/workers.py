@@ -153,8 +153,6 @@ class Processes(Workers):
 
 @final
 class _Process:
-    """Child process that computes blocks, and the pipe to it."""
-
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, other_end = context.Pipe()

@@ -168,7 +168,6 @@ def read_chain(document: Document, findings: Findings, overrides: Overrides, fol
 
 
 def _limited(document: Document, findings: Findings, chain: Chain) -> Chain:
-    """Return the arm with the sheet's narrower joint limits."""
     joints = list(chain.joints)
     for name, text in document.limits.items():
         with findings.taking("limits", name):
@@ -189,7 +188,6 @@ def _limited(document: Document, findings: Findings, chain: Chain) -> Chain:
 
 
 def _keep_out(document: Document, findings: Findings) -> tuple[KeepOut, ...] | None:
-    """Return the planes and boxes of a sheet; None if it has none."""
     if document.keep_out is None:
         return None
     found = []

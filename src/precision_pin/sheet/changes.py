@@ -130,7 +130,6 @@ def source_of(path: str) -> str:
 
 
 def _written(keys: Path, known: Sequence[str]) -> str:
-    """Return the path of a change for keys of the contents."""
     first, *others = (known[int(keys[1])], *keys[3:]) if keys[0] == "sources" else keys
     return str(first) + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in others)
 
@@ -169,10 +168,8 @@ def _several(section: str, entries: object) -> str:
 
 
 def _only_number(change: Change, label: str, stated: Mapping[str, StatedNumber]) -> str:
-    """Return the path, below the source, of the number that a source's path alone means.
-
-    It is the only number, or the only one with a law if its unit fits no other.
-    """
+    """Return the path, below the source, of the number that a source's path alone means."""
+    # it is the only number, or the only one with a law if its unit fits no other
     laws = [path for path, one in stated.items() if one.is_random]
     if len(laws) == 1:
         others = {unit for path, one in stated.items() if path != laws[0] for unit in one.units}
@@ -205,7 +202,6 @@ def _sources_of(data: Any, change: Change, pattern: str, known: Sequence[str]) -
 def _source_paths(
     data: Any, change: Change, chosen: Sequence[int], rest: str, kinds: Mapping[str, type[Source]]
 ) -> Iterator[Path]:
-    """Yield the matching paths in some sources."""
     settings = [next(iter(data["sources"][k].items())) for k in chosen]
     field = rest[: _STEP.search(rest).start()]  # type: ignore[union-attr]
     has = [field in (ASSUMED, PROVENANCE) or field in source_model(kinds[kind]).model_fields for kind, _ in settings]

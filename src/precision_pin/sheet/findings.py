@@ -133,7 +133,6 @@ class Findings:
         return (self.file, line) if line is not None or not path else (".".join(map(str, path)), None)
 
     def _add(self, findings: Sequence[Finding]) -> None:
-        """Add findings, and raise them once there are too many errors."""
         self.found += findings
         self._errors += sum(finding.severity == "error" for finding in findings)
         if self._errors > MOST_ERRORS:
@@ -147,7 +146,6 @@ class Findings:
 
 
 def _within(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
-    """Yield the value at a path and all values below it, in text order."""
     yield path, value
     entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, entry in entries:

@@ -493,7 +493,6 @@ def _point(what: str, value: object) -> tuple[float, ...]:
 
 
 def _direction(what: str, value: object) -> tuple[float, ...]:
-    """Return a unit vector."""
     direction = check_numbers(what, value, (3,), "three numbers")
     length = float(np.linalg.norm(direction))
     if length == 0:

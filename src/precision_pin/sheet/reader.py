@@ -247,7 +247,6 @@ def _estimates(
 
 
 def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
-    """Return the text about measured numbers replaced by changes."""
     std = np.sqrt(np.diag(estimates.covariance))
     numbered = [(k, name) for k, name in enumerate(estimates.names) if name in names]
     measured = [f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in numbered]
@@ -259,7 +258,6 @@ def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
 
 
 def _edited(estimates: Estimates, now: Mapping[str, tuple[float, float]]) -> str:
-    """Return the text about tolerances edited since the calibration."""
     changes = [
         f"{name} {mean:.3g} ± {std:.2g}, then {estimates.stated[name][0]:.3g} ± {estimates.stated[name][1]:.2g}"
         for name, (mean, std) in now.items()
@@ -302,10 +300,8 @@ def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
 def _parameters(
     document: Document, findings: Findings, quantities: tuple[units.Quantity, ...], folder: FilePath
 ) -> tuple[dict[str, NamedParameter], tuple[str, ...]]:
-    """Return the named parameters by the names of their components, and the names of unreadable ones.
-
-    A placeholder replaces an unreadable parameter, so that its uses are not reported too.
-    """
+    """Return the named parameters by the names of their components, and the names of unreadable ones."""
+    # a placeholder replaces an unreadable parameter, so that its uses are not reported too
     named: dict[str, NamedParameter] = {}
     owners: dict[str, str] = {}
     unread: list[str] = []

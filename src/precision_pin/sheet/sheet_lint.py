@@ -134,7 +134,6 @@ def note_on_normal(text: Text, file: str) -> Finding | None:
 
 
 def _plain_normals(value: object, below: Path) -> Iterator[tuple[Path, str]]:
-    """Yield the path and half-width of each normal law without ``std`` and ``k``."""
     if isinstance(value, Mapping):
         if isinstance(value.get("normal"), str) and "k" not in value:
             yield (*below, "normal"), value["normal"]
@@ -183,7 +182,6 @@ def few_samples(law: Law) -> str | None:
 
 
 def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Path, str]]:
-    """Yield path and text of each plain number in place of a tolerance."""
     for key in source.deviations:
         value = getattr(source, key)
         for k, entry in enumerate(value if isinstance(value, tuple) else (value,)):
@@ -214,11 +212,9 @@ def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]
 
 
 def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> str | None:
-    """Return a question about joint values with a probably wrong unit; ``None`` if all look right.
-
-    A value in rad looks wrong if it is outside the joint's limits, or beyond two turns if there are none, and would be
-    inside in degrees. One in degrees looks wrong if all are small and it is close to a multiple of π/4.
-    """
+    """Return a question about joint values with a probably wrong unit; ``None`` if all look right."""
+    # A value in rad looks wrong if it is outside the joint's limits, or beyond two turns if there are none, and would
+    # be inside in degrees. One in degrees looks wrong if all are small and it is close to a multiple of π/4.
     small, slips = True, []
     for name, text in written.items():
         if name not in joints:

@@ -120,10 +120,8 @@ def _read_with_libyaml(text: str, file: str, wrong: Wrong) -> Text | None:
 
 
 def _compose(stream: Iterable[Any], kinds: ModuleType, findings: list[Finding], wrong: Wrong) -> _Node | None:
-    """Return the tree of a stream of events, without recursion, since text may be nested to any depth.
-
-    Every alias adds the anchor's node once more. ``kinds`` is the module ``events`` of either library.
-    """
+    """Return the tree of a stream of events, without recursion, since text may be nested to any depth."""
+    # Every alias adds the anchor's node once more. `kinds` is the module `events` of either library.
     open_nodes: list[_Node] = [_Node(1)]
     anchors: dict[str, _Node] = {}
     documents = 0

@@ -188,7 +188,6 @@ class Beam(Profile, OnLink):
                 yield (values[name] if factor == 1.0 else values[name] * factor), rows
 
     def _weights(self, chain: Chain, space: LabelledSpace, link: int) -> Iterator[tuple[float, float, Load]]:
-        """Yield start, end and weight, from its section, of every part."""
         axes = beam_axes(chain, link)
         length = float(np.linalg.norm(chain.placements[link][:3, 3]))
         for start, stop, part in self._parts(length, chain.runs_backwards(link)):
@@ -201,7 +200,6 @@ class Beam(Profile, OnLink):
     def _beam_loads(
         self, posture: Posture, space: LabelledSpace, link: int, length: float, axes: Array, shape: BentShape | None
     ) -> Iterator[_BeamLoad]:
-        """Yield the loads on the beam."""
         chain, base = posture.chain, posture.loaded_link_poses[link]
 
         def beam_loads(loads: Sequence[Load], point: Array, start: float, stop: float) -> Iterator[_BeamLoad]:
@@ -284,10 +282,8 @@ class _BeamLoad:
         return _lever(length - stop) @ displacement
 
     def on_shape(self, shape: BentShape | None, start: float, stop: float) -> Array | None:
-        """Return the further displacement of the beam's end because the load acts on the bent shape, ``(6, 6)``.
-
-        Each row is for unit flexibility of one part in that row; zero along x. None on the undeflected arm.
-        """
+        """Return the further displacement of the beam's end because the load acts on the bent shape, ``(6, 6)``."""
+        # Each row is for unit flexibility of one part in that row; zero along x. None on the undeflected arm.
         if shape is None:
             return None
         result = np.zeros((6, 6))
@@ -498,7 +494,6 @@ class BentShape:
 
 
 def _nodes(start: float, stop: float) -> tuple[Array, Array]:
-    """Return the nodes of the quadrature along the beam (m), and their weights."""
     half = (stop - start) / 2
     return start + half * (1 + _NODES), half * _WEIGHTS
 

@@ -182,14 +182,11 @@ class Clearance(Source):
                 yield Term.of(place, along, *_half_factors(size), space.component("side"))
 
     def _is_decided(self, force: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
-        """Return whether a load decides the side of the play."""
         return self.band is not None and float(np.linalg.norm(force)) >= self.band
 
     def _radial_directions(self, forces: Mapping[Factors, Array], space: Space) -> tuple[Value, Value, Value] | None:
-        """Return each robot's load direction ``(x, y)`` on a journal, zero below the band; and 1 below it, else 0.
-
-        ``None`` if no robot's load decides, or all robots have the same.
-        """
+        """Return each robot's load direction ``(x, y)`` on a journal, zero below the band; and 1 below it, else 0."""
+        # `None` if no robot's load decides, or all robots have the same
         x, y = ({factors: float(force[k]) for factors, force in forces.items()} for k in range(2))
         if self.band is None or (is_same_for_all(x) and is_same_for_all(y)):
             return None
@@ -206,10 +203,8 @@ class Clearance(Source):
         return along_x / length * held, along_y / length * held, 1.0 - held
 
     def _axial_sides(self, force: Mapping[Factors, float], space: Space) -> tuple[Value, Value] | None:
-        """Return each robot's side of the axial load, 1 or -1 or zero below the band, and 1 below the band, else 0.
-
-        ``None`` if all robots have the same load.
-        """
+        """Return each robot's side of the axial load, 1 or -1 or zero below the band, and 1 below the band, else 0."""
+        # `None` if all robots have the same load
         if self.band is None or is_same_for_all(force):
             return None
         above, below = (side_of({**force, (): force.get((), 0.0) + shift}, space) for shift in (-self.band, self.band))

@@ -240,7 +240,6 @@ class Stretch:
         return _MAKERS[self.profile.section](**dimensions)
 
     def _moduli(self, read: Callable[[str], Value]) -> tuple[Value, Value]:
-        """Return E and G."""
         profile = self.profile
         material = MATERIALS.get(profile.material or "")
         modulus = read("E") if profile.E is not None or material is None else material.E

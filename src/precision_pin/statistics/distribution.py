@@ -319,7 +319,6 @@ class Distribution(Record):
 
     @cached_property
     def _before(self) -> NDArray[np.int64]:
-        """Samples before each occupied bin."""
         return np.concatenate((np.zeros(1, dtype=np.int64), self.bin_cumulative[:-1]))
 
     @property
@@ -371,13 +370,11 @@ class Distribution(Record):
 
     @cached_property
     def _peak(self) -> Peak | None:
-        """The highest peak of the smoothed histogram; None where the samples do not resolve it.
-
-        A norm's histogram is mirrored at zero first, so that no probability leaks across the boundary. The bandwidth is
-        h = 0.969·s·N^(−1/7), with s the smaller of std and IQR/1.349. This power of N is best for the location of a
-        peak: it balances bias h² against variance 1/(N h³). The factor is the normal reference (4/5)^(1/7) (Wand and
-        Jones, Kernel Smoothing, 1995).
-        """
+        """The highest peak of the smoothed histogram; None where the samples do not resolve it."""
+        # A norm's histogram is mirrored at zero first, so that no probability leaks across the boundary. The bandwidth
+        # is h = 0.969·s·N^(−1/7), with s the smaller of std and IQR/1.349. This power of N is best for the location of
+        # a peak: it balances bias h² against variance 1/(N h³). The factor is the normal reference (4/5)^(1/7) (Wand
+        # and Jones, Kernel Smoothing, 1995).
         spread, samples = self.std, self.samples
         if spread is None or samples < _FEWEST_FOR_MODE:
             return None

@@ -192,7 +192,6 @@ def _covariance(state: State) -> Array | None:
 
 
 def _covariance_interval(covariance: Array, parts: Sequence[Moments]) -> Array:
-    """Return the ends of the intervals of the covariances, given the moments of the components."""
     found = np.full((*covariance.shape, 2), np.nan)
     resolved = [k for k, part in enumerate(parts) if part.variance_interval is not None]
     for i, j in itertools.product(resolved, resolved):

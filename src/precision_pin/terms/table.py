@@ -248,10 +248,8 @@ _Order = tuple[int, int, int, str]
 
 
 def _chain_order(target: Target) -> _Order:
-    """Return the sort key of a target along the chain: a joint before all places of the link it moves.
-
-    Places of different sources may have the same rank, so their names break ties.
-    """
+    """Return the sort key of a target along the chain: a joint before all places of the link it moves."""
+    # places of different sources may have the same rank, so their names break ties
     if isinstance(target, JointValue):
         return (target.joint + 1, -1, 0, "")
     return (target.link, *target.order, target.name)
@@ -263,5 +261,4 @@ def is_alike(one: Term, other: Term) -> bool:
 
 
 def _is_same(one: Target, other: Target) -> bool:
-    """Return whether two targets are the same, including the frames of places."""
     return one is other or (one.is_same(other) if isinstance(one, Place) else one == other)

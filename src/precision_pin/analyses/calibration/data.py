@@ -135,7 +135,6 @@ def read_data(model: ErrorModel, data: object, measurements: tuple[Measurement, 
 
 
 def _together(parts: Sequence[CalibrationData]) -> CalibrationData:
-    """Return several data as one."""
     width = max(part.readings.shape[1] for part in parts)
     std, group = np.zeros(0), np.zeros(0)
     if any(part.std.size for part in parts):
@@ -207,7 +206,6 @@ def _of_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Measur
 
 
 def _missing(what: str, is_missing: NDArray[np.bool_], lines: Sequence[int], path: str) -> list[Finding]:
-    """Return a warning about missing readings, if any."""
     where = np.flatnonzero(is_missing)
     if not where.size:
         return []
@@ -369,7 +367,6 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
 
 
 def _values(table: csv_columns.Measured, columns: Sequence[str], measurement: Measurement) -> Array:
-    """Return the readings of one target, ``(R, m)``."""
     if not columns:
         return np.zeros((len(table.rows), measurement.size))
     return np.array([table.column(name, units.ANGLE if name.startswith("r") else units.LENGTH) for name in columns]).T
@@ -461,7 +458,6 @@ def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, co
 
 
 def _joints(chain: Chain, q: Array) -> tuple[list[str], list[list[str]]]:
-    """Return headings with units, and the joints' columns in full precision."""
     columns = joint_columns(chain.joint_names, chain.prismatic)
     # 1e-12 degrees: the rounding of a conversion from degrees and back
     values = [(row / one.factor).tolist() for one, row in zip(columns, q, strict=True)]

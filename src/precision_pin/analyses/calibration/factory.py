@@ -144,7 +144,6 @@ def _distances(found: UrKinematics, q: Array, *kinds: str) -> Array:
 
 
 def _refuse_other_model(file: str, kind: str, found: UrKinematics, q: Array) -> None:
-    """Raise if the arm of a file fits another model clearly better."""
     sizes = np.sqrt((_distances(found, q, *MODELS) ** 2).mean(axis=1))
     rms = dict(zip(MODELS, sizes.tolist(), strict=True))
     best = min(rms, key=lambda one: rms[one])
@@ -216,10 +215,8 @@ def _fitted(points: Array, directions: Array, places: Array, axes: Array) -> tup
 
 
 def _placements(chain: Chain, kind: str, base: Array, found: UrKinematics, file: str) -> Array:
-    """Return the built arm's placements: seats at their axes' points nearest to the nominal ones, turned least.
-
-    Only the axes and the tip at zero change poses, not where a frame lies along its axis or how it turns about it.
-    """
+    """Return the built arm's placements: seats at their axes' points nearest to the nominal ones, turned least."""
+    # only the axes and the tip at zero change poses, not where a frame lies along its axis or how it turns about it
     seats = _seats(chain)
     new = []
     for k, frame in enumerate(base @ found.joints):

@@ -431,10 +431,8 @@ class _Likelihood:
         return spread, width, means, score, moved
 
     def best(self, start: Array, fixed: int | None = None, tolerance: float = 1e-13) -> tuple[Array, float]:
-        """Return the scales of the largest likelihood and ln L there, perhaps with one scale fixed at its start.
-
-        The search ends at a step that gains less than ``tolerance`` of ln L.
-        """
+        """Return the scales of the largest likelihood and ln L there, perhaps with one scale fixed at its start."""
+        # the search ends at a step that gains less than `tolerance` of ln L
         free = np.array([k for k in range(start.size) if k != fixed], dtype=np.intp)
         if not free.size:
             return start, self.of(start)[0]

@@ -201,7 +201,6 @@ def _check_bounds(bounds: object, size: int) -> tuple[tuple[float, float], ...]:
 
 
 def _correlation(reader: SheetReader, size: int) -> Array:
-    """Return the correlation matrix of a sheet."""
     where = ("correlation",)
     rows = reader.settings.get("correlation", np.eye(size).tolist())
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):

@@ -70,8 +70,6 @@ class PlaneLaw(Law):
 @final
 @dataclass(frozen=True)
 class _DiscProjection(SineProjection):
-    """Projection of a disc."""
-
     def cumulative(self, z: Array) -> Array:
         t = self.scale_to_reach(z)
         return 0.5 + (t * np.sqrt((1 - t) * (1 + t)) + np.arcsin(t)) / np.pi

@@ -395,11 +395,9 @@ class _TruncatedProjection(SymmetricProjection):
         return 2e-15 / self._inner
 
     def envelope(self, frequency: Array) -> Array:
-        """Return the bound of the normal law plus that of the removed tails, over P(|z| < k).
-
-        The tails' bound is the smaller of their probability and their total variation over ω, 4φ(k)/ω. For small k, the
-        total variation of the whole density over ω is smaller.
-        """
+        """Return the bound of the normal law plus that of the removed tails, over P(|z| < k)."""
+        # The tails' bound is the smaller of their probability and their total variation over ω, 4φ(k)/ω. For small k,
+        # the total variation of the whole density over ω is smaller.
         omega = np.maximum(self.reach / self.k * frequency, 1e-300)
         height = math.exp(-(self.k**2) / 2) / math.sqrt(2 * math.pi)
         tails = np.minimum(2 * lazy_special.ndtr(-self.k), 4 * height / omega)

@@ -199,7 +199,6 @@ def _check_roots(links: Sequence[Link], parents: dict[str, Joint], findings: Fin
 
 
 def _find_circles(starts: Iterable[str], follow: Callable[[str], str | None]) -> list[list[str]]:
-    """Return the names on each circle reached by following names."""
     done: set[str] = set()
     circles = []
     for start in starts:
@@ -315,7 +314,6 @@ def mended_inertias(links: tuple[Link, ...]) -> dict[str, dict[str, float]]:
 
 
 def _verdict(moments: Array, mass: float) -> Verdict:
-    """Return the verdict on principal moments in rising order."""
     if np.abs(moments).max() <= abs(mass) * POINT_RADIUS**2:
         return "point"
     if moments[0] < -ROUNDING * moments[2]:
@@ -346,7 +344,6 @@ class _Body:
 
 
 def _bodies(robot: Robot) -> dict[str, _Body]:
-    """Return the rigid body of each link, by the link's name."""
     top: dict[str, str] = {robot.root: robot.root}
     poses: dict[str, Array] = {robot.root: np.eye(4)}
     for joint in robot.joints_from_root:

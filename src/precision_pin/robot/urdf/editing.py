@@ -43,8 +43,6 @@ class AddedFrame:
 
 @dataclass(frozen=True)
 class _JointText:
-    """Byte positions of a ``<joint>``'s first child element, and of its ``<origin>`` if any."""
-
     first_child: int
     origin: int | None
 
@@ -121,7 +119,6 @@ class UrdfText:
         return self._edit_attributes(joint.origin, b"<origin", values)
 
     def _edit_attributes(self, position: int, tag: bytes, values: dict[bytes, bytes]) -> list[Edit]:
-        """Return the edits that set attributes of the tag at a position."""
         match = START_TAG.match(self.data, position)
         assert match is not None
         edits: list[Edit] = []

@@ -142,7 +142,6 @@ def _index(value: object, items: object) -> int:
 
 
 def _accessor(accessor: Mapping[str, Any], views: list[tuple[bytes, int]]) -> NDArray[Any]:
-    """Return the rows ``(N, width)`` of an accessor."""
     count, width = int(accessor["count"]), WIDTHS[accessor["type"]]
     kind = np.dtype(NUMBERS[accessor["componentType"]])
     if not 0 <= count * width <= 4 * MOST_TRIANGLES:
@@ -157,7 +156,6 @@ def _accessor(accessor: Mapping[str, Any], views: list[tuple[bytes, int]]) -> ND
 
 
 def _check_primitive(primitive: Mapping[str, Any], accessors: list[NDArray[Any]]) -> int:
-    """Return the number of triangles."""
     attributes = primitive.get("attributes", {})
     if "POSITION" not in attributes:
         return 0
@@ -250,7 +248,6 @@ def _check_xml(data: bytes) -> None:
 
 
 def _check_geometry(geometry: ElementTree.Element) -> int:
-    """Return the approximate number of triangles."""
     rows = {}
     for source in geometry.iter("source"):
         rows["#" + source.get("id", "")] = _check_source(source)
@@ -266,7 +263,6 @@ def _check_geometry(geometry: ElementTree.Element) -> int:
 
 
 def _check_source(source: ElementTree.Element) -> int:
-    """Return the number of rows of a source."""
     array, accessor = source.find("float_array"), source.find("technique_common/accessor")
     if array is None:
         return 0
@@ -516,8 +512,6 @@ def _check_ply_row(reader: _PlyReader, name: str, properties: list[list[str]], v
 
 
 class _PlyReader:
-    """Reader of the numbers of a PLY body, one by one."""
-
     def __init__(
         self, *, values: Iterator[float] | None = None, data: bytes = b"", at: int = 0, order: str = "<"
     ) -> None:

@@ -178,7 +178,6 @@ def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, C
 
 
 def _open(node: Node, findings: Findings) -> tuple[str | None, Owner]:
-    """Return name and owner of a link or joint, after checking its attributes and children."""
     Owner(node.tag, findings).check_attributes(node)
     name = read_name(node, findings)
     owner = Owner(f"{node.tag} {shown(name or '?')}", findings)

@@ -160,8 +160,6 @@ class Node:
 
 
 class _Refused(Exception):
-    """Ends the parser from inside a handler."""
-
     def __init__(self, code: str, message: str, line: int | None) -> None:
         super().__init__(message)
         self.code, self.message, self.line = code, message, line
@@ -239,13 +237,10 @@ def _with_declared_utf8(text: str) -> str:
 
 
 def _line_of(before: str) -> int:
-    """Return the line in which the text ``before`` ends."""
     return 1 + before.replace("\r\n", "\n").replace("\r", "\n").count("\n")
 
 
 class _Builder:
-    """Builder of the tree of one text with expat; ``root`` is the result."""
-
     root: Node
 
     def __init__(self, data: bytes, limits: Limits) -> None:
