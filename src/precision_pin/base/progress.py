@@ -50,8 +50,7 @@ def steps_to(
 ) -> Iterator[Callable[[int], None]]:
     """Yield the function to report steps to, for an argument ``progress``: a function, True (a bar), False or None.
 
-    Raises:
-        InputError: It is none of these.
+    Raises InputError if it is none of these.
     """
     if show is not None and not isinstance(show, bool) and not callable(show):
         raise InputError(f"progress must be a function, or True for a bar, got {shown(show)}")

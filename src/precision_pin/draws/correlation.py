@@ -298,9 +298,8 @@ def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
 def check_correlations(draws: Sequence[Draw], correlations: Sequence[Correlation]) -> None:
     """Check that every correlation is between draws that can be correlated.
 
-    Raises:
-        InputError: An unknown name, or a draw that is fixed, has several numbers, has another scope than the rest or is
-            in two correlations.
+    Raises InputError for an unknown name, or a draw that is fixed, has several numbers, has another scope than the rest or
+    is in two correlations.
     """
     known = {draw.name: draw for draw in draws}
     correlated: set[str] = set()

@@ -51,10 +51,8 @@ class Estimates:
 
         The others form one joint normal draw, ``calibrated``, under their own names. A number whose law has bounds
         within the normal law's reach is cut at them, unless a combination of it with others is known, which cutting
-        would spoil. None crosses a zero that its prior does not cross.
-
-        Raises:
-            InputError: A name is not that of a number drawn once for each robot.
+        would spoil. None crosses a zero that its prior does not cross. Raises InputError if a name is not that of a
+        number drawn once for each robot.
         """
         scopes = {name: draw.scope for draw in space.draws for name in draw.components}
         for name in self.names:

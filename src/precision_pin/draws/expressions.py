@@ -205,8 +205,7 @@ class Program:
     def compile(cls, parameters: Sequence[Expression], component_index: Mapping[str, int]) -> Program:
         """Return the program that computes the parameters; common parts are computed once.
 
-        Raises:
-            InputError: A parameter needs more than 256 operations, or names a component that does not exist.
+        Raises InputError if a parameter needs more than 256 operations, or names a component that does not exist.
         """
         distinct: dict[Expression, None] = {}
         for parameter in parameters:
@@ -251,8 +250,7 @@ class Program:
     def gradient(self, x: ArrayLike) -> tuple[Slopes, ...]:
         """Return the derivatives of the P parameters at one point ``(d,)``, by component; missing ones are zero.
 
-        Raises:
-            InputError: A formula has no value or no finite derivative there.
+        Raises InputError if a formula has no value or no finite derivative there.
         """
         point = np.asarray(x, dtype=float)
         values = self._registers(point[:, None])

@@ -309,8 +309,7 @@ class LabelledSpace:
     def value(self, field: str, setting: Setting) -> Value:
         """Return a setting as a number or an expression; an unnamed law is the draw ``label.field``.
 
-        Raises:
-            UnknownNameError: The name of a parameter that does not exist.
+        Raises UnknownNameError for the name of a parameter that does not exist.
         """
         match setting:
             case Expression():
@@ -327,9 +326,8 @@ class LabelledSpace:
     def positive(self, field: str, setting: Setting, *, zero: bool = False) -> Value:
         """Return a setting that must be positive (or zero, if allowed) in every sample; see :meth:`value`.
 
-        Raises:
-            InputError: The number, or the lower end of the law's support, is too low. A normal law's mean must lie 8.6
-                standard deviations above zero, farther than any sample from it.
+        Raises InputError if the number, or the lower end of the law's support, is too low. A normal law's mean must lie
+        8.6 standard deviations above zero, farther than any sample from it.
         """
         value = self.value(field, setting)
         lowest = self._lowest(value)

@@ -135,8 +135,7 @@ REASONS: Final = {
 def to_arrays(pose_model: ModelAtPose) -> SamplerArrays:
     """Convert the error model at a pose to arrays for the compiled sampler, in milliseconds and without compiling.
 
-    Raises:
-        InputError: The compiled sampler does not support a law.
+    Raises InputError if the compiled sampler does not support a law.
     """
     return convert_table(pose_model.table, pose_model.space)
 
@@ -150,10 +149,8 @@ def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: in
     """Return the components ``(d, count)`` of units ``first … first + count - 1``.
 
     :meth:`precision_pin.draws.space.Space.sample` gives the same bits for laws that use only ``+ - × ÷`` and the square
-    root, and the same numbers within a few units in the last place for all others.
-
-    Raises:
-        InputError: A wrong seed, unit, pose or visit.
+    root, and the same numbers within a few units in the last place for all others. Raises InputError for a wrong seed,
+    unit, pose or visit.
     """
     # always whole tiles, so that a unit's numbers do not depend on the first unit of the call
     skip = _check_units(first, count)
@@ -188,8 +185,7 @@ def errors(
 def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
     """Return the errors ``(6, N)``, as `errors`, for component values ``(d, N)``.
 
-    Raises:
-        InputError: x has another shape; or as in `errors`.
+    Raises InputError if x has another shape; or as in `errors`.
     """
     values = np.array(x, dtype=float, order="C")  # a copy: to numba a read-only array is another type
     if not np.isfinite(values).all():

@@ -95,10 +95,8 @@ class PoseModel:
     def exact(self, x: ArrayLike) -> Array:
         """Return the errors ``(6, N)`` of the displaced chain as a product of poses, for component values ``(d, N)``.
 
-        ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses.
-
-        Raises:
-            InputError: A target turns by π or more, so that its rotation vector is not unique; or an error overflows.
+        ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses. Raises InputError if
+        a target turns by π or more, so that its rotation vector is not unique; or an error overflows.
         """
         values = self._check(x)
         try:

@@ -363,8 +363,7 @@ def stretch_flexibility(length: float, start: float, stop: float) -> Array:
 def beam_axes(chain: Chain, link: int, roll: float = 0.0) -> Array:
     """Return the axes x, y, z of a chain link as a beam, as columns in the link's own axes, ``(3, 3)``.
 
-    Raises:
-        InputError: The link has no length.
+    Raises InputError if the link has no length.
     """
     far_end = chain.placements[link]
     length = float(np.linalg.norm(far_end[:3, 3]))

@@ -78,10 +78,8 @@ def shift_of_point(height: float, other: float) -> Array:
     """Return the seat's displacement ``[d; δ]`` per shift ``(x, y)`` of the axis at a height, ``(6, 2)``.
 
     The axis stays at the ``other`` height: one of the two points of eqs 18 and 19. By virtual work the transpose gives
-    the radial force on a bearing there, one of two, from a wrench on the seat.
-
-    Raises:
-        InputError: The heights are equal to rounding.
+    the radial force on a bearing there, one of two, from a wrench on the seat. Raises InputError if the heights are equal
+    to rounding.
     """
     if math.isclose(height, other, rel_tol=_APART, abs_tol=0.0):
         raise InputError(f"the span is too small: both bearings are at {height:g} m along the axis")

@@ -287,10 +287,7 @@ def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ..
     """Return the parts of a beam: the beam itself, or its segments with the settings they take from it.
 
     A segment without a material (or any of its constants) takes the beam's; one without section and rigidities takes
-    the beam's section.
-
-    Raises:
-        InputError: The beam has dimensions or rigidities beside its segments.
+    the beam's section. Raises InputError if the beam has dimensions or rigidities beside its segments.
     """
     if not segments:
         return (Stretch(beam),)
@@ -312,8 +309,7 @@ def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ..
 def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
     """Return the end of each part of a beam of this length, from its start, m.
 
-    Raises:
-        InputError: The lengths of the segments do not add up to that of the link.
+    Raises InputError if the lengths of the segments do not add up to that of the link.
     """
     if not segments:
         return (length,)

@@ -117,10 +117,7 @@ def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
 def merge(first: State, second: State) -> State:
     """Return the state of both sets of samples.
 
-    Sums depend on order and grouping, by rounding: merge in block order wherever identical bits matter.
-
-    Raises:
-        InternalError: The states have different numbers of specifications.
+    Sums depend on order and grouping, by rounding: merge in block order wherever identical bits matter. Raises InternalError if the states have different numbers of specifications.
     """
     if first.inside.shape != second.inside.shape:
         raise InternalError(f"states of {first.inside.size} and {second.inside.size} specifications")
@@ -141,8 +138,7 @@ def largest_of(values: Array, units: Counts, more_values: Array, more_units: Cou
 def quantity_values(errors: Array) -> Array:
     """Return the eight quantities of a block: ``(6, N)`` → ``(8, N)``, m and rad.
 
-    Raises:
-        InternalError: A quantity is not finite; the message names the first and its sample within the block.
+    Raises InternalError if a quantity is not finite; the message names the first and its sample within the block.
     """
     values = np.empty((8, errors.shape[1]))
     values[1:4] = errors[:3]

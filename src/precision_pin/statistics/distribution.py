@@ -113,28 +113,22 @@ class Distribution(Record):
 
         Interpolates linearly between order statistics at rank 1 + (N − 1) p (numpy's default), each placed in its bin
         of the sketch by its rank. The error against the samples' own quantile is at most one bin: 2⁻⁹ of the distance
-        from the planned centre, or 2⁻¹² of the planned scale if that is more (`Plan`).
-
-        Raises:
-            InputError: Unless 0 < p < 1.
+        from the planned centre, or 2⁻¹² of the planned scale if that is more (`Plan`). Raises InputError unless 0 < p <
+        1.
         """
         return None if quantile_ranks(self.samples, _level(p), self.confidence) is None else self._quantile(p)
 
     def quantile_interval(self, p: float) -> tuple[float, float] | None:
         """Return the distribution-free interval of the p-quantile, widened to bin edges; None if unresolved.
 
-        Raises:
-            InputError: Unless 0 < p < 1.
+        Raises InputError unless 0 < p < 1.
         """
         return self._between(quantile_ranks(self.samples, _level(p), self.confidence))
 
     def quantile_error(self, p: float) -> float | None:
         """Return the largest difference of `quantile` from the samples' own quantile; None if unresolved.
 
-        This is the error of the sketch alone, without the sampling error.
-
-        Raises:
-            InputError: Unless 0 < p < 1.
+        This is the error of the sketch alone, without the sampling error. Raises InputError unless 0 < p < 1.
         """
         if self.quantile(p) is None:
             return None
@@ -149,10 +143,8 @@ class Distribution(Record):
     def quantile_upper_bound(self, p: float) -> float | None:
         """Return the one-sided upper bound of the p-quantile; None with fewer samples than Wilks' number.
 
-        With p = 0.9973: "at this confidence, at least 99.73 % of all units stay below".
-
-        Raises:
-            InputError: Unless 0 < p < 1.
+        With p = 0.9973: "at this confidence, at least 99.73 % of all units stay below". Raises InputError unless 0 < p
+        < 1.
         """
         rank = upper_bound_rank(self.samples, _level(p), self.confidence)
         return None if rank is None else self._outward(rank)[1]
@@ -160,18 +152,15 @@ class Distribution(Record):
     def tolerance_interval(self, content: float) -> tuple[float, float] | None:
         """Return the interval that holds this fraction of all units with the stated confidence (Wilks).
 
-        Raises:
-            InputError: Unless 0 < content < 1.
+        Raises InputError unless 0 < content < 1.
         """
         return self._between(tolerance_ranks(self.samples, _level(content), self.confidence))
 
     def tolerance_bounds(self, content: float) -> tuple[float, float] | None:
         """Return bounds between which this fraction of all units lies with the stated confidence (Wilks).
 
-        For a norm these are zero and `quantile_upper_bound`, for a component the ends of `tolerance_interval`.
-
-        Raises:
-            InputError: Unless 0 < content < 1.
+        For a norm these are zero and `quantile_upper_bound`, for a component the ends of `tolerance_interval`. Raises
+        InputError unless 0 < content < 1.
         """
         if not self.is_norm:
             return self.tolerance_interval(content)
@@ -258,8 +247,7 @@ class Distribution(Record):
     def interval(self, statistic: str | float) -> tuple[float, float] | None:
         """Return the interval of a statistic, named as in `half_width`; None if unresolved.
 
-        Raises:
-            UnknownNameError: There is no such statistic.
+        Raises UnknownNameError if there is no such statistic.
         """
         value, interval = self._value_and_interval(statistic)
         return None if value is None else interval

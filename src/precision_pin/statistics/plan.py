@@ -266,8 +266,7 @@ def _parse_required(text: str) -> float:
 def listed_specifications(given: Specifications) -> tuple[Specification, ...]:
     """Return a tuple of specifications, texts parsed.
 
-    Raises:
-        InputError: An entry is neither a specification nor the text of one.
+    Raises InputError if an entry is neither a specification nor the text of one.
     """
     if isinstance(given, Specification | str):
         given = (given,)

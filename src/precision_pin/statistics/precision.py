@@ -127,8 +127,7 @@ def target(text: str) -> Target:
 def reached(wanted: Target, found: Summary | Distribution) -> Precision:
     """Return the precision that a statistic has reached, and its tolerance.
 
-    Raises:
-        InputError: The distribution is of another quantity.
+    Raises InputError if the distribution is of another quantity.
     """
     distribution = found.distribution(wanted.quantity) if isinstance(found, Summary) else found
     if distribution.quantity != wanted.quantity:

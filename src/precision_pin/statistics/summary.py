@@ -103,8 +103,7 @@ class Summary(Record):
     def distribution(self, quantity: str) -> Distribution:
         """Return the distribution of a quantity by any of its names, such as ``position.x``, ``dx`` or ``x``.
 
-        Raises:
-            UnknownNameError: There is no such quantity.
+        Raises UnknownNameError if there is no such quantity.
         """
         vector, part = quantity_name(quantity).split(".")
         return getattr(self.position if vector == "position" else self.attitude, part)

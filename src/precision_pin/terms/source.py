@@ -102,8 +102,7 @@ class _Leaf:
     def field(self) -> SettingField:
         """The field that holds it, with its type.
 
-        Raises:
-            InputError: The names in the class's annotations are not defined in a module.
+        Raises InputError if the names in the class's annotations are not defined in a module.
         """
         try:
             return next(field for field in setting_fields(self.owner) if field.name == self.entry)

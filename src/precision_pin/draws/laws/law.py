@@ -184,8 +184,7 @@ class Law(ABC):
     def from_sheet(cls, reader: SheetReader) -> Law:
         """Return the law written in a sheet: the size under its key, and the options given.
 
-        Raises:
-            InputError: A setting is wrong.
+        Raises InputError if a setting is wrong.
         """
         size = reader.half_width(cls.form.key)
         given = [option for option in cls.form.options if option.key in reader.settings]
@@ -292,10 +291,7 @@ class Law(ABC):
     def interval(self, number: int) -> tuple[float, float]:
         """Return the bounds of a number of the law (0-based) in every sample.
 
-        The ends of its support, or for a law made from normal numbers its values at ±8.6 standard deviations.
-
-        Raises:
-            InputError: The law has no such number.
+        The ends of its support, or for a law made from normal numbers its values at ±8.6 standard deviations. Raises InputError if the law has no such number.
         """
         check_whole("the index of a number of the law", number, 0, self.size - 1)
         direction = np.zeros(self.size)
