@@ -63,10 +63,7 @@ def _group_files() -> Iterator[tuple[Path, Path]]:
 
 
 def check_memory(needed: float, what: str, instead: str) -> None:
-    """Raise if a request needs more than the free memory: ``needed`` bytes for ``what`` ("keeping 1,000 samples").
-
-    The message ends with the alternative, ``instead``.
-    """
+    """Raise if a request of ``needed`` bytes for ``what`` exceeds the free memory; ``instead`` is the alternative."""
     available = available_memory() if needed > _UNCHECKED else None
     if available is not None and needed > available:
         message = f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"
@@ -100,10 +97,7 @@ def shown(value: object) -> str:
 
 
 def check_whole(what: str, value: object, least: int, most: int, limits: str = "") -> int:
-    """Return a whole number from ``least`` to ``most``; booleans and floats are refused.
-
-    ``limits`` replaces the text "from least to most" in the message.
-    """
+    """Return a whole number from ``least`` to ``most`` (in messages: ``limits``); booleans and floats are refused."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
         allowed = limits or f"from {least} to {most}"
         raise InputError(f"{what} must be a whole number {allowed}, got {shown(value)}")
@@ -113,11 +107,7 @@ def check_whole(what: str, value: object, least: int, most: int, limits: str = "
 def check_number(
     what: str, value: object, allowed: str = "a finite number", within: Callable[[float], bool] | None = None
 ) -> float:
-    """Return a finite number; booleans and text are refused.
-
-    Args:
-        within: Further condition on a finite number.
-    """
+    """Return a finite number that fulfils ``within``; booleans and text are refused."""
     number = _number(value)
     if number is None or not math.isfinite(number) or not (within is None or within(number)):
         raise InputError(f"{what} must be {allowed}, got {shown(value)}")
@@ -265,10 +255,7 @@ def check_quantity(
     allowed: str = "finite",
     within: Callable[[float], bool] | None = None,
 ) -> float:
-    """Return one number in SI, given as a number in SI or as text with a unit.
-
-    ``allowed`` and ``within`` are as for :func:`~precision_pin.base.arguments.check_number`, without the unit.
-    """
+    """Return one number in SI, given so or as text with a unit; options as for :func:`check_number`."""
     number = _in_si(what, value, quantity)
     shown_unit = f"{allowed}, in {quantity.si} or with a unit"
     if isinstance(number, list):

@@ -65,12 +65,7 @@ def announced() -> Iterator[Report]:
 @final
 @dataclass(frozen=True)
 class Job:
-    """A call ``module.function(*arguments)`` that compiles something.
-
-    Attributes:
-        weight: Approximate duration, in any unit.
-        last: Whether all other jobs must be done first.
-    """
+    """A call that compiles something, of some approximate duration; ``last`` if all others must be done first."""
 
     module: str
     function: str
@@ -103,10 +98,7 @@ def begin_jobs(jobs: Sequence[Job]) -> None:
 
 
 def compile_jobs(jobs: Sequence[Job]) -> None:
-    """Run jobs in worker processes, the longest first; return when they are done or cannot be.
-
-    Announced by a line on stderr unless `shown_by` is active.
-    """
+    """Run jobs in worker processes, the longest first, announced on stderr or by `shown_by`; return when done."""
     if not _can_start():
         return
     with _shown[-1]() if _shown else announced() as report:

@@ -183,11 +183,7 @@ class UnitError(InputError):
 
 
 class UnknownNameError(InputError):
-    """A name that does not exist; the message gives the nearest valid ones.
-
-    Args:
-        kind: What was looked for: ``"joint"``, ``"link"``, ….
-    """
+    """A name that does not exist, of a ``kind`` such as ``"joint"``; the message gives the nearest valid ones."""
 
     code = "E_NAME"
 

@@ -249,11 +249,9 @@ def decode(data: bytes) -> str:
 
 
 def is_regular(status: os.stat_result) -> bool:
-    """Return whether this is a file on a disk: no directory, pipe, device or virtual file of the kernel.
-
-    Files below ``/proc`` and ``/sys`` claim to be regular, but have no known size, and reading them may have side
-    effects.
-    """
+    """Return whether this is a file on a disk: no directory, pipe, device or virtual file of the kernel."""
+    # files below `/proc` and `/sys` claim to be regular, but have no known size, and reading them may have side
+    # effects
     return stat.S_ISREG(status.st_mode) and status.st_dev not in _virtual_devices()
 
 

@@ -45,10 +45,8 @@ def strict(function: Function) -> Function:
 
 
 def inline(function: Function) -> Function:
-    """Compile as `strict`, inlined into callers: for functions with many array arguments, which are slow to pass.
-
-    Numba passes this on: functions it calls are inlined too, except `fma_noinline` ones.
-    """
+    """Compile as `strict`, inlined into callers: for functions with many array arguments, which are slow to pass."""
+    # numba passes this on: functions it calls are inlined too, except `fma_noinline` ones
     return cast("Function", _inner(forceinline=True)(function))
 
 

@@ -48,10 +48,7 @@ def progress(
 def steps_to(
     show: Callable[[int], None] | bool | None, total: int, unit: str = "samples"
 ) -> Iterator[Callable[[int], None]]:
-    """Yield the function to report steps to, for an argument ``progress``: a function, True (a bar), False or None.
-
-    Raises InputError if it is none of these.
-    """
+    """Yield the function for steps, given a function, True (a bar), False or None; raise InputError otherwise."""
     if show is not None and not isinstance(show, bool) and not callable(show):
         raise InputError(f"progress must be a function, or True for a bar, got {shown(show)}")
     if show is True:

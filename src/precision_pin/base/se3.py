@@ -48,10 +48,8 @@ def exp_rotation(vector: ArrayLike) -> Array:
 
 
 def log_rotation(rotation: ArrayLike) -> Array:
-    """Return the rotation vector of a rotation, angle in [0, π]: ``(3, 3[, N])`` → ``(3[, N])``.
-
-    Uses the unit quaternion (largest component first), accurate to rounding near zero and near π alike.
-    """
+    """Return the rotation vector of a rotation, angle in [0, π]: ``(3, 3[, N])`` → ``(3[, N])``."""
+    # uses the unit quaternion (largest component first), accurate to rounding near zero and near π alike
     r = np.asarray(rotation, dtype=float)
     trace = r[0, 0] + r[1, 1] + r[2, 2]
     # four times the outer product of the quaternion (w, x, y, z) with itself

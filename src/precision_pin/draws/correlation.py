@@ -168,11 +168,7 @@ class Correlation:
 @final
 @dataclass(frozen=True, eq=False)
 class BlockCovariance(Fixed):
-    """Covariance of d numbers, most of them mutually independent.
-
-    Attributes:
-        blocks: Columns ``(m,)`` of dependent numbers, and their covariance ``(m, m)``; no column is in two.
-    """
+    """Covariance of d numbers: variances ``(d,)``, and columns ``(m,)`` and covariance ``(m, m)`` of dependent ones."""
 
     variances: Array
     blocks: tuple[tuple[NDArray[np.intp], Array], ...]
@@ -298,7 +294,7 @@ def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
 def check_correlations(draws: Sequence[Draw], correlations: Sequence[Correlation]) -> None:
     """Check that every correlation is between draws that can be correlated.
 
-    Raises InputError for an unknown name, or a draw that is fixed, has several numbers, has another scope than the rest or
+    Raises InputError for an unknown name, or a draw that is fixed, has several numbers, another scope than the rest or
     is in two correlations.
     """
     known = {draw.name: draw for draw in draws}

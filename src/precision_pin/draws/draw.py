@@ -31,10 +31,7 @@ class Scope(Enum):
 
 
 def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
-    """Return the last counter word of a draw (0-based pose and visit).
-
-    Raises InputError for more than 2²⁰-1 poses or 4095 visits.
-    """
+    """Return the last counter word of a draw; raise InputError for more than 2²⁰-1 poses or 4095 visits."""
     check_whole("the pose", pose, 0, MOST_POSES - 1)
     check_whole("the visit", visit, 0, MOST_VISITS - 1)
     first = (pose + 1) * 4096

@@ -45,11 +45,9 @@ def stream_of(name: str) -> int:
 
 
 def streams_of(names: Iterable[str]) -> dict[str, int]:
-    """Return the stream of every name, no two alike.
-
-    If two names have one stream, the alphabetically later one is hashed again as ``name#1``, ``name#2``, … until it is
-    free, so that the order of the names never matters.
-    """
+    """Return the stream of every name, no two alike."""
+    # if two names have one stream, the alphabetically later one is hashed again as `name#1`, `name#2`, … until it
+    # is free, so that the order of the names never matters
     streams: dict[str, int] = {}
     taken: set[int] = set()
     for name in sorted(set(names)):

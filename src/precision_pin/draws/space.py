@@ -297,11 +297,7 @@ _SETTING: Final = "a finite number, the name of a parameter, a law, a draw or a 
 @final
 @dataclass(frozen=True)
 class LabelledSpace:
-    """The space of one source: turns its settings into numbers and expressions.
-
-    Attributes:
-        label: The source's label, ``kind[joint or link]``, the prefix of its own draws' names.
-    """
+    """The space of one source with label ``kind[subject]``: turns its settings into numbers and expressions."""
 
     space: Space
     label: str

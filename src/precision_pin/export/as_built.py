@@ -272,10 +272,7 @@ def _step_for(place: Place, steps: Sequence[_Step]) -> _Step | None:
 
 
 def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
-    """Return the labels of the sources whose displacements hold at this pose only.
-
-    Caused by loads, drawn for each pose or visit, or declared so.
-    """
+    """Return the labels of sources whose displacements hold at this pose only: by loads, scope or declaration."""
     scopes = {name: draw.scope for draw in model.space.draws for name in draw.components}
     found = []
     for bound, label in zip(model.bound_sources, model.labels, strict=True):

@@ -105,10 +105,8 @@ class Survey:
 
     @classmethod
     def of(cls, chain: Chain) -> Survey:
-        """Try poses all over the joints' ranges.
-
-        A pose's condition is the smallest singular value of the joint Jacobian, lengths divided by the reach.
-        """
+        """Try poses all over the joints' ranges."""
+        # a pose's condition is the smallest singular value of the joint Jacobian, lengths divided by the reach
         ranges = [_trial_range(joint) for joint in chain.joints]
         units = tuple(unit for _, _, unit in ranges)
         trials = _trials(ranges)
@@ -139,10 +137,7 @@ class Survey:
 
     @cached_property
     def design_loads(self) -> Array:
-        """Design load of each joint, N·m or N, ``(n,)``; 0 if no weight can act on it.
-
-        The largest it meets, and at least a tenth of the largest on any joint of its kind.
-        """
+        """Largest load of each joint, N·m or N, ``(n,)``, at least a tenth of its kind's largest; 0 without weights."""
         result = np.zeros(len(self.chain.joints))
         for kind in (self.chain.prismatic, ~self.chain.prismatic):
             alike = kind & self.loadable

@@ -250,11 +250,9 @@ def empty_table(rare: Wanted = None) -> SamplerArrays:
 
 
 def convert_tables(tables: Sequence[TermTable], space: Space) -> list[SamplerArrays]:
-    """Return the arrays of term tables, with the same bits as `convert_table` of each.
-
-    Consecutive tables with the same targets, program and factors, such as one model at several poses, share draws and
-    formulas.
-    """
+    """Return the arrays of term tables, with the same bits as `convert_table` of each."""
+    # consecutive tables with the same targets, program and factors, such as one model at several poses, share draws and
+    # formulas
     found: list[SamplerArrays] = []
     for _, alike in groupby(tables, key=lambda table: (id(table.program), id(table.target), id(table.factors))):
         found += _convert_alike(list(alike), space)

@@ -400,12 +400,10 @@ def _after_two_rounds(products: Offsets, i: Scalar, same_0: Scalar, same_2: Scal
 def uniforms(
     w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar, products: Offsets
 ) -> None:
-    """Fill rows with uniform numbers, as `precision_pin.draws.philox.uniforms`: even units first, then odd ones.
-
-    The first pair is a multiple of half a tile, so that all pairs have the same upper counter word. Of the four
-    products of the first two rounds, two are then the same for all pairs, and two for all streams with the same last
-    word. The latter are stored in ``products``, 3/2 `TILE` words.
-    """
+    """Fill rows with uniform numbers, as `precision_pin.draws.philox.uniforms`: even units first, then odd ones."""
+    # The first pair is a multiple of half a tile, so that all pairs have the same upper counter word. Of the four
+    # products of the first two rounds, two are then the same for all pairs, and two for all streams with the same last
+    # word. The latter are stored in `products`, 3/2 `TILE` words.
     low, high = first_pair & _LOW, first_pair >> _HALF_WORD
     key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
     next_0, next_1 = (key_0 + _WEYL_0) & _LOW, (key_1 + _WEYL_1) & _LOW
@@ -459,10 +457,8 @@ def _series(z: Scalar, coefficients: Any) -> Scalar:
 
 @fma
 def logarithm(x: Scalar) -> Scalar:
-    """Return log x of a normalised double within 2 ulp, by 2 artanh(s/2) with s = 2(m - c)/(m + c) and x = 2ᵉ m.
-
-    c is 1 or near √2, whichever is nearer to m.
-    """
+    """Return log x of a normalised double within 2 ulp, by 2 artanh(s/2) with s = 2(m - c)/(m + c) and x = 2ᵉ m."""
+    # c is 1 or near √2, whichever is nearer to m
     # m from 2^(-1/4) to 2^(3/4)
     shifted = _bits_of(x) + _U(0x0005175F00000000)
     exponent = _float_of((shifted >> _MANTISSA) | _BITS_OF_2_52) - (2.0**52 + 1023.0)

@@ -64,10 +64,8 @@ def _list_common_jobs(unused: str) -> list[Job]:
 
 
 def begin_compiling() -> None:
-    """Start compiling the exact model's parts in worker processes if the cache is empty; a first use waits.
-
-    The cache is recognised by its file names alone, because numba takes long to load.
-    """
+    """Start compiling the exact model's parts in worker processes if the cache is empty; a first use waits."""
+    # the cache is recognised by its file names alone, because numba takes long to load
     beside = Path(__file__).parent / "__pycache__"
     folder = Path(os.environ["NUMBA_CACHE_DIR"]) if os.environ.get("NUMBA_CACHE_DIR") else beside
     index = f"loops.run-*.py{sys.version_info.major}{sys.version_info.minor}.nbi"

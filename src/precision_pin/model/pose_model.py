@@ -49,11 +49,9 @@ class Part:
     rank: int | None
 
     def targets_before(self, targets: Sequence[Target]) -> int:
-        """Return how many of the targets, in chain order, move it: the first so many.
-
-        A URDF link's own frame moves it; a custom place or the end of its chain link moves only what comes after. All
-        move the tip.
-        """
+        """Return how many of the targets, in chain order, move it: the first so many."""
+        # A URDF link's own frame moves it; a custom place or the end of its chain link moves only what comes after. All
+        # move the tip.
         return sum(self._is_moved_by(target) for target in targets)
 
     def _is_moved_by(self, target: Target) -> bool:
@@ -269,10 +267,7 @@ def _origin(stated: Mapping[str, Origin], draw: Draw, owners: Sequence[str]) -> 
 
 
 def origin_shares(origins: Mapping[str, str], at: PoseModel) -> OriginShares:
-    """Return the fractions of the first-order variance, ``Cov(e_k, e)`` summed over the numbers of each provenance.
-
-    Empty if no provenance is stated.
-    """
+    """Return the fractions of the first-order variance, ``Cov(e_k, e)``, by provenance; empty if none is stated."""
     if not any(origins.values()):
         return {}
     space = at.space

@@ -131,10 +131,7 @@ def side_variants(at: PoseModel) -> tuple[PoseModel, ...]:
 
 
 def turnover_findings(at: PoseModel) -> tuple[Finding, ...]:
-    """Return a warning if results from the model at the means ignore that play changes sides with the load.
-
-    Counted over 4,096 robots, and given from one in a thousand.
-    """
+    """Return a warning if play that changes sides with the load is ignored, in one in a thousand of 4,096 robots."""
     signs = _signs(at)
     if not signs:
         return ()
@@ -160,11 +157,9 @@ def turnover_findings(at: PoseModel) -> tuple[Finding, ...]:
 
 
 def resettled_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ...]:
-    """Return a warning if robots solved one by one take up play on other sides than in equilibrium statics.
-
-    There the loads act on the arm at rest under the mean loads, with a robot's deflections to first order. The robot
-    tried is as close to a turnover as the closest 1 % of a thousand.
-    """
+    """Return a warning if robots solved one by one take up play on other sides than in equilibrium statics."""
+    # There the loads act on the arm at rest under the mean loads, with a robot's deflections to first order. The robot
+    # tried is as close to a turnover as the closest 1 % of a thousand.
     signs = _signs(at)
     if not signs:
         return ()

@@ -104,11 +104,7 @@ def speed_findings(model: ErrorModel, values: Array, times: NDArray[np.float64] 
 
 
 def exact_findings(model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None = None) -> tuple[Finding, ...]:
-    """Return a warning of the fraction of first-order variance lost because changes fixed laws to single values.
-
-    Args:
-        values, approaches: Poses ``(n, P)``, and how their joints moved last.
-    """
+    """Return a warning of the first-order variance lost at poses ``(n, P)`` because changes fixed laws to values."""
     lost = _lost(model)
     if lost is None:
         return ()
@@ -234,11 +230,9 @@ _SEED: Final = 0
 
 
 def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple[Finding, ...]:
-    """Return the findings, errors included, that an analysis at a pose would have about the pose itself.
-
-    Warnings about the statics' range of validity are left to the analysis: they concern an assumption of the model, not
-    the sheet. With more than 500 random numbers, some robots are sampled instead of the first-order check.
-    """
+    """Return the findings, errors included, that an analysis at a pose would have about the pose itself."""
+    # Warnings about the statics' range of validity are left to the analysis: they concern an assumption of the model,
+    # not the sheet. With more than 500 random numbers, some robots are sampled instead of the first-order check.
     try:
         with np.errstate(over="raise"):
             at = model.at(pose)
@@ -261,10 +255,8 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
 def strained_findings(
     model: ErrorModel, pose: Array | ApproachedPose, label: str, *, first_order: bool = False
 ) -> tuple[Finding, ...]:
-    """Return the named warnings at one pose of many about statics and, if requested, about first-order results.
-
-    An analysis of many poses checks only the one with the largest error, since each check solves the deflected arm.
-    """
+    """Return the named warnings at one pose of many about statics and, if requested, about first-order results."""
+    # an analysis of many poses checks only the one with the largest error, since each check solves the deflected arm
     # not model.at, which would warn of joint limits once more
     q, approach = model.configuration(pose)[:, None], model.approach(pose)
     at = next(model.at_columns(q, np.array(approach, dtype=np.int8)[:, None] if approach else None))

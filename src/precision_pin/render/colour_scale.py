@@ -26,11 +26,10 @@ def round_number(value: float) -> float:
 @final
 @dataclass(frozen=True)
 class ColourScale:
-    """Position error sizes (m) as colours of matplotlib's viridis, light for small, dark for large.
+    """Position error sizes (m) as colours of matplotlib's viridis, light for small, dark for large."""
 
-    Viridis is perceptually uniform and safe for colour-blind readers; its lightest tenth, faint on a light ground, is
-    left out.
-    """
+    # viridis is perceptually uniform and safe for colour-blind readers; its lightest tenth, faint on a light ground, is
+    # left out
 
     smallest: float
     largest: float

@@ -54,10 +54,7 @@ class WrittenUnit:
 
     @classmethod
     def of_axis(cls, quantity: str, size: float) -> WrittenUnit:
-        """Return the unit of an axis up to a size (SI): mm or mrad for 0.1 to 10,000 of them, else another.
-
-        ``quantity`` is that of the errors, as ``position.norm``.
-        """
+        """Return the unit of an axis of a quantity up to a size (SI): mm or mrad for 0.1 to 10,000, else another."""
         ladder = [cls(name, 1000.0**k) for k, name in enumerate(_OF_AXES[quantity.partition(".")[0]])]
         if size == 0:
             return ladder[1]

@@ -95,10 +95,7 @@ Child = Html | str
 
 
 def element(name: str, *children: Child, **attributes: str) -> Html:
-    """Return an element; text and attribute values are escaped.
-
-    ``class_`` becomes ``class``, ``aria_label`` ``aria-label``; an empty ``class_`` is left out.
-    """
+    """Return an element, text and attributes escaped; ``class_`` is ``class``, left out if empty."""
     written = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escaped(value)}"'
         for key, value in attributes.items()
@@ -130,10 +127,8 @@ def definitions(entries: Iterable[tuple[str, Child]]) -> Html:
 
 
 def section(name: str, heading: str, *children: Child, folded: bool = True) -> Html:
-    """Return a section of the page with the anchor ``#name``, folded until it is opened.
-
-    The section is inside its fold, because browsers open the folds around a link's target.
-    """
+    """Return a section of the page with the anchor ``#name``, folded until it is opened."""
+    # the section is inside its fold, because browsers open the folds around a link's target
     title = element("h2", heading, id=f"{name}-heading")
     inside = children if folded else (title, *children)
     body = element("section", *inside, id=name, aria_labelledby=f"{name}-heading")

@@ -25,11 +25,7 @@ LARGEST_FILE: Final = 2**30
 
 
 class JsonResult:
-    """A result with a JSON form.
-
-    Attributes:
-        schema: Name of the JSON's schema; for a class that covers several, their common prefix.
-    """
+    """A result with a JSON form; ``schema`` is its name, or the common prefix of several."""
 
     schema: ClassVar[str] = "precision-pin/"
 

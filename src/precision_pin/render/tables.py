@@ -98,10 +98,7 @@ def joint_text(
     *,
     is_named: bool = True,
 ) -> str:
-    """Return joint values as :func:`joint_value` does, with ``(+)`` or ``(-)`` where the last motion is known.
-
-    Without the joints' names if ``is_named`` is False.
-    """
+    """Return joint values by name (if ``is_named``), with ``(+)`` or ``(-)`` where the last motion is known."""
     signs = {joint: f" ({sign})" for joint, sign in (approach or {}).items()}
     return ", ".join(
         joint_value(joint if is_named else "", value, slides=joint in sliding_joints).lstrip() + signs.get(joint, "")

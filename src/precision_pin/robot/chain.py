@@ -660,10 +660,8 @@ def spaced(values: Array) -> str:
 
 
 def chain_findings(chain: Chain) -> tuple[Finding, ...]:
-    """Return the warnings about a chain's URDF, those about links and joints off the chain in one line.
-
-    The warning about several leaves is dropped, since the chain's tip is known.
-    """
+    """Return the warnings about a chain's URDF, those about links and joints off the chain in one line."""
+    # the warning about several leaves is dropped, since the chain's tip is known
     findings = [finding for finding in chain.robot.findings if finding.code != "W_BRANCHED"]
     on_path, loads = _names_on_path(chain), _names_of_loads(chain)
 

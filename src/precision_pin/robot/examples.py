@@ -36,10 +36,8 @@ PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
 
 
 def example_urdfs() -> dict[str, Path]:
-    """Return the URDFs of the package example-robot-data by short name (``ur5``, ``panda``, …), empty if not installed.
-
-    The package has no Python module; its metadata lists the files. Empty files are left out.
-    """
+    """Return the URDFs of the package example-robot-data by short name (``ur5``, ``panda``, …), empty if not installed."""
+    # The package has no Python module; its metadata lists the files. Empty files are left out.
     try:
         distribution = importlib.metadata.distribution("example-robot-data")
     except importlib.metadata.PackageNotFoundError:
@@ -59,10 +57,7 @@ def own_urdfs() -> dict[str, Path]:
 
 
 def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
-    """Return the path of a robot: a path relative to ``folder``, ``example:NAME`` or ``robot_descriptions:NAME``.
-
-    Raises `InputError`, with a suggestion, for a missing robot.
-    """
+    """Return the path of a robot: relative to ``folder``, or by ``example:NAME`` or ``robot_descriptions:NAME``."""
     if not text.strip():
         raise InputError.of("E_FILE_MISSING", "the path of the robot is empty")
     if text.startswith(PREFIX):
@@ -170,10 +165,7 @@ def named_briefly(text: str) -> str:
 
 
 def xacro_source(robot: str) -> tuple[Path, dict[str, str], dict[str, str]] | None:
-    """Return the file of a robot written in xacro, its arguments and its packages' folders; None for others.
-
-    ``robot`` is a path that ends in ``.xacro``, or ``robot_descriptions:NAME``.
-    """
+    """Return file, arguments and package folders of a robot in xacro, given as a path or by name; None for others."""
     if robot.startswith(DESCRIPTIONS):
         found = description(robot.removeprefix(DESCRIPTIONS))
         if not hasattr(found, "XACRO_PATH"):

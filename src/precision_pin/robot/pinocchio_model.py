@@ -89,10 +89,7 @@ class PinocchioModel:
 def model_poses(
     model: Any, joints: Collection[str], base: str, tip: str
 ) -> tuple[Array, list[tuple[dict[str, float], Array]]]:
-    """Return a user's Pinocchio model's gravity (3,) in the base's axes, and its tip in the base at two configurations.
-
-    The neutral one and one near it, each as joint values by name, rad or m, and a pose ``(4, 4)``.
-    """
+    """Return a Pinocchio model's gravity (3,), and its tip at the neutral configuration and one nearby, in the base."""
     if not isinstance(model, pinocchio.Model):
         raise InputError("the model must be a pinocchio.Model")
     for name in (base, tip):

@@ -201,10 +201,7 @@ class PoseSet:
         return found[0], found[1]
 
     def with_singular_below(self, chain: Chain, value: float) -> PoseSet:
-        """Return the poses with another threshold below which one within the limits counts as singular.
-
-        Raises InputError if it is negative or not finite.
-        """
+        """Return the poses with another threshold, not negative, below which one within the limits is singular."""
         below = check_number("the smallest singular value", value, "zero or more and finite", lambda least: least >= 0)
         near = np.zeros(len(self), dtype=bool)
         near[self.known] = smallest_singular_values(chain, self.q[:, self.known]) < below

@@ -307,10 +307,7 @@ def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ..
 
 
 def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
-    """Return the end of each part of a beam of this length, from its start, m.
-
-    Raises InputError if the lengths of the segments do not add up to that of the link.
-    """
+    """Return each part's end from the start of a beam of this length, m; raise InputError if the sum differs."""
     if not segments:
         return (length,)
     parts = [segment.length or (segment.fraction or 0.0) * length for segment in segments]

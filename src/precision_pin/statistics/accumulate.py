@@ -117,7 +117,8 @@ def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
 def merge(first: State, second: State) -> State:
     """Return the state of both sets of samples.
 
-    Sums depend on order and grouping, by rounding: merge in block order wherever identical bits matter. Raises InternalError if the states have different numbers of specifications.
+    Sums depend on order and grouping, by rounding: merge in block order wherever identical bits matter. Raises
+    InternalError if the states have different numbers of specifications.
     """
     if first.inside.shape != second.inside.shape:
         raise InternalError(f"states of {first.inside.size} and {second.inside.size} specifications")
@@ -154,12 +155,10 @@ def quantity_values(errors: Array) -> Array:
 
 
 def lane_sums(rows: Array) -> Array:
-    """Sum each row in sixteen fixed lanes: ``(k, N)`` → ``(k,)``.
-
-    The order is that of the compiled sampler, and the same for every vector width of the processor. Within every 128
-    samples the even ones come first, then the odd ones. In this order lane l adds samples l, l + 16, …; the lanes are
-    then folded in halves.
-    """
+    """Sum each row in sixteen fixed lanes: ``(k, N)`` → ``(k,)``."""
+    # The order is that of the compiled sampler, and the same for every vector width of the processor. Within every 128
+    # samples the even ones come first, then the odd ones. In this order lane l adds samples l, l + 16, …; the lanes are
+    # then folded in halves.
     count, length = rows.shape
     padded = np.zeros((count, -(-length // _SPAN) * _SPAN))
     padded[:, :length] = rows

@@ -24,10 +24,7 @@ _FINEST: Final = 17
 
 
 def significant_digits(value: float, half_width: float, *, most: int = MOST_DIGITS) -> int:
-    """Return how many significant digits of a value its interval supports, from 0 to `most`.
-
-    ``half_width`` is half the width of the interval, in the unit of the value; 0 for an exact number.
-    """
+    """Return how many significant digits, up to `most`, the interval's half-width (0 if exact) supports."""
     if value == 0:
         return most if half_width == 0 else 0
     return max(0, _leading_place(value) - _last_place(value, half_width, most) + 1)
@@ -43,10 +40,7 @@ def format_supported(value: float | None, half_width: float | None, *, most: int
 
 
 def format_inside(value: float | None, interval: tuple[float, float] | None, *, most: int = MOST_DIGITS) -> str:
-    """Return the value with the digits that its interval supports, rounded to a number inside the interval.
-
-    ``not resolved`` if either is None; ``most`` limits the digits of an exact number.
-    """
+    """Return the value with the supported digits, rounded to inside the interval; ``not resolved`` without one."""
     if value is None or interval is None:
         return "not resolved"
     half_width = max(value - interval[0], interval[1] - value)
@@ -60,20 +54,16 @@ def format_inside(value: float | None, interval: tuple[float, float] | None, *, 
 
 
 def round_end(end: float, digits: int, *, up: bool) -> float:
-    """Return a finite bound rounded up or down to significant digits.
-
-    Its shortest decimal is rounded, so that 0.3, which is a little less in binary, is kept.
-    """
+    """Return a finite bound rounded up or down to significant digits."""
+    # its shortest decimal is rounded, so that 0.3, which is a little less in binary, is kept
     exact = Decimal(repr(float(end)))
     place = Decimal(1).scaleb(exact.adjusted() - digits + 1)
     return float(exact.quantize(place, ROUND_CEILING if up else ROUND_FLOOR))
 
 
 def format_interval(low: float, high: float, per_si: float = 1.0) -> tuple[str, str]:
-    """Return the ends of an interval with two digits of its width, rounded outwards.
-
-    The factor ``per_si`` is applied in decimals, so that no end moves inwards.
-    """
+    """Return the ends of an interval with two digits of its width, rounded outwards."""
+    # the factor `per_si` is applied in decimals, so that no end moves inwards
     ends = [Decimal(end) * Decimal(per_si) for end in (low, high)]
     width = ends[1] - ends[0]
     place = Decimal(1).scaleb(width.adjusted() - 1 if width else ends[1].adjusted() - _EXACT_DIGITS)
@@ -82,11 +72,9 @@ def format_interval(low: float, high: float, per_si: float = 1.0) -> tuple[str, 
 
 
 def format_share(share: float, interval: tuple[float, float], required: float) -> tuple[str, str, str]:
-    """Return a share and the ends of its interval in per cent, the ends rounded outwards.
-
-    The decimals are those of the required share, and show at least two digits of the interval's width, so that the
-    texts agree with the verdict.
-    """
+    """Return a share and the ends of its interval in per cent, the ends rounded outwards."""
+    # the decimals are those of the required share, and show at least two digits of the interval's width, so that the
+    # texts agree with the verdict
     low, high = (Decimal(end) * 100 for end in interval)
     demand = Decimal(f"{100 * required:.10g}").normalize()
     decimals = max(1 - (high - low).adjusted(), -int(demand.as_tuple().exponent), 0)

@@ -119,10 +119,7 @@ class Distribution(Record):
         return None if quantile_ranks(self.samples, _level(p), self.confidence) is None else self._quantile(p)
 
     def quantile_interval(self, p: float) -> tuple[float, float] | None:
-        """Return the distribution-free interval of the p-quantile, widened to bin edges; None if unresolved.
-
-        Raises InputError unless 0 < p < 1.
-        """
+        """Return the distribution-free interval of the p-quantile, 0 < p < 1, out to bin edges; None if unresolved."""
         return self._between(quantile_ranks(self.samples, _level(p), self.confidence))
 
     def quantile_error(self, p: float) -> float | None:
@@ -150,10 +147,7 @@ class Distribution(Record):
         return None if rank is None else self._outward(rank)[1]
 
     def tolerance_interval(self, content: float) -> tuple[float, float] | None:
-        """Return the interval that holds this fraction of all units with the stated confidence (Wilks).
-
-        Raises InputError unless 0 < content < 1.
-        """
+        """Return the interval that holds this fraction (0 to 1) of all units with the stated confidence (Wilks)."""
         return self._between(tolerance_ranks(self.samples, _level(content), self.confidence))
 
     def tolerance_bounds(self, content: float) -> tuple[float, float] | None:
@@ -245,10 +239,7 @@ class Distribution(Record):
     # intervals and digits by name of the statistic ---------------------------------------------------
 
     def interval(self, statistic: str | float) -> tuple[float, float] | None:
-        """Return the interval of a statistic, named as in `half_width`; None if unresolved.
-
-        Raises UnknownNameError if there is no such statistic.
-        """
+        """Return the interval of a statistic of `half_width`, None if unresolved; raise UnknownNameError for others."""
         value, interval = self._value_and_interval(statistic)
         return None if value is None else interval
 

@@ -264,10 +264,7 @@ def _parse_required(text: str) -> float:
 
 
 def listed_specifications(given: Specifications) -> tuple[Specification, ...]:
-    """Return a tuple of specifications, texts parsed.
-
-    Raises InputError if an entry is neither a specification nor the text of one.
-    """
+    """Return specifications as a tuple, texts parsed; raise InputError for other entries."""
     if isinstance(given, Specification | str):
         given = (given,)
     if not isinstance(given, list | tuple):

@@ -55,12 +55,7 @@ class Target:
 @final
 @dataclass(frozen=True)
 class Precision:
-    """Reached precision of a statistic.
-
-    Attributes:
-        half_width: Distance of the statistic from the farther end of its interval, m or rad; ``None`` if unresolved.
-        tolerance: Largest allowed half-width, m or rad.
-    """
+    """Reached half-width (``None`` if unresolved) and largest allowed one, both m or rad."""
 
     half_width: float | None
     tolerance: float
@@ -125,10 +120,7 @@ def target(text: str) -> Target:
 
 
 def reached(wanted: Target, found: Summary | Distribution) -> Precision:
-    """Return the precision that a statistic has reached, and its tolerance.
-
-    Raises InputError if the distribution is of another quantity.
-    """
+    """Return a statistic's precision and tolerance; raise InputError for a distribution of another quantity."""
     distribution = found.distribution(wanted.quantity) if isinstance(found, Summary) else found
     if distribution.quantity != wanted.quantity:
         raise InputError(f"the target is of {wanted.quantity}, the distribution of {distribution.quantity}")

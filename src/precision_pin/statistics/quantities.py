@@ -33,10 +33,7 @@ QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
 
 
 def quantity_name(quantity: str) -> str:
-    """Return the result name of a quantity, given any of its names: ``position.z`` for ``z``, ``dz`` and itself.
-
-    Raises UnknownNameError if there is no such quantity.
-    """
+    """Return the result name, ``position.z``, of any of its names, or raise UnknownNameError."""
     if isinstance(quantity, str) and quantity in QUANTITY_WORDS:
         return QUANTITY_WORDS[quantity]
     return check_name("quantity", quantity, QUANTITIES)

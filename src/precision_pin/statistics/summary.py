@@ -40,12 +40,7 @@ class VectorDistribution(Record):
 @final
 @dataclass(frozen=True)
 class Extreme:
-    """One of the largest sampled errors.
-
-    Attributes:
-        sample: Index of the sample, which is the robot index of the seed.
-        value: |d| in m or |δ| in rad.
-    """
+    """One of the largest errors: index of its sample, which is the seed's robot, and |d| in m or |δ| in rad."""
 
     sample: int
     value: float
@@ -101,10 +96,7 @@ class Summary(Record):
         return _covariance_interval(self.covariance, [self.distribution(QUANTITIES[row]).moments for row in COMPONENTS])
 
     def distribution(self, quantity: str) -> Distribution:
-        """Return the distribution of a quantity by any of its names, such as ``position.x``, ``dx`` or ``x``.
-
-        Raises UnknownNameError if there is no such quantity.
-        """
+        """Return the distribution of a quantity by any of its names, or raise UnknownNameError."""
         vector, part = quantity_name(quantity).split(".")
         return getattr(self.position if vector == "position" else self.attitude, part)
 

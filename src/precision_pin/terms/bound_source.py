@@ -110,11 +110,9 @@ def _stack(made: Sequence[tuple[Term, ...]]) -> list[Term] | None:
 
 
 def labels(sources: Sequence[Source]) -> tuple[str, ...]:
-    """Return every source's label.
-
-    Equal labels get the suffixes ``#2``, ``#3``, … in the order of their settings (names and directions before numbers
-    and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label.
-    """
+    """Return every source's label."""
+    # equal labels get the suffixes `#2`, `#3`, … in the order of their settings (names and directions before
+    # numbers and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label
     result = [source.label() for source in sources]
     alike: dict[str, list[int]] = {}
     for k, label in enumerate(result):

@@ -34,11 +34,7 @@ Dependence = Literal["chain", "configuration", "loads"]
 @final
 @dataclass(frozen=True)
 class SettingField:
-    """A setting of a kind of source, or of a part of a setting.
-
-    Attributes:
-        default: The default; :data:`dataclasses.MISSING` if the setting is required.
-    """
+    """A setting of a source, or of a part of a setting; ``default`` is :data:`dataclasses.MISSING` if required."""
 
     name: str
     hint: Any
@@ -100,10 +96,7 @@ class _Leaf:
 
     @property
     def field(self) -> SettingField:
-        """The field that holds it, with its type.
-
-        Raises InputError if the names in the class's annotations are not defined in a module.
-        """
+        """The field that holds it; InputError if no module defines the names in the class's annotations."""
         try:
             return next(field for field in setting_fields(self.owner) if field.name == self.entry)
         except NameError as error:

@@ -98,12 +98,7 @@ class Term:
 
 @final
 class TermsOfPose(Sequence[Term]):
-    """The terms of one of P postures, made from the common terms when read.
-
-    Args:
-        terms: Terms whose twists have P columns, or one if they are the same at every posture.
-        pose: Number of the posture.
-    """
+    """The terms of posture ``pose`` of P, made when read from common terms with P twists, or one for all."""
 
     def __init__(self, terms: Sequence[Term], pose: int) -> None:
         self._terms, self._pose = terms, pose

@@ -109,10 +109,7 @@ class CalibrationData(Record):
 
 
 def read_data(model: ErrorModel, data: object, measurements: tuple[Measurement, ...]) -> CalibrationData:
-    """Return data given as :class:`CalibrationData`, or as paths of CSV files or pairs of poses and readings.
-
-    One for each measurement, or one file for all.
-    """
+    """Return data given as such, or as CSV paths or pairs of poses and readings: one a measurement, or one file."""
     if isinstance(data, CalibrationData):
         return data if data.measurements else replace(data, measurements=measurements, files=(data.file,))
     given: list[Any] = [data]
@@ -503,10 +500,7 @@ class Zeros(NamedTuple):
 
 
 def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, signs: Array) -> Zeros:
-    """Return the best zeros, fitted to positions or distances with base, target or anchor where unknown.
-
-    ``signs`` ``(n,)`` of 1 and -1 multiply the joint values as read.
-    """
+    """Return the best zeros, fitted with unknown base, target or anchor; ``signs`` multiply the joint values."""
     q, count = signs[:, None] * data.q, len(chain.joints)
     is_free, is_distance = measurement.base == "free", measurement.kind == "distance"
     readings = data.readings[:, :3]
@@ -542,10 +536,8 @@ def _aligned(points: Array, readings: Array) -> Array:
 
 
 def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measurement) -> Zeros | None:
-    """Raise if readings fit far better with some joints reversed; return the zeros that fit best.
-
-    None for contact, whose readings depend on where the arm is believed to be.
-    """
+    """Raise if readings fit far better with some joints reversed; return the zeros that fit best."""
+    # none for contact, whose readings depend on where the arm is believed to be
     if measurement.kind in ("plane", "socket"):
         return None
     count = len(chain.joints)

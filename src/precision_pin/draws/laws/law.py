@@ -182,10 +182,7 @@ class Law(ABC):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Law:
-        """Return the law written in a sheet: the size under its key, and the options given.
-
-        Raises InputError if a setting is wrong.
-        """
+        """Return the law in a sheet: the size under its key, and options; raise InputError for a wrong setting."""
         size = reader.half_width(cls.form.key)
         given = [option for option in cls.form.options if option.key in reader.settings]
         options = {option.key: (reader.ratio if option.is_ratio else reader.number)(option.key) for option in given}
@@ -291,7 +288,8 @@ class Law(ABC):
     def interval(self, number: int) -> tuple[float, float]:
         """Return the bounds of a number of the law (0-based) in every sample.
 
-        The ends of its support, or for a law made from normal numbers its values at ±8.6 standard deviations. Raises InputError if the law has no such number.
+        The ends of its support, or for a law made from normal numbers its values at ±8.6 standard deviations. Raises
+        InputError if the law has no such number.
         """
         check_whole("the index of a number of the law", number, 0, self.size - 1)
         direction = np.zeros(self.size)
@@ -324,10 +322,7 @@ class Law(ABC):
         return None
 
     def ellipsoid(self, k: float) -> Array | None:
-        """Return the root ``(size, size)`` of the ellipsoid about the mean that contains the law, or None.
-
-        An unbounded law is cut off at k standard deviations.
-        """
+        """Return the root ``(size, size)`` of the ellipsoid that contains the law (unbounded: to k std), or None."""
         return None
 
     def standardised_moments(self) -> Moments | None:

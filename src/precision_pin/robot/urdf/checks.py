@@ -87,11 +87,9 @@ def _skeleton(name: str) -> str:
 
 
 def find_exact_angle(angle: float) -> float | None:
-    """Return the multiple of 45° that an angle is rounded from, None if it is not rounded.
-
-    A right angle counts as rounded if it is off by up to 2 mrad and has up to five decimals, since more look measured.
-    An odd multiple of 45° must be truncated or rounded at its last decimal.
-    """
+    """Return the multiple of 45° that an angle is rounded from, None if it is not rounded."""
+    # A right angle counts as rounded if it is off by up to 2 mrad and has up to five decimals, since more look
+    # measured. An odd multiple of 45° must be truncated or rounded at its last decimal.
     if abs(angle) > WIDEST:
         return None
     turns = round(angle / EIGHTH)
@@ -297,10 +295,8 @@ def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findi
 
 
 def mended_inertias(links: tuple[Link, ...]) -> dict[str, dict[str, float]]:
-    """Return the parts of the nearest physical inertia, by name of each link with an unphysical one.
-
-    Negative second moments of its mass, tr(I)/2 - I, become zero; mass and centre of mass stay.
-    """
+    """Return the parts of the nearest physical inertia, by name of each link with an unphysical one."""
+    # negative second moments of its mass, tr(I)/2 - I, become zero; mass and centre of mass stay
     found = {}
     for link in links:
         if link.inertial is not None and _verdict(_moments(link.inertial.tensor), link.inertial.mass) in WHAT:
