@@ -267,7 +267,8 @@ def _origin(stated: Mapping[str, Origin], draw: Draw, owners: Sequence[str]) -> 
 
 
 def origin_shares(origins: Mapping[str, str], at: PoseModel) -> OriginShares:
-    """Return the fractions of the first-order variance, ``Cov(e_k, e)``, by provenance; empty if none is stated."""
+    """Return the fraction of the first-order variance from each provenance; empty if no provenance is stated."""
+    # ``Cov(e_k, e)``, summed over the parameters of each provenance
     if not any(origins.values()):
         return {}
     space = at.space

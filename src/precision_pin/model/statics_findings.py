@@ -131,7 +131,8 @@ def side_variants(at: PoseModel) -> tuple[PoseModel, ...]:
 
 
 def turnover_findings(at: PoseModel) -> tuple[Finding, ...]:
-    """Return a warning if play that changes sides with the load is ignored, in one in a thousand of 4,096 robots."""
+    """Return a warning if the load puts play on its other side in some robots, which the model at the means ignores."""
+    # some: at least one in a thousand of the 4,096 robots tried
     signs = _signs(at)
     if not signs:
         return ()

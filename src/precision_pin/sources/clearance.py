@@ -185,8 +185,8 @@ class Clearance(Source):
         return self.band is not None and float(np.linalg.norm(force)) >= self.band
 
     def _radial_directions(self, forces: Mapping[Factors, Array], space: Space) -> tuple[Value, Value, Value] | None:
-        """Return each robot's load direction ``(x, y)`` on a journal, zero below the band; and 1 below it, else 0."""
-        # `None` if no robot's load decides, or all robots have the same
+        """Return the load direction ``(x, y)`` on a journal, and 1 in robots whose load is below the band, else 0."""
+        # the direction is zero below the band; `None` if no robot's load decides, or all robots have the same load
         x, y = ({factors: float(force[k]) for factors, force in forces.items()} for k in range(2))
         if self.band is None or (is_same_for_all(x) and is_same_for_all(y)):
             return None
@@ -203,7 +203,7 @@ class Clearance(Source):
         return along_x / length * held, along_y / length * held, 1.0 - held
 
     def _axial_sides(self, force: Mapping[Factors, float], space: Space) -> tuple[Value, Value] | None:
-        """Return each robot's side of the axial load, 1 or -1 or zero below the band, and 1 below the band, else 0."""
+        """Return the side of the axial load (1, -1, or 0 below the band), and 1 in robots below the band, else 0."""
         # `None` if all robots have the same load
         if self.band is None or is_same_for_all(force):
             return None
