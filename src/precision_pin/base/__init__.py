@@ -1,1 +1,1 @@
-"""What everything rests on: errors, units, poses, arrays, files, memory, interrupts, compilation."""
+"""Foundations: errors, units, poses, arrays, files, memory, interrupts, compilation."""

@@ -1,8 +1,9 @@
 """Checks of the arguments of public functions.
 
-A wrong argument of any kind (type, shape, number, name) raises an :class:`~precision_pin.base.errors.InputError` of one line
-that names the argument, the allowed values and the given value. Every check returns the accepted value in the type that
-the package works with; arrays are read-only copies. A check costs a microsecond or two.
+A wrong argument (type, shape, value, name) raises an :class:`~precision_pin.base.errors.InputError` of one line with
+the argument, the allowed values and the given value. Checks return the value in the package's type; arrays as read-only
+copies. A check costs about a microsecond. Parameters of all checks: ``what`` names the argument in the message,
+``value`` is the given value.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from precision_pin.base.errors import InputError, UnitError, UnknownNameError, v
 from precision_pin.base.units import Quantity, parse_vector
 
 _UNCHECKED: Final = 2**28
-"""Requests below this many bytes are not checked, because the check takes longer than it is worth."""
+"""Bytes below which a request is not checked: the check would take longer than it is worth."""
 
 _MEMORY: Final = Path("/proc/meminfo")
 _GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
@@ -62,13 +63,7 @@ def _group_files() -> Iterator[tuple[Path, Path]]:
 
 
 def check_memory(needed: float, what: str, instead: str) -> None:
-    """Refuse a request that needs more memory than is free.
-
-    Args:
-        needed: Bytes that the request needs.
-        what: Text for the request, such as "keeping 1,000 samples".
-        instead: Text for the alternative.
-    """
+    """Raise if a request of ``needed`` bytes for ``what`` exceeds the free memory; ``instead`` is the alternative."""
     available = available_memory() if needed > _UNCHECKED else None
     if available is not None and needed > available:
         message = f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"
@@ -76,7 +71,7 @@ def check_memory(needed: float, what: str, instead: str) -> None:
 
 
 def check_kept(samples: int) -> None:
-    """Refuse to keep more pose errors, 48 bytes each, than fit into memory."""
+    """Raise if the pose errors of so many samples, 48 bytes each, do not fit into memory."""
     instead = f"at most {(available_memory() or 0) // 48:,} can be kept (the statistics do not need them)"
     check_memory(48.0 * samples, f"keeping {samples:,} samples", instead)
 
@@ -89,11 +84,11 @@ _LONGEST: Final = 60
 _NUMBERS: Final = "iuf"
 """Kinds of numpy types that are real numbers."""
 _MANY: Final = 2**20
-"""Free memory is checked before more numbers than this are copied; for fewer the check takes longer than the copy."""
+"""Array size above which free memory is checked before copying; below it the check takes longer than the copy."""
 
 
 def shown(value: object) -> str:
-    """Return a value as messages show it: on one line, shortened."""
+    """Return the text of a value for a message: one line, shortened."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # noqa: BLE001 - if repr fails, the type must do
@@ -102,14 +97,7 @@ def shown(value: object) -> str:
 
 
 def check_whole(what: str, value: object, least: int, most: int, limits: str = "") -> int:
-    """Return a whole number; booleans and floats are refused.
-
-    Args:
-        what: The argument, in words.
-        value: The given value.
-        least, most: The allowed range.
-        limits: Text for the allowed range in the message; "from least to most" if left out.
-    """
+    """Return a whole number from ``least`` to ``most`` (in messages: ``limits``); booleans and floats are refused."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
         allowed = limits or f"from {least} to {most}"
         raise InputError(f"{what} must be a whole number {allowed}, got {shown(value)}")
@@ -119,13 +107,7 @@ def check_whole(what: str, value: object, least: int, most: int, limits: str = "
 def check_number(
     what: str, value: object, allowed: str = "a finite number", within: Callable[[float], bool] | None = None
 ) -> float:
-    """Return a finite number; booleans and text are refused.
-
-    Args:
-        what, value: The argument, in words, and the given value.
-        allowed: Text for the allowed values, which follows "must be" in the message.
-        within: Test of a finite number; all are allowed if left out.
-    """
+    """Return a finite number that fulfils ``within``; booleans and text are refused."""
     number = _number(value)
     if number is None or not math.isfinite(number) or not (within is None or within(number)):
         raise InputError(f"{what} must be {allowed}, got {shown(value)}")
@@ -149,9 +131,9 @@ def check_numbers(what: str, values: object, shape: tuple[int | None, ...] | Non
     """Return finite numbers as a read-only copy.
 
     Args:
-        what, values: The argument, in words, and the given value: a number, sequences of numbers, or an array.
+        values: A number, sequences of numbers, or an array.
         shape: The allowed shape, with ``None`` for any length; any shape if left out.
-        needs: Text for the allowed values in the message.
+        needs: Text after "must be" in the message.
     """
     if isinstance(values, np.ndarray) and (shape is None or _fits(values, shape)):
         if values.size > _MANY:
@@ -179,7 +161,7 @@ def _fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
 
 
 def _array(values: object) -> Array | None:
-    """Return a copy of numbers; ``None`` for anything else, including text that could be read as a number."""
+    """Return a copy as floats; ``None`` for anything else, including text that could be read as a number."""
     try:
         given = np.asarray(values)
     except (TypeError, ValueError, OverflowError, MemoryError):
@@ -228,13 +210,7 @@ def check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
 
 
 def check_instance(what: str, value: object, kind: type[Kind], made: str = "") -> Kind:
-    """Return a value after a check of its type.
-
-    Args:
-        what, value: The argument, in words, and the given value.
-        kind: The type.
-        made: Text for the message: how to make one.
-    """
+    """Return a value of the type ``kind``; ``made`` tells the user how to make one."""
     if not isinstance(value, kind):
         hint = f" ({made})" if made else ""
         raise InputError(f"{what} must be of type {kind.__name__}{hint}, got {shown(value)}")
@@ -279,13 +255,7 @@ def check_quantity(
     allowed: str = "finite",
     within: Callable[[float], bool] | None = None,
 ) -> float:
-    """Return one number in SI.
-
-    Args:
-        what, value: The argument, in words, and the given value: a number in SI, or text with a unit.
-        quantity: What it is.
-        allowed, within: As for :func:`~precision_pin.base.arguments.check_number`, without the unit.
-    """
+    """Return one number in SI, given so or as text with a unit; options as for :func:`check_number`."""
     number = _in_si(what, value, quantity)
     shown_unit = f"{allowed}, in {quantity.si} or with a unit"
     if isinstance(number, list):
@@ -298,21 +268,15 @@ def check_quantities(
 ) -> Array:
     """Return numbers in SI as a read-only copy.
 
-    Args:
-        what, values: The argument, in words, and the given values: as for
-            :func:`~precision_pin.base.arguments.check_numbers`, or with text in place of a number (``"100 mm"``) or of
-            a row of numbers (``"0 0 100 mm"``).
-        quantity: What they are.
-        shape, needs: As for :func:`~precision_pin.base.arguments.check_numbers`.
+    As :func:`~precision_pin.base.arguments.check_numbers`, but also accepts text with a unit in place of a number
+    (``"100 mm"``) or of a row of numbers (``"0 0 100 mm"``).
     """
     return check_numbers(what, _in_si(what, values, quantity), shape, needs)
 
 
 def _in_si(what: str, value: object, quantity: Quantity) -> object:
-    """Return a value with each text in it replaced by its number, or by the list of its numbers; all else as it is.
-
-    Text that does not begin with a number is left, for the check of the numbers to refuse it in words of its own.
-    """
+    """Return a value with each text in it replaced by its number or numbers in SI."""
+    # text that does not begin with a number stays, so that the check of the numbers reports it
     if isinstance(value, list | tuple) and any(isinstance(entry, str | list | tuple) for entry in value):
         return [_in_si(what, entry, quantity) for entry in value]
     if not isinstance(value, str) or not _BEGINS.match(value):

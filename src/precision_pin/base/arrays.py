@@ -1,4 +1,4 @@
-"""The type of an array of numbers, as signatures name it."""
+"""The array type of signatures, and helpers that make arrays read-only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-"""Numbers in double precision, of any shape; docstrings say which."""
+"""Numbers in double precision; docstrings give the shape."""
 
 
 Thing = TypeVar("Thing")
@@ -40,7 +40,7 @@ def fix_copy(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def returns_read_only(method: Callable[Concatenate[Owner, Given], Thing]) -> Callable[Concatenate[Owner, Given], Thing]:
-    """Make a method return read-only arrays; to be used inside ``cached_property``."""
+    """Decorate a method to return read-only arrays; goes inside ``cached_property``."""
 
     @wraps(method)
     def call_method(self: Owner, /, *arguments: Given.args, **options: Given.kwargs) -> Thing:
@@ -50,7 +50,7 @@ def returns_read_only(method: Callable[Concatenate[Owner, Given], Thing]) -> Cal
 
 
 def fix_fields(instance: Any) -> None:
-    """Make the arrays in the fields of a frozen data class read-only without a copy; called by ``__post_init__``."""
+    """Make the arrays in the fields of a frozen data class read-only, without a copy."""
     for name in field_names(instance.__class__):
         value = getattr(instance, name)
         if isinstance(value, _MAY_BE_WRITTEN):

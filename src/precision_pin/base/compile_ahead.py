@@ -1,8 +1,8 @@
-"""Compiling into numba's cache by other processes: several parts at once, with progress, and ended in an instant.
+"""Filling numba's cache from worker processes: several parts at once, with progress, and stoppable at any time.
 
-A process compiles one function at a time, and meanwhile reacts to nothing: neither Ctrl-C nor a timer. So the work is given
-to processes of our own. They end with this one, however it ends: that closes their pipes. Where none can be started, or
-one fails, nothing is lost: what is not in the cache afterwards is compiled by whoever needs it.
+A process compiles one function at a time and reacts to neither Ctrl-C nor timers meanwhile. Workers do it instead;
+their pipes close when this process ends, which ends them too. If a worker cannot start or fails, nothing is lost: what
+is missing from the cache is compiled on first use.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from importlib import import_module
 from typing import Any, Final, final
 
 Report = Callable[[float], None]
-"""Takes the share of the work that is done, 0 to 1."""
+"""Takes the fraction of the work done, 0 to 1."""
 
 MOST_WORKERS: Final = 3
-"""The longest part takes a third of all."""
+"""More workers gain nothing: the longest part takes a third of the total time."""
 
 PATIENCE: Final = 300.0
-"""Seconds to wait for an answer."""
+"""Seconds to wait for a worker's answer."""
 
 _TICK: Final = 0.1
 _PROGRAM: Final = (
@@ -49,13 +49,13 @@ def _ignore(share: float) -> None:
 
 @contextmanager
 def silent() -> Iterator[Report]:
-    """Print nothing about compiling."""
+    """Show nothing about compiling."""
     yield _ignore
 
 
 @contextmanager
 def announced() -> Iterator[Report]:
-    """Say on stderr that something is compiled: eight seconds of silence look like a crash."""
+    """Announce compiling on stderr: eight seconds of silence look like a crash."""
     with suppress(AttributeError, OSError, ValueError):  # stderr is closed, or there is none
         sys.stderr.write(f"precision-pin: {COMPILING_NOTE}\n")
         sys.stderr.flush()
@@ -65,13 +65,7 @@ def announced() -> Iterator[Report]:
 @final
 @dataclass(frozen=True)
 class Job:
-    """Something to compile: a function of a module, called with plain arguments, does so.
-
-    Attributes:
-        module, function, arguments: What is called.
-        weight: About how long it takes, in units of any size.
-        last: Whether it needs all others to be done.
-    """
+    """A call that compiles something, of some approximate duration; ``last`` if all others must be done first."""
 
     module: str
     function: str
@@ -82,7 +76,7 @@ class Job:
 
 @contextmanager
 def shown_by(report: Callable[[], Any]) -> Iterator[None]:
-    """Show compilation progress: ``report`` makes a context manager that yields a function of the share done."""
+    """Show compilation progress with ``report()``, a context manager that yields a function of the fraction done."""
     _shown.append(report)
     try:
         yield
@@ -94,20 +88,17 @@ _shown: Final[list[Callable[[], Any]]] = []
 _begun: Final[list[_Begun]] = []
 """Compilation that was started and not yet waited for."""
 _served: Final[list[bool]] = []
-"""Not empty in a process that others have asked: it starts none itself."""
+"""Not empty in a worker process, which starts no workers of its own."""
 
 
 def begin_jobs(jobs: Sequence[Job]) -> None:
-    """Have other processes begin with jobs that `compile_jobs` may ask for later; return at once."""
+    """Start jobs in the background that `compile_jobs` may ask for later; return at once."""
     if not _begun and _can_start():
         _begun.append(_Begun(jobs))
 
 
 def compile_jobs(jobs: Sequence[Job]) -> None:
-    """Have jobs done by other processes, the longest first; return when they are, or cannot be.
-
-    A line on stderr says so, unless `shown_by` says how it is shown.
-    """
+    """Run jobs in worker processes, the longest first, announced on stderr or by `shown_by`; return when done."""
     if not _can_start():
         return
     with _shown[-1]() if _shown else announced() as report:
@@ -125,7 +116,7 @@ def _compile(jobs: Sequence[Job], report: Report) -> None:
     crew.waiting += [job for job in jobs if not job.last and job not in begun.jobs]
     try:
         begun.wait()
-        crew.work()  # what came too late for the thread
+        crew.work()  # jobs added after the thread had finished
         crew.waiting += [job for job in jobs if job.last]
         crew.work()
     except OSError:  # no process can be started, or another program was started
@@ -135,7 +126,7 @@ def _compile(jobs: Sequence[Job], report: Report) -> None:
 
 
 class _Begun:
-    """Jobs that were begun before anybody waits for them, and the processes that do them."""
+    """Jobs started before they are needed, and their workers."""
 
     def __init__(self, jobs: Sequence[Job]) -> None:
         self.jobs, self.crew = tuple(jobs), _Crew(min(MOST_WORKERS, _cores()))
@@ -147,7 +138,7 @@ class _Begun:
             self._thread.start()
 
     def wait(self) -> None:
-        """Wait until the jobs are done; an interrupt is heeded meanwhile."""
+        """Wait until the jobs are done, open to interrupts."""
         while self.jobs and self._thread.is_alive():
             self._thread.join(_TICK)
         if self._error is not None:
@@ -167,11 +158,7 @@ def _cores() -> int:
 
 
 class _Crew:
-    """The processes, started as work arrives; a thread waits for each.
-
-    Attributes:
-        waiting: Jobs that none has begun; more may be put there at any time.
-    """
+    """Workers, started as jobs arrive, each with a waiting thread; ``waiting`` may grow at any time."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -186,11 +173,11 @@ class _Crew:
         self._ended = False
 
     def show(self, weight: float, report: Report) -> None:
-        """Report the share done of all jobs, of this weight together."""
+        """Report the fraction done of jobs of this total weight."""
         self._weight, self._report = weight, report
 
     def work(self) -> None:
-        """Do the waiting jobs, the longest first; those that fail are left undone."""
+        """Run the waiting jobs, the longest first; failed jobs are dropped."""
         self._heard = time.monotonic()
         running = dict[subprocess.Popen[str], tuple[Job, float]]()
         while (self.waiting or running) and not self._ended:
@@ -213,10 +200,10 @@ class _Crew:
             if alive:
                 self._idle.append(worker)
             elif not running and not self._idle:
-                return  # all have died
+                return  # every worker has died
 
     def end(self) -> None:
-        """End the processes."""
+        """Kill the workers."""
         self._ended = True
         for worker in self._workers:
             worker.kill()
@@ -254,7 +241,7 @@ class _Crew:
         self._answers.put((worker, job, alive))
 
     def _tell(self, running: dict[subprocess.Popen[str], tuple[Job, float]]) -> None:
-        """Report the share done, with an estimate from the elapsed time for each running job."""
+        """Report the fraction done, estimating that of running jobs from their elapsed time."""
         now = time.monotonic()
         # seconds for a unit of weight on one of the processes; at first that of a common machine
         pace = (now - self._began) * self._size / self._done if self._done else 1.0
@@ -267,9 +254,9 @@ class _Crew:
 
 
 def serve() -> None:
-    """Do the jobs that come on standard input, a line for each, and answer each with a line; end when it closes."""
+    """Run the jobs that arrive on standard input, one a line, and answer each with a line; end when it closes."""
     with suppress(ValueError):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C is the first process's, which ends this one
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and ends this process
     _served.append(True)
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(lines,), daemon=True).start()
@@ -284,4 +271,4 @@ def serve() -> None:
 def _read(lines: queue.SimpleQueue[str]) -> None:
     for line in sys.stdin:
         lines.put(line)
-    os._exit(0)  # whoever asked has gone: the compiler would not notice
+    os._exit(0)  # the parent is gone; a running compiler would not notice

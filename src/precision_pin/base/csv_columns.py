@@ -30,7 +30,7 @@ from precision_pin.base.units import QUANTITIES, Quantity
 LARGEST_FILE: Final = 16 * 2**20
 
 MOST_COLUMNS: Final = 1000
-"""Columns of a file; a file with more has another form, such as all numbers in its first line."""
+"""A file with more columns has another form, such as all numbers in its first line."""
 
 _HEADING: Final = re.compile(r"([^\[\]]+)(?:\[([^\[\]]*)\])?")
 _COLUMN: Final = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
@@ -38,19 +38,18 @@ NUMBER: Final = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?",
 _NOT_PLAIN: Final = re.compile(r"[^0-9eE+\-., \t]")
 _LONGEST: Final = 40
 _MISSING: Final = ("", "nan", "na", "n/a", "null")
-"""Cells without a number, in any case of letters, where a reader allows them."""
+"""Cells without a number, in any letter case, where the reader allows them."""
 IGNORE: Final = "ignore"
 
 
 @final
 @dataclass(frozen=True)
 class ColumnNames:
-    """What the columns of a file are, where its own header does not say so.
+    """Names and units of columns whose header does not give them.
 
     Attributes:
-        names: Name and unit, which may be empty, of columns by their names in the file; ``ignore`` for a name drops the
-            column.
-        units: Units of the other columns that have none, one of each quantity.
+        names: (Name, unit or "") by the column's name in the file; the name ``ignore`` drops the column.
+        units: Units of the other columns without one, one unit a quantity.
     """
 
     names: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -58,7 +57,7 @@ class ColumnNames:
 
     @classmethod
     def parse(cls, text: str) -> ColumnNames:
-        """Return what ``x1=x [m], q1=joint1, t=ignore, *=[m rad]`` says, or raise an :class:`InputError`."""
+        """Parse ``x1=x [m], q1=joint1, t=ignore, *=[m rad]``; raise an :class:`InputError` for anything else."""
         names: dict[str, tuple[str, str]] = {}
         units: tuple[str, ...] = ()
         for entry in filter(None, map(str.strip, text.split(","))):
@@ -82,7 +81,7 @@ class ColumnNames:
         return cls(names, units)
 
     def of(self, header: Mapping[str, str], where: str) -> list[tuple[str, str]]:
-        """Return names and units of the columns of a header."""
+        """Return the name and unit of each column of a header."""
         for column in self.names:
             if column not in header:
                 raise InputError(f"{where}: there is no column {column!r}; {nearest(column, header)}")
@@ -101,13 +100,11 @@ class Measured:
     """Columns of a file.
 
     Attributes:
-        file: Name of the file, for messages.
-        names: Names of the columns.
         units: Units of the columns, as written; empty for a plain number.
-        rows: The numbers as written in the file, not in SI, ``(R, C)``.
-        texts: Columns of text, by name; those that are ignored by their names in the file.
+        rows: ``(R, C)`` numbers as written, not in SI.
+        texts: Text columns by name; ignored ones by their name in the file.
         usual: Units of columns that have none, one of each quantity.
-        lines: The line of each row in the file, ``(R,)``.
+        lines: ``(R,)`` line of each row in the file.
     """
 
     file: str
@@ -125,12 +122,12 @@ class Measured:
         return self.units[self.names.index(name)]
 
     def unit_of(self, name: str, *quantities: Quantity) -> str:
-        """Return a column's unit, the usual one of these quantities where it has none; empty where there is none either."""
+        """Return a column's unit, or else the usual one of these quantities; empty if there is neither."""
         allowed = {unit for quantity in quantities for unit in quantity.units}
         return self.unit(name) or next(filter(allowed.__contains__, self.usual), "")
 
     def column(self, name: str, *quantities: Quantity) -> tuple[float, ...]:
-        """Return a column's numbers in SI; NaN where the file has none."""
+        """Return a column's numbers in SI; NaN for missing cells."""
         unit = self.unit_of(name, *quantities)
         wanted = " or ".join(quantity.name for quantity in quantities)
         if not unit and not any("" in quantity.units for quantity in quantities):
@@ -162,11 +159,10 @@ def read(
     """Read a file.
 
     Args:
-        path: The file.
-        texts: Names of columns of text, where the file has them; all others hold numbers.
-        columns: What the columns are, where the header does not say so.
-        ignored: Names, in small letters, of columns that are ignored.
-        may_miss: Whether a cell may be empty, nan or NA: NaN.
+        texts: Names of text columns, if the file has them; all others hold numbers.
+        columns: Names and units where the header does not give them.
+        ignored: Names, in lower case, of columns to skip.
+        may_miss: Whether a cell may be empty, nan or NA; it becomes NaN.
     """
     file = os.fspath(path)
     numbered = enumerate(_text(file).splitlines(), start=1)
@@ -202,15 +198,12 @@ def read(
 
 
 def numbers(lines: Sequence[str], columns: int) -> Array | None:
-    """Return lines of plain numbers separated by commas, read all at once, ``(R, C)``.
-
-    None if any cell is something else: reading line by line then finds which.
-    """
+    """Return comma-separated lines of plain numbers, parsed at once, ``(R, C)``; None if any cell is something else."""
     if any(map(_NOT_PLAIN.search, lines)):
         return None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # raised for no lines, or blank ones only
+            warnings.simplefilter("error")  # numpy warns about input without data
             found = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
     except (ValueError, UserWarning):
         return None
@@ -227,7 +220,7 @@ def _cells(line: str, where: str) -> list[str]:
 
 
 def _row(line: str, columns: int, wordy: Sequence[int], where: str, may_miss: bool) -> tuple[list[float], list[str]]:
-    """Return the numbers of a line, and its texts in the columns ``wordy``."""
+    """Return the numbers of a line, and the texts of its columns ``wordy``."""
     cells = _cells(line, where)
     if len(cells) != columns:
         raise InputError(f"{where}: {len(cells)} cells, but the header has {columns}")

@@ -29,17 +29,17 @@ from functools import wraps
 from typing import Final, Literal, ParamSpec, TypeVar
 
 LONGEST_LINE: Final = 2000
-"""Characters of a message."""
+"""Most characters of a message."""
 
 _LONGEST_NAME: Final = 80
 _LONGEST_WORD: Final = 260
-"""As long as a file's name may be."""
+"""The longest file name that systems allow."""
 
 _WORD: Final = re.compile(rf"\S{{{_LONGEST_WORD + 1},}}")
 
 
 def shortened(text: str, most: int = _LONGEST_NAME) -> str:
-    """Return a text of at most so many characters; a longer one loses its middle."""
+    """Return a text of at most ``most`` characters; a longer one loses its middle."""
     if len(text) <= most:
         return text
     tail = most // 4
@@ -47,7 +47,7 @@ def shortened(text: str, most: int = _LONGEST_NAME) -> str:
 
 
 def visible(text: str, most: int = _LONGEST_NAME) -> str:
-    """Return a name shortened, with escapes for control, format and unassigned characters."""
+    """Return a name shortened, with control, format and unassigned characters escaped."""
     text = shortened(text, most)
     if text.isprintable():
         return text
@@ -60,7 +60,7 @@ def shown(text: str, most: int = _LONGEST_NAME) -> str:
 
 
 def some(names: Sequence[str], most: int, between: str = ", ") -> str:
-    """Return the first names as text, and how many more there are."""
+    """Return the first names as text, and the number of the others."""
     more = f" and {len(names) - most:,} more" if len(names) > most else ""
     return between.join(names[:most]) + more
 
@@ -74,7 +74,7 @@ def one_line(text: str, most: int = LONGEST_LINE) -> str:
 
 MOST_COMPARED: Final = 500
 LONGEST_COMPARED: Final = 100
-"""Names, and letters of a name, among which one that is meant is looked for."""
+"""Most names, and most letters of a name, that are compared to suggest one."""
 
 _LONGEST_FILE: Final = 260
 _SEVERITY: Final = re.compile(r": (error|warning|note) [A-Z]_\w+: ")
@@ -90,8 +90,7 @@ class Finding:
         code: Stable identifier such as ``E_AXIS_ZERO`` or ``W_UNITS``.
         message: What is wrong and what is allowed, one line.
         file, line: Where, if known; lines count from 1.
-        subjects: The links and joints that a warning which lists several is about, as ``link 'name'``; all of them,
-            where the message may leave some out.
+        subjects: All links and joints that a warning lists, as ``link 'name'``; the message may show fewer.
     """
 
     severity: Literal["error", "warning", "note"]
@@ -109,7 +108,7 @@ class Finding:
         return f"{where}: {self.severity} {self.code}: {one_line(self.message)}"
 
     def to_dict(self) -> dict[str, str | int | None]:
-        """Return the finding as the JSON of every result has it."""
+        """Return the finding as results have it in their JSON."""
         return {name: getattr(self, name) for name in ("severity", "code", "message", "file", "line")}
 
     def at(self, file: str | None, line: int | None) -> Finding:
@@ -117,14 +116,14 @@ class Finding:
         return replace(self, file=self.file or file, line=self.line if self.line is not None else line)
 
     def accepted(self, reasons: Mapping[str, str]) -> Finding:
-        """Return a warning as a note with the reason for which a sheet accepts its code; any other finding as it is."""
+        """Return a warning whose code a sheet accepts as a note with its reason; other findings unchanged."""
         if self.severity != "warning" or self.code not in reasons:
             return self
         return replace(self, severity="note", message=f"{self.message}; accepted: {reasons[self.code]}")
 
 
 def is_note(line: str) -> bool:
-    """Return whether a line is that of a note, which no command repeats and no call warns of."""
+    """Return whether a line is a note, which commands do not repeat and calls do not warn of."""
     found = _SEVERITY.search(line)
     return found is not None and found[1] == "note"
 
@@ -137,7 +136,7 @@ class InputError(PrecisionPinError):
     """The user's input is wrong.
 
     Args:
-        findings: A message, or every finding of severity error (warnings may be among them).
+        findings: A message, or all findings: errors, perhaps with warnings among them.
     """
 
     code = "E_INPUT"
@@ -154,7 +153,7 @@ class InputError(PrecisionPinError):
         return cls([Finding("error", code, message, file, line)])
 
     def __reduce__(self) -> tuple[Callable[..., InputError], tuple[type[InputError], dict[str, object]]]:
-        # exceptions are rebuilt from their text by default, which loses the findings on the way to another process
+        # by default, unpickling rebuilds an exception from its text, which loses the findings
         return _restored, (type(self), vars(self))
 
 
@@ -184,13 +183,7 @@ class UnitError(InputError):
 
 
 class UnknownNameError(InputError):
-    """A name that does not exist; the message gives the nearest valid ones.
-
-    Args:
-        kind: What was looked for: ``"joint"``, ``"link"``, ….
-        name: The name that was given.
-        valid: The names that exist.
-    """
+    """A name that does not exist, of a ``kind`` such as ``"joint"``; the message gives the nearest valid ones."""
 
     code = "E_NAME"
 
@@ -214,21 +207,15 @@ class PrecisionPinWarning(UserWarning):
 
 
 def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
-    """Return ``"did you mean …?"`` or the list of valid names, for the end of a message.
-
-    Args:
-        name: The name that was given.
-        valid: The names that exist.
-        most: The longest list to print in full.
-    """
+    """Return the end of a message: ``"did you mean …?"``, or the valid names if there are at most ``most``."""
     names = sorted(set(valid))
     if not names:
         return "there are none"
     beside = bisect.bisect(names, name)
-    # comparing takes long with very many names, or long ones: those that begin alike are adjacent
+    # comparing many or long names is slow: only neighbours in the sorted list, which begin alike, are compared
     near = names[max(beside - MOST_COMPARED // 2, 0) : beside + MOST_COMPARED // 2]
     short = [candidate for candidate in near if len(candidate) <= LONGEST_COMPARED]
-    import difflib  # late: every start reads this module, and hardly any needs it
+    import difflib  # imported late: every start loads this module, few need it
 
     close = difflib.get_close_matches(name, short, n=3, cutoff=0.6) if len(name) <= LONGEST_COMPARED else []
     if not close:
@@ -247,7 +234,7 @@ _added: Final[ContextVar[list[str] | None]] = ContextVar("added", default=None)
 
 
 def add(findings: Iterable[Finding | str]) -> None:
-    """Have the call under way warn of findings; without one, nothing is warned of."""
+    """Queue warnings for the current public call; a no-op outside one."""
     lines = _added.get()
     if lines is not None:
         lines.extend(line for line in map(str, findings) if not is_note(line))
@@ -255,7 +242,7 @@ def add(findings: Iterable[Finding | str]) -> None:
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Drop what is added in a ``with``: of a part of the poses, of which the call under way warns itself."""
+    """Drop the findings added in a ``with`` block: of some poses of a call that warns of all of them itself."""
     before = _added.set([])
     try:
         yield
@@ -264,7 +251,7 @@ def unheard() -> Iterator[None]:
 
 
 def warns_at_end(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Make a public function emit its warnings, unless another public call is under way, which then emits them."""
+    """Make a public function emit its queued warnings at the end; a nested call leaves that to the outer one."""
 
     @wraps(function)
     def called(*arguments: Given.args, **options: Given.kwargs) -> Result:

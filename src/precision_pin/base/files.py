@@ -1,7 +1,6 @@
 """Writing files and folders, whole or not at all.
 
-What is written lies beside its place under a name ending in ``.part`` until it is complete; an error or a signal that
-ends the program removes it.
+Until complete, a file has a temporary name ending in ``.part``; an error or a signal that ends the program removes it.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from precision_pin.base.interrupts import held, undone
 
 
 def csv_text(headings: Sequence[str], rows: Iterable[Sequence[object]], comments: Iterable[str] = ()) -> str:
-    """Return the text of a CSV file: lines of comments, a row of headings, rows of cells."""
+    """Return the text of a CSV file: comment lines, a heading row, rows of cells."""
     text = io.StringIO()
     text.writelines(f"# {comment}\n" for comment in comments)
     writer = csv.writer(text, lineterminator="\n")
@@ -35,13 +34,13 @@ def csv_text(headings: Sequence[str], rows: Iterable[Sequence[object]], comments
 
 
 def resolve(path: str | os.PathLike[str]) -> str:
-    """Return the path that a name leads to, links resolved."""
+    """Return the path with links resolved."""
     with _refused(os.fspath(path)):  # the working folder may be gone
         return os.path.realpath(path)
 
 
 def require_writable(path: str | os.PathLike[str], *, folder: bool = False) -> None:
-    """Refuse a place to write to before any work is done; makes nothing."""
+    """Raise OutputError if a path cannot be written, before any work is done; creates nothing."""
     target = Path(resolve(path))
     if not folder and (os.path.isdir(target) or os.fspath(path).endswith(os.sep)):
         raise OutputError(f"cannot write {path}: it is a folder")
@@ -64,13 +63,13 @@ def require_writable(path: str | os.PathLike[str], *, folder: bool = False) -> N
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a file as UTF-8, whole or not at all; through a link, and straight into a device or a pipe."""
-    # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
+    """Write a UTF-8 file, whole or not at all; follows links, and writes straight into a device or pipe."""
+    # surrogates, which stand for bytes of a file name that are not UTF-8, are escaped as in JSON
     write_files({path: text.encode("utf-8", errors="backslashreplace")})
 
 
 def write_files(files: Mapping[str | os.PathLike[str], bytes]) -> None:
-    """Write files all together or none of them, each as :func:`write_text` does."""
+    """Write all of the files or none, each as :func:`write_text` does."""
     moves: list[tuple[str, Path, Path]] = []
 
     def undo() -> None:
@@ -103,7 +102,7 @@ def write_files(files: Mapping[str | os.PathLike[str], bytes]) -> None:
 
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """Yield a folder for files that appear in ``path`` together once all of them are written, or not at all."""
+    """Yield a folder whose files move to ``path`` together once all are written, or not at all."""
     target = Path(resolve(path))
     try:
         missing = [folder for folder in (target, *target.parents) if not os.path.lexists(folder)]
@@ -141,7 +140,7 @@ def _move_all(stage: Path, target: Path, path: Path) -> None:
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Let no other process move its files into a folder meanwhile: of two, the last one's are there, all of them."""
+    """Lock a folder while files move into it: of two processes, the last one's files are all there."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         with suppress(OSError):  # a file system without locks
@@ -153,7 +152,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _refused(name: str) -> Iterator[None]:
-    """Return the OutputError for a file from an error of the system."""
+    """Turn a system error into an OutputError."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -161,7 +160,7 @@ def _refused(name: str) -> Iterator[None]:
 
 
 def _part(folder: Path) -> Path:
-    """Return a temporary name in a folder, for a file that is being written."""
+    """Return a temporary name in a folder for a file being written."""
     return folder / f".precision-pin-{os.getpid()}-{secrets.token_hex(4)}.part"
 
 
@@ -179,7 +178,7 @@ _noted: Final[ContextVar[list[str] | None]] = ContextVar("noted_inputs", default
 
 @contextmanager
 def noted_inputs() -> Iterator[list[str]]:
-    """Collect the names of the files that are read inside; yields the list of them."""
+    """Collect the names of the files read in a ``with`` block; yields their list."""
     files: list[str] = []
     token = _noted.set(files)
     try:
@@ -189,7 +188,7 @@ def noted_inputs() -> Iterator[list[str]]:
 
 
 def note_input(path: str | os.PathLike[str]) -> None:
-    """Add a file to the list of :func:`noted_inputs`, if there is one."""
+    """Add a file to the list of :func:`noted_inputs`, if one is active."""
     files = _noted.get()
     if files is not None:
         files.append(os.fspath(path))
@@ -199,8 +198,8 @@ class UnreadableFileError(Exception):
     """A file cannot be read, or not as text.
 
     Attributes:
-        kind: The cause: the file is missing, no regular file, not readable for this user, too large or not UTF-8, or
-            the system refuses to read it.
+        kind: The cause; ``"kind"`` is not a regular file, ``"text"`` not UTF-8, ``"system"`` any other error of the
+            system.
         reason: Text that follows the file's name in a message: "does not exist", ….
         found: What the path is, if not a regular file: "a directory", …; else empty.
     """
@@ -215,12 +214,7 @@ class UnreadableFileError(Exception):
 
 
 def read_regular_file(path: str | os.PathLike[str], most_bytes: int) -> bytes:
-    """Return the bytes of a regular file.
-
-    Args:
-        path: The file; ``~`` is not expanded.
-        most_bytes: The largest size that is read.
-    """
+    """Return the bytes of a regular file of at most ``most_bytes``; ``~`` is not expanded."""
     note_input(path)
     try:
         _require_regular(os.stat(path))
@@ -242,12 +236,12 @@ def read_regular_file(path: str | os.PathLike[str], most_bytes: int) -> bytes:
 
 
 def read_text_file(path: str | os.PathLike[str], most_bytes: int) -> str:
-    """Return the text of a regular file, UTF-8 with or without a byte order mark, line ends as line feeds."""
+    """Return the text of a regular UTF-8 file, without byte order mark, line ends as line feeds."""
     return decode(read_regular_file(path, most_bytes)).replace("\r\n", "\n").replace("\r", "\n")
 
 
 def decode(data: bytes) -> str:
-    """Return the text of a file's bytes, UTF-8 with or without a byte order mark."""
+    """Return the text of UTF-8 bytes, without byte order mark."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -255,16 +249,14 @@ def decode(data: bytes) -> str:
 
 
 def is_regular(status: os.stat_result) -> bool:
-    """Return whether this is a file on a disk: no directory, pipe, device or virtual file of the kernel.
-
-    Files below ``/proc`` and ``/sys`` claim to be regular, but their size is unknown and reading them may have effects.
-    """
+    """Return whether this is a file on a disk: no directory, pipe, device or virtual file of the kernel."""
+    # files below `/proc` and `/sys` claim to be regular, but have no known size, and reading them may have side
+    # effects
     return stat.S_ISREG(status.st_mode) and status.st_dev not in _virtual_devices()
 
 
 @cache
 def _virtual_devices() -> frozenset[int]:
-    """Return the device numbers of the virtual file systems of the kernel."""
     return frozenset(os.stat(folder).st_dev for folder in _KERNEL_FOLDERS if os.path.ismount(folder))
 
 

@@ -1,13 +1,10 @@
-"""Signals that end the program: Ctrl-C, ``kill`` and the end of a terminal. Nothing half-written stays behind.
+"""Signals that end the program: Ctrl-C, ``kill``, closing the terminal. Nothing half-written stays behind.
 
-Such a signal ends the process at once, by the exit code 128 + its number, after what was being written is removed and
-processes of our own are ended. No exception is raised for it: one that falls into a library's import, or into a callback
-of a compiler, is lost there or comes out as another. Only where something is to be kept (:func:`unwinding`) is
-KeyboardInterrupt raised, in a compiler or a finaliser once it is done (:func:`raise_if_interrupted`); where that does not
-end the process either, or the signal cannot be heeded because the process
-is deep in a library, a thread ends it after some seconds.
-
-This is the first module that the program imports, and it imports next to nothing.
+A signal ends the process at once, with exit code 128 + its number, after partial files are removed and child processes
+killed. It raises no exception, because one raised inside an import or a compiler's callback is lost or turned into
+another. Only where something is to be kept (:func:`unwinding`) is KeyboardInterrupt raised; in a compiler or finaliser,
+after that is done (:func:`raise_if_interrupted`). If the process does not end, or is deep in a library and cannot
+react, a thread ends it after some seconds. The program imports this module first, so it imports almost nothing.
 """
 
 from __future__ import annotations
@@ -25,15 +22,13 @@ NAMES: Final[dict[int, str]] = {signal.SIGINT: "interrupted", signal.SIGTERM: "t
 
 PATIENCE: Final = 1.0
 LONG_PATIENCE: Final = 15.0
-"""Seconds after which a signal ends the process although it does something else; the second, while it unwinds."""
+"""Seconds until the thread ends a process that does not react to a signal; the second while it unwinds."""
 
 _LOSING: Final = (f"{os.sep}llvmlite{os.sep}", f"{os.sep}numba{os.sep}", "weakref")
-"""Parts of the names of files whose functions C calls back: an exception is printed there, and lost."""
+"""Parts of file names whose functions are called back from C, where an exception is printed and lost."""
 
 
 class _State:
-    """State of signal handling; signals come to a process, not to an object of it."""
-
     def __init__(self) -> None:
         self.number = 0
         self.unwinding = False
@@ -49,7 +44,7 @@ _state = _State()
 
 
 def take_over() -> None:
-    """Heed signals from now on; one that is ignored, as by ``nohup``, or that has a handler already, stays so."""
+    """Install handlers; leave signals that are ignored (``nohup``) or already handled as they are."""
     global _state
     _state = _State()
     for number, usual in (
@@ -66,7 +61,7 @@ def take_over() -> None:
 
 
 def begin() -> None:
-    """Start the thread that ends the process where it does not heed a signal itself."""
+    """Start the thread that ends the process if it does not react to a signal."""
     if not _state.taken:
         return
     import threading
@@ -74,7 +69,7 @@ def begin() -> None:
     reading, writing = os.pipe()
     try:
         threading.Thread(target=_watch, args=(reading,), daemon=True, name="signals").start()
-    except RuntimeError:  # no more threads; what needs them says so
+    except RuntimeError:  # no more threads; code that needs one reports it
         os.close(reading)
         os.close(writing)
         return
@@ -95,12 +90,12 @@ def end() -> None:
 
 
 def came() -> int:
-    """Return the number of the signal that came, 0 if none did."""
+    """Return the number of the received signal, 0 if none."""
     return _state.number
 
 
 def raise_if_interrupted() -> None:
-    """Raise KeyboardInterrupt if a signal came whose exception was lost."""
+    """Raise KeyboardInterrupt if a signal's exception was lost."""
     if _state.number:
         raise KeyboardInterrupt
 
@@ -110,13 +105,13 @@ def unwinding() -> Iterator[None]:
     """Let signals raise KeyboardInterrupt inside; a second one ends the process at once."""
     _state.unwinding = True
     yield
-    # once one has come, or anything else was raised, the way out is not to be cut short
+    # only reached without an exception: cleaning up after one must not be cut short
     _state.unwinding = False
 
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Defer a signal to the end of the block: for short work that must not be cut."""
+    """Defer signals to the end of the block: for short work that must not be cut."""
     _state.held += 1
     try:
         yield
@@ -128,10 +123,9 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def undone(undo: Callable[[], None]) -> Iterator[None]:
-    """Undo the work of the block if a signal ends the process; enter it before the work begins.
+    """Call ``undo`` if a signal ends the process inside the block; enter it before the work begins.
 
-    Args:
-        undo: Called in any state of what is begun, perhaps more than once; OSError is passed over.
+    ``undo`` must cope with any state of the work and repeated calls; its OSErrors are ignored.
     """
     key = object()
     _state.undo[key] = undo
@@ -142,12 +136,11 @@ def undone(undo: Callable[[], None]) -> Iterator[None]:
 
 
 def _heed(number: int, frame: FrameType | None) -> None:
-    """Handle a signal, in the main thread."""
     again, _state.number = _state.number, _state.number or number
     if _state.held:
         return
     files, names = _running(frame)
-    # libraries make other exceptions of one that is raised in an import
+    # libraries turn an exception raised during an import into another one
     if again or not _state.unwinding or "<frozen importlib._bootstrap>" in files:
         _leave()
     if "__del__" in names or any(part in file for part in _LOSING for file in files):
@@ -156,7 +149,6 @@ def _heed(number: int, frame: FrameType | None) -> None:
 
 
 def _running(frame: FrameType | None) -> tuple[set[str], set[str]]:
-    """Return the files and the names of the functions that are running."""
     files, names = set(), set()
     while frame is not None:
         files.add(frame.f_code.co_filename)
@@ -173,7 +165,7 @@ def _watch(reading: int) -> None:
     if not number:
         os.close(reading)
         return
-    # it stays open: the interpreter complains where a further signal cannot be written to it
+    # the pipe stays open: the interpreter complains if it cannot write a further signal to it
     deadline = time.monotonic() + (LONG_PATIENCE if _state.unwinding else PATIENCE)
     while time.monotonic() < deadline or _state.held:
         time.sleep(0.05)
@@ -184,8 +176,7 @@ def _watch(reading: int) -> None:
 
 
 def _leave() -> None:
-    """End the process."""
-    while _state.leaving:  # in another thread, which ends this one
+    while _state.leaving:  # another thread is ending the process
         signal.pause()
     _state.leaving = True
     for number in _state.taken:
@@ -204,8 +195,8 @@ def _leave() -> None:
 
 
 def _end_processes() -> None:
-    """Kill the processes that compute for this one; they would end by themselves, but later."""
-    with suppress(Exception):  # it may have been interrupted anywhere, in what is called here too
+    """Kill the worker processes, which would otherwise end later."""
+    with suppress(Exception):  # the signal may have interrupted the very functions called here
         if "multiprocessing.process" in sys.modules:
             import multiprocessing
 

@@ -1,7 +1,7 @@
 """Functions compiled by numba: options, cache on disk, and calls that survive a damaged cache.
 
-Known troubles with the cache: a file cut short (a full disk, a killed process), a directory that cannot be written, a
-disk that fills while the code is saved. None of them may keep anything from being computed.
+The cache may hold a truncated file (full disk, killed process), be read-only, or run out of disk while saving. None of
+these may stop a computation.
 """
 
 from __future__ import annotations
@@ -27,28 +27,26 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 _configuration: Any = numba.config
 INTERPRETED: Final = bool(_configuration.DISABLE_JIT)
-"""Whether NUMBA_DISABLE_JIT=1 makes all this plain Python: for coverage."""
+"""Whether NUMBA_DISABLE_JIT=1 runs all this as plain Python, as for coverage."""
 
 # numba's types do not know all options; _nrt=False: references are not counted, which costs atomic operations at every
 # view of an array; hence no arrays can be made inside
 _outermost: Any = partial(numba.njit, error_model="numpy", nogil=True, _nrt=False, no_cfunc_wrapper=True)
-# what Python never calls: the code that would take its arguments from Python takes a quarter of the time to compile
+# for functions that Python never calls: the wrapper for Python arguments takes a quarter of the compile time
 _inner: Any = partial(_outermost, no_cpython_wrapper=True)
 
 
 def strict(function: Function) -> Function:
-    """Compile with plain IEEE arithmetic; a division by zero gives infinity, as in numpy. It makes no arrays.
+    """Compile with plain IEEE arithmetic; division by zero gives infinity, as in numpy.
 
-    Only compiled code may call it, as all here but a `cached_entry`.
+    Cannot create arrays. Callable from compiled code only, except a `cached_entry`.
     """
     return cast("Function", _inner()(function))
 
 
 def inline(function: Function) -> Function:
-    """Compile as `strict`, inlined into callers: for functions with many array arguments, which are slow to pass.
-
-    Numba hands this down: what such a function calls is compiled into it, too, unless it is `fma_noinline`.
-    """
+    """Compile as `strict`, inlined into callers: for functions with many array arguments, which are slow to pass."""
+    # numba passes this on: functions it calls are inlined too, except `fma_noinline` ones
     return cast("Function", _inner(forceinline=True)(function))
 
 
@@ -58,37 +56,35 @@ def fma(function: Function) -> Function:
 
 
 def fma_noinline(function: Function) -> Function:
-    """Compile as `fma`, but not inlined: with the callers' constants, its own would not fit the registers."""
+    """Compile as `fma`, but not inlined: together with the caller's constants, its own would exceed the registers."""
     return cast("Function", _inner(forceinline=False, fastmath={"contract"})(function))
 
 
 def cached_entry(function: Function) -> Function:
-    """Compile an outermost function as `strict`, kept on disk; without a disk to keep it on, in every process."""
+    """Compile an outermost function as `strict`, cached on disk; without a writable disk, compiled in every process."""
     return cast("Function", _kept(_outermost, function))
 
 
 def cached_part(function: Function) -> Function:
-    """Compile as `strict`, kept on disk by itself: several outermost functions share it, and other processes compile it."""
+    """Compile as `strict`, with its own disk cache: shared by outermost functions, compiled by any process."""
     return cast("Function", _kept(_inner, function))
 
 
 def cached_part_inline(function: Function) -> Function:
-    """Compile as `inline`, kept on disk as a `cached_part`."""
+    """Compile as `inline`, with its own disk cache as a `cached_part`."""
     return cast("Function", _kept(partial(_inner, forceinline=True), function))
 
 
 def call(
     function: Any, arguments: tuple[Any, ...], variant: Hashable = None, ahead: Callable[[], None] | None = None
 ) -> Any:
-    """Call an outermost function, which is compiled or loaded on first use, and return its result.
+    """Call an outermost function, compiled or loaded on first use, and return its result.
 
-    A cache that cannot be used is deleted; if that does not help, this process goes without one. All of this happens
-    before anything is computed.
+    An unusable cache is deleted first; if that does not help, this process does without one.
 
     Args:
-        function, arguments: What to call.
         variant: Distinguishes arguments of different numba types.
-        ahead: Is called before the function has to be compiled: compiles it, or parts of it, into the cache.
+        ahead: Called if the function must be compiled: fills the cache with it, or with parts of it.
     """
     if INTERPRETED:
         with np.errstate(all="ignore"):
@@ -105,7 +101,7 @@ def call(
 
 
 def make_ready(function: Any, arguments: tuple[Any, ...]) -> None:
-    """Compile a function for arguments, or load it."""
+    """Compile or load a function for the types of the arguments."""
     types = _types_of(arguments)
     for remedy in (_delete_cache, _forgo_cache, None):
         try:
@@ -123,7 +119,7 @@ def make_ready(function: Any, arguments: tuple[Any, ...]) -> None:
 
 
 def is_kept(function: Any, arguments: tuple[Any, ...]) -> bool:
-    """Return whether a function is known to be compiled for arguments, in this process or in numba's cache."""
+    """Return whether a function is known to be compiled for arguments, in this process or in the cache."""
     if INTERPRETED:
         return True
     types = _types_of(arguments)
@@ -152,12 +148,12 @@ _TROUBLES: Final = (
     ImportError,
     AttributeError,
     RuntimeError,
-    NumbaError,  # what becomes of the others where they befall a part
+    NumbaError,  # wraps any of the others when it occurs in a part
 )
-"""Exceptions of unpickling a damaged file, and of reading or writing one."""
+"""Exceptions of reading, writing or unpickling a damaged cache file."""
 
 _ready: Final[set[tuple[Any, Hashable]]] = set()
-"""The functions and variants that are compiled or loaded in this process."""
+"""Functions and variants that this process has compiled or loaded."""
 
 _making_ready: Final = threading.Lock()
 
@@ -180,7 +176,7 @@ def _types_of(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """Pause the garbage collector: a compiler makes many objects and keeps few, which it would search all the time."""
+    """Pause the garbage collector, which would keep searching the many objects a compiler makes."""
     enabled = gc.isenabled()
     gc.disable()
     try:

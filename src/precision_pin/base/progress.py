@@ -19,14 +19,14 @@ def progress(
 ) -> Iterator[Callable[[int], None]]:
     """Show a progress bar while the body of a ``with`` runs; yields the function to report each step to.
 
-    In a notebook it is a bar below the cell (text where ipywidgets is not installed), on a terminal a line on stderr,
-    elsewhere nothing. It goes when the body ends, also by an error or an interrupted kernel. That the sampler is compiled,
-    once on a machine, is shown likewise.
+    In a notebook it is a bar below the cell (text without ipywidgets), on a terminal a line on stderr, elsewhere
+    nothing. It disappears at the end, also after an error or an interrupt. The one-time compilation of the sampler is
+    shown the same way.
 
     Args:
-        total: How many steps there will be.
+        total: Number of steps.
         what: Label before the bar.
-        delay: Seconds before it is shown.
+        delay: Seconds before it appears.
         unit: What a step is.
 
     Raises:
@@ -48,11 +48,7 @@ def progress(
 def steps_to(
     show: Callable[[int], None] | bool | None, total: int, unit: str = "samples"
 ) -> Iterator[Callable[[int], None]]:
-    """Yield the function that takes each step of an analysis, for its argument ``progress``: a function, a bar or nothing.
-
-    Raises:
-        InputError: It is none of them.
-    """
+    """Yield the function for steps, given a function, True (a bar), False or None; raise InputError otherwise."""
     if show is not None and not isinstance(show, bool) and not callable(show):
         raise InputError(f"progress must be a function, or True for a bar, got {shown(show)}")
     if show is True:
@@ -63,7 +59,7 @@ def steps_to(
 
 
 def scaled(step: Callable[[int], object], work: int, steps: int) -> Callable[[int], None]:
-    """Return what takes the progress of some work and passes it on as a number of steps, all of them at once if there is none."""
+    """Return a function that takes progress in units of ``work`` and reports ``steps``; at once if ``work`` is 0."""
     done = 0
     if work == 0:
         step(steps)
@@ -79,7 +75,7 @@ def scaled(step: Callable[[int], object], work: int, steps: int) -> Callable[[in
 
 @contextmanager
 def compilation() -> Iterator[Callable[[float], None]]:
-    """Show a bar as `progress` does while the sampler is compiled, or a line; yields what takes the share done, 0 to 1."""
+    """Show a bar or a line while the sampler is compiled; yields a function of the fraction done, 0 to 1."""
     if not (_in_kernel() or sys.stderr.isatty()):
         with announced() as show:
             yield show
@@ -96,7 +92,7 @@ def compilation() -> Iterator[Callable[[float], None]]:
 
 
 def _bar(**shape: Any) -> Any:
-    """Return tqdm's bar; it shows nothing where stderr is not a terminal, except in a notebook."""
+    """Return tqdm's bar, hidden unless stderr is a terminal or a notebook."""
     from tqdm import tqdm
 
     if _in_kernel():

@@ -15,11 +15,11 @@ Keys = tuple[str, ...]
 
 
 class Record(Fixed):
-    """Frozen data class whose arrays are read-only and whose JSON follows from a declaration.
+    """Frozen data class with read-only arrays and a declared JSON form.
 
     Attributes:
-        KEYS: Keys of the JSON in their order; the fields where it is empty. ``"key"`` is the attribute of that name,
-            ``"key=attribute"`` another, which may have dots, ``"key=attribute?"`` null where that is empty, and
+        KEYS: Keys of the JSON in order; if empty, the fields. ``"key"`` is the attribute of that name,
+            ``"key=attribute"`` another, perhaps with dots, ``"key=attribute?"`` null where that is empty, and
             ``"*attribute"`` adds all keys of a record or mapping.
     """
 
@@ -43,7 +43,7 @@ class Record(Fixed):
 
 
 def encode(value: Any) -> Any:
-    """Return a value as JSON has it: arrays and tuples as lists, records as objects, numbers that are not finite as null."""
+    """Return a value as in JSON: arrays and tuples as lists, records as objects, non-finite numbers as null."""
     match value:
         case None | bool() | int() | str():
             return value

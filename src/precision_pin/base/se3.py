@@ -1,7 +1,7 @@
 """Rigid motions as plain arrays, with the sample axis last.
 
-Conventions: a pose is ``(4, 4)`` or ``(4, 4, N)``; a rotation ``(3, 3[, N])``; a displacement
-``E = Trans(d)·Exp(δ)`` is given by six numbers ``[d; δ]`` (m, rad), position first.
+A pose is ``(4, 4[, N])``, a rotation ``(3, 3[, N])``; a displacement ``E = Trans(d)·Exp(δ)`` is six numbers ``[d; δ]``
+(m, rad).
 """
 
 from __future__ import annotations
@@ -80,11 +80,8 @@ def exp_rotation(vector: ArrayLike) -> Array:
 
 
 def log_rotation(rotation: ArrayLike) -> Array:
-    """Return the rotation vector of a rotation, angle in [0, π]: ``(3, 3[, N])`` → ``(3[, N])``.
-
-    Goes through the unit quaternion (largest component first), so that it is accurate to rounding
-    near zero and near π alike.
-    """
+    """Return the rotation vector of a rotation, angle in [0, π]: ``(3, 3[, N])`` → ``(3[, N])``."""
+    # uses the unit quaternion (largest component first), accurate to rounding near zero and near π alike
     r = np.asarray(rotation, dtype=float)
     trace = r[0, 0] + r[1, 1] + r[2, 2]
     # four times the outer product of the quaternion (w, x, y, z) with itself
@@ -170,7 +167,7 @@ def displaced(transform: Array, error: Array) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """Return the rotation R ``(3, 3)`` with the largest trace of Rᵀ times a matrix: that which turns points onto others best."""
+    """Return the rotation R ``(3, 3)`` that maximises tr(RᵀM), the best fit of points to points (Kabsch)."""
     left, _, right = np.linalg.svd(matrix)
     return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
 
@@ -183,8 +180,8 @@ def inverse(transform: ArrayLike) -> Array:
 
 
 def compose(*transforms: ArrayLike) -> Array:
-    """Return the product of poses, each ``(4, 4)`` or ``(4, 4, N)``, left to right."""
-    result = np.array(transforms[0], dtype=float)  # a copy: of one pose the product is no view
+    """Return the product of poses ``(4, 4[, N])``, left to right."""
+    result = np.array(transforms[0], dtype=float)  # a copy, so that the product of one pose is not a view of it
     for transform in transforms[1:]:
         right = np.asarray(transform, dtype=float)
         if result.ndim == right.ndim == 2:

@@ -1,7 +1,7 @@
 """Numbers with units: text such as ``"0.05 mm"`` to SI.
 
-Every quantity has one list of the units it accepts; anything else is refused by name. A bare number is
-refused where a unit belongs: that is how millimetres become metres.
+Every quantity lists its accepted units; others are refused by name. A bare number is refused where a unit belongs: that
+is how millimetres become metres.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ from precision_pin.base.errors import UnitError
 
 @dataclass(frozen=True)
 class Quantity:
-    """A physical quantity: its name, its SI unit and the factor of every accepted unit.
+    """A physical quantity.
 
     Attributes:
-        name: Name used in messages.
         si: The SI unit, ``""`` for a pure number.
         units: Accepted unit → factor to SI.
-        written: The unit in which somebody wrote a number of it; empty where none did. It plays no part in comparing.
+        written: The unit a user wrote a number in, or empty; ignored in comparisons.
     """
 
     name: str
@@ -110,10 +109,10 @@ QUANTITIES: Final = tuple(dict.fromkeys(one for one in list(globals().values()) 
 
 LARGEST: Final = 1e50
 SMALLEST: Final = 1e-50
-"""The largest number, in SI, that is read, and the smallest but 0: squares of products of three are still numbers."""
+"""Range of numbers read, in SI, apart from 0: squares of products of three stay finite."""
 
 MOST_NAMED: Final = 3
-"""The most quantities that a message names with all their units."""
+"""Most quantities whose units a message lists in full."""
 
 _PER_CENT: Final = 100
 _MOST_BITS: Final = 64
@@ -126,7 +125,7 @@ def split(text: object) -> tuple[list[float], str]:
     """Return the numbers and the unit (spelled as in the tables) of a text."""
     if isinstance(text, bool) or not isinstance(text, str | int | float):
         raise UnitError(f"expected a number with a unit, got {text!r}")
-    # blanks are joined first: what follows would go through many of them again and again
+    # runs of blanks are joined first: the pattern would backtrack over them
     match = _TEXT.fullmatch(" ".join(str(text).split()))
     if match is None or "," in match[1]:
         raise UnitError(f"expected a number with a unit such as '0.1 mm', got {str(text)!r}{comma_hint(text)}")
@@ -147,23 +146,18 @@ def _spelled(unit: str) -> str:
 
 
 def comma_hint(text: object) -> str:
-    """Return the end of a message about a text with a decimal comma, such as ``0,05 mm``; empty for any other text."""
+    """Return a hint for a message if a text has a decimal comma, such as ``0,05 mm``; else empty."""
     pointed, commas = re.subn(r"(?<=\d),(?=\d)", ".", str(text)[:_PER_CENT])
     return f"; decimals have a point: {pointed!r}" if commas and _TEXT.fullmatch(pointed) else ""
 
 
 def parse(text: object, *quantities: Quantity) -> float:
-    """Return one number in SI.
-
-    Args:
-        text: Such as ``"0.05 mm"``; a plain number only where a quantity accepts no unit.
-        quantities: Quantities accepted here; the unit decides which is meant.
-    """
+    """Return one number in SI; as `parse_vector`."""
     return parse_vector(text, *quantities, count=1)[0]
 
 
 def parse_probability(text: str) -> float:
-    """Return a probability, ``95 %`` or ``0.95``."""
+    """Return a probability, written ``95 %`` or ``0.95``."""
     value = parse(text, RATIO)
     if 0 < value < 1:
         return value
@@ -180,9 +174,9 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
     """Return numbers that share one unit, such as ``"-90 3 88 -91 deg"``, in SI.
 
     Args:
-        text: Numbers separated by blanks, then the unit.
-        quantities: Quantities accepted here.
-        count: How many numbers there must be; any number of them if ``None``.
+        text: Numbers separated by blanks, then the unit; without a unit only for a quantity that accepts none.
+        quantities: Quantities accepted here; the unit decides which is meant.
+        count: Required number of numbers; any if ``None``.
     """
     numbers, unit = split(text)
     if count is not None and len(numbers) != count:
@@ -208,7 +202,6 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
 
 
 def _turn_of_bits(bits: float) -> str:
-    """Return how the resolution of an encoder of so many bits is written."""
     if not (bits.is_integer() and 1 <= bits <= _MOST_BITS):
         return "an encoder of n bit resolves 360 deg / 2^n"
     return f"an encoder of {bits:.0f} bit resolves 360 deg / 2^{bits:.0f}, so write '{360 / 2**bits:.6g} deg'"
@@ -216,11 +209,7 @@ def _turn_of_bits(bits: float) -> str:
 
 @dataclass(frozen=True)
 class PerJoint:
-    """A quantity that depends on whether the source's joint turns or slides.
-
-    Attributes:
-        revolute, prismatic: The quantity in either case.
-    """
+    """A quantity that depends on whether the source's joint is revolute or prismatic."""
 
     revolute: Quantity
     prismatic: Quantity
@@ -228,10 +217,6 @@ class PerJoint:
 
 @dataclass(frozen=True)
 class PerEntry:
-    """Quantities of a list's entries, one by one.
-
-    Attributes:
-        quantities: As many as the list has entries.
-    """
+    """Quantities of a list's entries, one for each."""
 
     quantities: tuple[Quantity, ...]

@@ -1,1 +1,1 @@
-"""All randomness: laws, correlation, formulas of random numbers, the counter-based generator."""
+"""Randomness: laws, correlation, formulas of random numbers, the counter-based generator."""

@@ -1,10 +1,9 @@
 """Correlation between draws of one number: a Gaussian copula.
 
-The given matrix is the correlation of the normal scores. Draw i has the score z_i = Σ_j L_ij n_j and the value
-F_i⁻¹(Φ(z_i)). L L^T is the matrix; the n_j are independent standard normal numbers, each from the stream of its own
-draw. The law of each draw does not change. The Pearson correlation of the values differs from that of the scores and
-follows from :func:`covariance_of`. (Nelsen, An Introduction to Copulas, 2nd ed., 2006, section 2.3; Cario and Nelson,
-1997, who call the result NORTA.)
+The matrix is the correlation of the normal scores. Draw i has the score z_i = Σ_j L_ij n_j and the value F_i⁻¹(Φ(z_i)),
+with L L^T the matrix and n_j independent standard normal numbers, each from the stream of its own draw. The law of each
+draw stays. The Pearson correlation of the values follows from :func:`covariance_of`. (Nelsen, An Introduction to
+Copulas, 2nd ed., 2006, section 2.3; Cario and Nelson, 1997, who call the result NORTA.)
 """
 
 from __future__ import annotations
@@ -27,20 +26,20 @@ from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
 
 LEAST_EIGENVALUE: Final = 1e-6
-"""A matrix with a smaller eigenvalue is refused: parameters that always move together are one parameter."""
+"""Matrices with a smaller eigenvalue are refused: parameters that always move together are one parameter."""
 
 MOST_TOGETHER: Final = 500
-"""Largest number of parameters in one correlation."""
+"""Most parameters in one correlation."""
 
 _MOST_REPAIRED: Final = 40
-"""Largest size for which every entry is tried as the only wrong one, in order to name it in the message."""
+"""Largest size for which each entry is tried as the only wrong one, to name it in the message."""
 
 _REACH: Final = 9.0
 """Integrals over a normal score end at ±9; the probability beyond is 2e-19."""
 
 _RULES: Final = tuple(np.polynomial.legendre.leggauss(nodes) for nodes in (12, 4, 2))
 _SHORT: Final = (math.inf, 0.1, 0.01)
-"""Longest panel for each rule of ``_RULES``, in widths of the density's ridge."""
+"""Longest panel for each of ``_RULES``, in widths of the density's ridge."""
 
 _ROWS: Final = 64
 """Rows of the double integral summed at once, which bounds the memory."""
@@ -56,10 +55,10 @@ class Correlation:
         matrix: Correlation of their normal scores, row by row.
 
     Raises:
-        InputError: Fewer than two names, a name given twice, or a matrix that has another size, is not symmetric, has
-            not 1 on its diagonal or is not positive definite. In the last case the message names the pair whose entry
-            needs the smallest change to make the matrix positive definite. If no single entry can do so, it names the
-            pair with the lowest C_ij v_i v_j, where v is the eigenvector of the smallest eigenvalue.
+        InputError: Fewer than two names, a name given twice, or a matrix of another size, not symmetric, without 1 on
+            its diagonal or not positive definite. In the last case the message names the pair whose entry needs the
+            smallest change; if no single entry suffices, the pair with the lowest C_ij v_i v_j, where v is the
+            eigenvector of the smallest eigenvalue.
     """
 
     names: tuple[str, ...]
@@ -136,16 +135,13 @@ class Correlation:
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """Positions of the names in alphabetical order, the order of the rows of :attr:`root`.
-
-        The random numbers therefore do not depend on the order in which the names are given.
-        """
+        """Positions of the names in alphabetical order, so that the numbers do not depend on the order given."""
         return tuple(sorted(range(len(self.names)), key=self.names.__getitem__))
 
     @cached_property
     @returns_read_only
     def root(self) -> Array:
-        """Lower-triangular L, rows and columns in alphabetical order of the names; L L^T is the matrix."""
+        """Lower-triangular L with L L^T the matrix, in alphabetical order of the names."""
         matrix = np.array(self.matrix)[np.ix_(self.order, self.order)]
         root = np.zeros_like(matrix)
         for k in range(len(self.names)):
@@ -157,11 +153,11 @@ class Correlation:
     def mix(self, normals: Array) -> Array:
         """Return normal scores ``(m, N)`` for independent normal numbers ``(m, N)``, both in the order of the names.
 
-        Scores are cut off at ±8.6, the farthest that a single normal number is drawn; fewer than one in 10¹⁶ lie beyond.
+        Scores are cut off at ±8.6, the farthest single normal number drawn; fewer than one in 10¹⁶ lie beyond.
         """
         scores = np.empty_like(normals)
         for k, target in enumerate(self.order):
-            # summed one by one: the last bits of a matrix product of numpy depend on the number of columns
+            # summed one by one: the last bits of numpy's matrix product depend on the number of columns
             total = self.root[k, k] * normals[target]
             for j, other in enumerate(self.order[:k]):
                 total = total + self.root[k, j] * normals[other]
@@ -172,13 +168,7 @@ class Correlation:
 @final
 @dataclass(frozen=True, eq=False)
 class BlockCovariance(Fixed):
-    """Covariance of d numbers, most of which are independent of one another.
-
-    Attributes:
-        variances: ``(d,)``.
-        blocks: Columns ``(m,)`` of numbers that depend on one another, and their covariance ``(m, m)``; no column is in
-            two.
-    """
+    """Covariance of d numbers: variances ``(d,)``, and columns ``(m,)`` and covariance ``(m, m)`` of dependent ones."""
 
     variances: Array
     blocks: tuple[tuple[NDArray[np.intp], Array], ...]
@@ -224,10 +214,8 @@ class BlockCovariance(Fixed):
 
 
 def _allowed_interval(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
-    """Return the interval of an entry in which the matrix is positive definite; ``None`` if there is none.
-
-    The partial correlation of the two, given all others, lies between -1 and 1.
-    """
+    """Return the interval of an entry in which the matrix is positive definite, if any."""
+    # it is where the partial correlation of the two, given all others, lies between -1 and 1
     others = [k for k in range(len(matrix)) if k not in (i, j)]
     pair = matrix[np.ix_(others, (i, j))]
     rest = matrix[np.ix_(others, others)]
@@ -245,23 +233,17 @@ def _allowed_interval(matrix: Array, i: int, j: int) -> tuple[float, float] | No
 def covariance_of(first: Law, second: Law, correlation: float) -> float:
     """Return the covariance of two numbers whose normal scores are correlated.
 
-    Normal, uniform (6/π asin(ρ/2), Pearson 1907) and lognormal pairs have closed forms. For other pairs it is the double
-    integral of g_1(x) g_2(y) against the bivariate normal density, with g_i = F_i⁻¹ ∘ Φ, by composite Gauss-Legendre
-    quadrature. Panels are split where a law jumps or bends and are no wider than the density's ridge.
-
-    Args:
-        first, second: Laws of one number.
-        correlation: Of their normal scores, between -1 and 1.
-
-    Returns:
-        Within 1e-9 of the product of the standard deviations.
+    Normal, uniform (6/π asin(ρ/2), Pearson 1907) and lognormal pairs have closed forms. For other pairs it is the
+    double integral of g_1(x) g_2(y) against the bivariate normal density, with g_i = F_i⁻¹ ∘ Φ, by composite
+    Gauss-Legendre quadrature. Panels are split where a law jumps or bends and are no wider than the density's ridge.
+    The error is below 1e-9 of the product of the standard deviations.
     """
     if correlation == 0:
         return 0.0
     closed = first.covariance_with(second, correlation)
     if closed is not None:
         return closed
-    # a normal law first: its integral is the shorter one
+    # a normal law goes first: its integral is cheaper
     for law, other in sorted(((first, second), (second, first)), key=lambda pair: not pair[0].is_normal):
         single = law.covariance_by_scores(correlation, partial(_nodes_beyond, other))
         if single is not None:
@@ -277,7 +259,7 @@ def _double_integral(first: Law, second: Law, correlation: float) -> float:
     width = math.sqrt((1 - correlation) * (1 + correlation))
     x, outer = _nodes(first, width, _REACH)
     y, inner = _nodes(second, width, _REACH)
-    # of the density of y given x; exp(y²/2) removes the normal density that _nodes has already multiplied in
+    # exponent of the density of y given x; exp(y²/2) removes the normal density that _nodes multiplied in
     inner = inner * np.exp(y**2 / 2) / width
     total = 0.0
     for first_row in range(0, x.size, _ROWS):
@@ -290,10 +272,8 @@ def _double_integral(first: Law, second: Law, correlation: float) -> float:
 
 
 def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
-    """Return normal scores in rising order, and (value - mean) × density × weight at each.
-
-    The panels are split where the law jumps or bends, and no wider than ``width`` or 1.
-    """
+    """Return normal scores in rising order, and (value - mean) × density × weight at each."""
+    # panels are split where the law jumps or bends, and no wider than `width` or 1
     count = math.ceil(2 * reach / min(width, 1.0))
     bends = lazy_special.ndtri(np.array(law.breaks, dtype=float))
     edges = np.unique(np.concatenate([np.linspace(-reach, reach, count + 1), bends[np.abs(bends) < reach]]))
@@ -314,9 +294,8 @@ def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
 def check_correlations(draws: Sequence[Draw], correlations: Sequence[Correlation]) -> None:
     """Check that every correlation is between draws that can be correlated.
 
-    Raises:
-        InputError: A name that is none of the draws, or a draw that is fixed, has several numbers, has another scope
-            than the rest or is in two correlations.
+    Raises InputError for an unknown name, or a draw that is fixed, has several numbers, another scope than the rest or
+    is in two correlations.
     """
     known = {draw.name: draw for draw in draws}
     correlated: set[str] = set()

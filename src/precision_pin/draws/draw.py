@@ -1,4 +1,4 @@
-"""A draw: a law with a name and a scope; and the counter word for the pose and visit of a draw."""
+"""A draw: a law with a name and a scope; and the counter word of its pose and visit."""
 
 from __future__ import annotations
 
@@ -31,11 +31,7 @@ class Scope(Enum):
 
 
 def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
-    """Return the last counter word of a draw (0-based pose and visit).
-
-    Raises:
-        InputError: More than 2²⁰-1 poses or 4095 visits.
-    """
+    """Return the last counter word of a draw; raise InputError for more than 2²⁰-1 poses or 4095 visits."""
     check_whole("the pose", pose, 0, MOST_POSES - 1)
     check_whole("the visit", visit, 0, MOST_VISITS - 1)
     first = (pose + 1) * 4096
@@ -48,12 +44,11 @@ class Draw:
     """The unit of randomness: a law with a name and a scope.
 
     Attributes:
-        name: Names the stream of random numbers. Inside a source's setting it may be empty: the draw is then named
-            after the setting, ``source[joint or link].field``.
+        name: Names the stream of random numbers. May be empty inside a source's setting: the draw is then named after
+            the setting, ``source[joint or link].field``.
         law: The distribution.
         scope: How often it is drawn.
-        quantities: The quantity of each number, None where it is not known; empty where none is known. Not compared by
-            ``==``.
+        quantities: The quantity of each number, None if unknown; empty if all are. Not compared by ``==``.
         names: Names of the numbers; empty for the draw's name with the law's suffixes.
     """
 
@@ -81,12 +76,12 @@ class Draw:
 
     @property
     def tolerance(self) -> str:
-        """The range of variation, :meth:`precision_pin.draws.laws.Law.tolerance`; empty where no quantity is known."""
+        """The range of variation, :meth:`precision_pin.draws.laws.Law.tolerance`; empty if no quantity is known."""
         return self.law.tolerance(self.known_quantities)
 
     @property
     def known_quantities(self) -> tuple[Quantity | None, ...]:
-        """The quantity of each number, None where it is unknown or, outside a model, still depends on the kind of joint."""
+        """The quantity of each number, None if unknown or if, outside a model, it depends on the kind of joint."""
         quantities = self.quantities or (None,) * self.law.size
         return tuple(None if isinstance(one, PerJoint) else one for one in quantities)
 

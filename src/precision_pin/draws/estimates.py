@@ -1,4 +1,4 @@
-"""Estimates of numbers that are drawn once for each robot, and the space that they leave."""
+"""Calibration estimates of numbers drawn once for each robot, and the space that remains."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _UNTOUCHED: Final = 1e-9
 """Change of a mean, variance or correlation, in units of the prior, that counts as none."""
 
 _HALF: Final = 0.5
-"""Share of a number's variance left, up to which it rests on the readings more than on its tolerance."""
+"""Fraction of a number's variance left, up to which it rests more on the data than on its tolerance."""
 _FREE: Final = 0.5
-"""Standard deviation of a number where all others are given, as a share of its own, above which it counts as independent."""
+"""Ratio of conditional (given all others) to marginal standard deviation above which a number counts as independent."""
 
 
 def held_at_mean(draw: Draw) -> Draw:
-    """Return a draw of the same names whose numbers do not vary."""
+    """Return a draw of the same names, fixed at its mean."""
     mean = tuple(draw.law.mean_vector.tolist())
     law = JointNormal(tuple((0.0,) * len(mean) for _ in mean), mean)
     return dataclasses.replace(draw, law=law, names=draw.components)
@@ -38,10 +38,7 @@ class Estimates:
     """Mean and covariance of numbers of a space after a calibration, SI.
 
     Attributes:
-        names: The numbers.
-        mean: ``(U,)``.
-        covariance: ``(U, U)``.
-        stated: Mean and standard deviation of each by the laws of the sheet that was calibrated; empty where unknown.
+        stated: Mean and standard deviation of each in the sheet that was calibrated; empty if unknown.
     """
 
     names: tuple[str, ...]
@@ -50,14 +47,12 @@ class Estimates:
     stated: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def remaining_space(self, space: Space) -> Space:
-        """Return the space of the calibrated arm: numbers that the data told nothing about keep their laws.
+        """Return the space of the calibrated arm; parameters that the data do not inform keep their prior.
 
-        All others are one joint normal draw, ``calibrated``, under their own names. Those whose law has bounds within the
-        reach of the normal one are cut at them, unless a combination of them with others is known: cutting would undo it.
-        None crosses zero that its law keeps on one side of it.
-
-        Raises:
-            InputError: A name is not that of a number drawn once for each robot.
+        The others form one joint normal draw, ``calibrated``, under their own names. A number whose law has bounds
+        within the normal law's reach is cut at them, unless a combination of it with others is known, which cutting
+        would spoil. None crosses a zero that its prior does not cross. Raises InputError if a name is not that of a
+        number drawn once for each robot.
         """
         scopes = {name: draw.scope for draw in space.draws for name in draw.components}
         for name in self.names:
@@ -85,10 +80,7 @@ class Estimates:
         return Space((Draw(name, law, names=tuple(wanted)), *kept), others)
 
     def without_changed(self, before: Space, after: Space) -> tuple[Estimates | None, tuple[str, ...]]:
-        """Return the estimates less the numbers whose draws a change has made others, and those of them that had been learned.
-
-        None where no estimate is left.
-        """
+        """Return the estimates without changed draws (None if nothing is left), and which of those had been learned."""
         now = {draw.name: draw for draw in after.draws}
         changed = {name for draw in before.draws if now.get(draw.name) != draw for name in draw.components}
         kept = [k for k, name in enumerate(self.names) if name not in changed]
@@ -103,7 +95,7 @@ class Estimates:
         return Estimates(names, self.mean[kept], self.covariance[np.ix_(kept, kept)]), replaced
 
     def edited(self, space: Space) -> dict[str, tuple[float, float]]:
-        """Return the numbers whose mean or deviation is another in the space than was stated, each with what it is there."""
+        """Return the new mean and deviation of each number for which they differ from the stated ones."""
         found = {}
         stds = np.sqrt(space.block_covariance.variances)
         for name, (mean, std) in self.stated.items():
@@ -115,14 +107,13 @@ class Estimates:
         return found
 
     def learned(self, space: Space) -> tuple[str, ...]:
-        """Return the numbers of which the data removed at least half the variance that the space of before has."""
+        """Return the numbers whose variance in the original space the data reduced by at least half."""
         columns = np.array([space.index[name] for name in self.names], dtype=np.intp)
         before = space.block_covariance.variances[columns]
         less = np.diag(self.covariance) <= _HALF * before
         return tuple(name for name, is_less in zip(self.names, less.tolist(), strict=True) if is_less)
 
     def _touched(self, space: Space) -> set[str]:
-        """Return the names of the draws whose law is another now."""
         columns = np.array([space.index[name] for name in self.names], dtype=np.intp)
         prior = space.block_covariance.within(columns)
         std = np.sqrt(np.diag(prior))
@@ -139,18 +130,16 @@ class Estimates:
 
 
 def bounds_of(law: Law, number: int) -> tuple[float, float]:
-    """Return the lowest and highest value of one of a law's numbers, infinite for none."""
+    """Return the bounds of one of a law's numbers, infinite for none."""
     axis = np.eye(law.size)[number]
     return -float(law.support(-axis)), float(law.support(axis))
 
 
 def _clip(normal: JointNormal, bounds: Sequence[tuple[float, float]]) -> Law:
-    """Return the law with those bounds that lie within its reach; the normal law itself if none does.
-
-    A number of which a combination with others is known is not cut there: that would undo what is known of the combination.
-    But one that its law keeps on one side of zero, such as a stiffness, stays there: it is cut half way from its bound to zero,
-    which the normal law hardly reaches.
-    """
+    """Return the law with those bounds that lie within its reach; the normal law itself if none does."""
+    # A number of which a combination with others is known is not cut: that would spoil what is known. But a number that
+    # its prior keeps on one side of zero, such as a stiffness, stays there: it is cut half way from its bound to zero,
+    # which the normal law hardly reaches.
     std = np.sqrt(np.diag(normal.covariance))
     unit = np.where(std > 0, std, 1.0)
     correlation = normal.covariance / np.outer(unit, unit)

@@ -1,7 +1,7 @@
 """Parameters: components of draws and formulas of them.
 
-An :class:`Expression` is written with ordinary arithmetic (``1 / stiffness``, ``diameter**4``); a
-:class:`Program` is a set of expressions turned into one list of operations, which every engine evaluates.
+An :class:`Expression` is written with ordinary arithmetic (``1 / stiffness``, ``diameter**4``); a :class:`Program`
+turns a set of them into one list of operations for all engines.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError
 
 Slopes = dict[int, float]
-"""Derivatives by the column of the component."""
+"""Derivatives by the component's column."""
 
 MOST_OPERATIONS: Final = 256
-"""Largest number of operations in one parameter's formula; all loads on a joint are one."""
+"""Most operations in one parameter's formula; all loads on a joint are one."""
 
 
 class Operator(IntEnum):
-    """Operations of formulas; the numbers are part of the compiled kernel's interface."""
+    """Operations of formulas; their numbers are part of the compiled kernel's interface."""
 
     ADD = 0
     SUBTRACT = 1
@@ -100,8 +100,7 @@ class Operation(Expression):
     """An operator applied to one or two expressions; the exponent of a power is constant.
 
     Attributes:
-        operator, arguments: The operation and its one or two arguments.
-        depth: Number of operations on the longest path from the result down to a component or constant.
+        depth: Operations on the longest path from the result down to a component or constant.
     """
 
     operator: Operator
@@ -112,14 +111,14 @@ class Operation(Expression):
     def __post_init__(self) -> None:
         below = [argument.depth for argument in self.arguments if isinstance(argument, Operation)]
         object.__setattr__(self, "depth", 1 + max(below, default=0))
-        # stored: parts are shared, and hashing them anew each time takes time exponential in the depth
+        # stored: parts are shared, and hashing them anew would take time exponential in the depth
         object.__setattr__(self, "_hash", hash((self.operator, self.arguments)))
 
     def __hash__(self) -> int:
         return self._hash
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another formula is the same tree; a part that is used twice is compared once."""
+        """Return whether another formula is the same tree; shared parts are compared once."""
         if not isinstance(other, Operation):
             return NotImplemented
         waiting: list[tuple[Expression, Expression]] = [(self, other)]
@@ -157,7 +156,7 @@ _RESULTS: Final[Mapping[Operator, Callable[[Array, Array], Array]]] = {
 
 
 Value = Expression | float
-"""The value of a source's setting: a plain number, or an expression where it is random."""
+"""Value of a source's setting: a number, or an expression if it is random."""
 
 
 def sqrt(argument: Expression) -> Expression:
@@ -189,13 +188,11 @@ def _expression(value: Expression | float) -> Expression:
 class Program:
     """Parameters as one list of operations over registers.
 
-    Registers hold the d components first, then the constants, then the result of each operation in turn.
+    Registers hold the d components, then the constants, then the result of each operation in turn.
 
     Attributes:
         components: d, the number of components.
-        constants: Values of the constants.
-        operations: ``(operator, left register, right register)``; both registers are the same for an operator of one
-            argument.
+        operations: ``(operator, left register, right register)``; both are the same for an operator of one argument.
         outputs: The register of each parameter.
     """
 
@@ -208,8 +205,7 @@ class Program:
     def compile(cls, parameters: Sequence[Expression], component_index: Mapping[str, int]) -> Program:
         """Return the program that computes the parameters; common parts are computed once.
 
-        Raises:
-            InputError: A parameter needs more than 256 operations, or names a component that does not exist.
+        Raises InputError if a parameter needs more than 256 operations, or names a component that does not exist.
         """
         distinct: dict[Expression, None] = {}
         for parameter in parameters:
@@ -252,10 +248,9 @@ class Program:
         return np.array([values[k] for k in self.outputs]).reshape(len(self.outputs), points.shape[1])
 
     def gradient(self, x: ArrayLike) -> tuple[Slopes, ...]:
-        """Return the derivatives of the P parameters at one point ``(d,)``, by component; those left out are zero.
+        """Return the derivatives of the P parameters at one point ``(d,)``, by component; missing ones are zero.
 
-        Raises:
-            InputError: A formula has no value or no finite derivative there.
+        Raises InputError if a formula has no value or no finite derivative there.
         """
         point = np.asarray(x, dtype=float)
         values = self._registers(point[:, None])
@@ -293,12 +288,12 @@ def component_names(expression: Expression) -> set[str]:
 
 
 def operations(expression: Expression) -> int:
-    """Return the number of operations in an expression; a part that is used twice counts once."""
+    """Return the number of operations in an expression; shared parts count once."""
     return _count(_parts(expression))
 
 
 def signs_of(expressions: Sequence[Expression]) -> list[Expression]:
-    """Return every sign in some expressions, each once."""
+    """Return every sign operation in some expressions, each once."""
     return [part for part in _parts(*expressions) if _is_sign(part)]
 
 
@@ -332,7 +327,7 @@ def _parts(*expressions: Expression) -> dict[Expression, None]:
 
 
 def _collect(expression: Expression, found: dict[Expression, None]) -> None:
-    """Add an expression and its parts, arguments before what uses them."""
+    """Add an expression and its parts, arguments before their users."""
     if expression in found:
         return
     if isinstance(expression, Operation):
@@ -342,7 +337,6 @@ def _collect(expression: Expression, found: dict[Expression, None]) -> None:
 
 
 def _slopes(operator: Operator, a: float, b: float, result: float, da: Slopes, db: Slopes) -> Slopes:
-    """Return the derivatives of an operation's result, by component."""
     if not any(da.values()) and not any(db.values()):
         return {}
     return {k: _slope(operator, a, b, result, da.get(k, 0.0), db.get(k, 0.0)) for k in dict.fromkeys((*da, *db))}

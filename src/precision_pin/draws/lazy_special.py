@@ -1,4 +1,4 @@
-"""The functions of scipy.special, imported on first use: the import takes 0.2 s, and checking a sheet needs none of them."""
+"""scipy.special, imported on first use: the import takes 0.2 s, and checking a sheet does not need it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Philox4x32-10, the counter-based random generator, as plain numpy.
 
-Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC11, 2011. A number depends only
-on (seed, stream, occasion, unit): any sample can be computed again alone, and the number of threads changes nothing.
+Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC11, 2011. A number depends only on
+(seed, stream, occasion, unit): any sample can be computed alone, and the number of threads changes nothing.
 """
 
 from __future__ import annotations
@@ -22,15 +22,7 @@ _HALF: Final = np.uint64(32)
 
 
 def philox4x32(counter: NDArray[np.uint64], key: tuple[int, int]) -> NDArray[np.uint64]:
-    """Return the four 32-bit words of each counter.
-
-    Args:
-        counter: ``(4, N)`` words below 2³².
-        key: Two words below 2³².
-
-    Returns:
-        ``(4, N)`` words below 2³², held as 64-bit numbers.
-    """
+    """Return the four 32-bit words of each counter, ``(4, N)``, as 64-bit numbers; the key is two words below 2³²."""
     c0, c1, c2, c3 = counter
     k0, k1 = key
     for _ in range(_ROUNDS):
@@ -48,16 +40,14 @@ def philox4x32(counter: NDArray[np.uint64], key: tuple[int, int]) -> NDArray[np.
 
 
 def stream_of(name: str) -> int:
-    """Return the stream of a name: the first 32 bits of its BLAKE2s digest, read little-endian."""
+    """Return the stream of a name: the first 32 bits of its BLAKE2s digest, little-endian."""
     return int.from_bytes(hashlib.blake2s(name.encode()).digest()[:4], "little")
 
 
 def streams_of(names: Iterable[str]) -> dict[str, int]:
-    """Return the stream of every name, no two alike.
-
-    Of two names with one stream, the later in alphabetical order is hashed again as ``name#1``, ``name#2``, …
-    until it is free, so that the order of the names never matters.
-    """
+    """Return the stream of every name, no two alike."""
+    # if two names have one stream, the alphabetically later one is hashed again as `name#1`, `name#2`, … until it
+    # is free, so that the order of the names never matters
     streams: dict[str, int] = {}
     taken: set[int] = set()
     for name in sorted(set(names)):
@@ -74,13 +64,12 @@ def uniforms(seed: int, stream: int | Sequence[int], occasion: int, first_pair: 
     """Return the uniform numbers of units ``2·first_pair … 2·(first_pair + pairs) - 1``.
 
     Args:
-        seed: 64-bit key.
-        stream: 32-bit word, one for each component of a draw; or S of them.
-        occasion: 32-bit word: 0 for unit scope, see :func:`precision_pin.draws.space.occasion`.
+        stream: 32-bit word of each component of a draw; one or S of them.
+        occasion: 32-bit word: 0 for unit scope, see :func:`precision_pin.draws.draw.occasion`.
         first_pair, pairs: The pairs of units (even, odd).
 
     Returns:
-        ``(2, pairs)``, of S streams one after another ``(2, S·pairs)``: row 0 the even units, row 1 the odd ones; each
+        ``(2, pairs)``, or for S streams in turn ``(2, S·pairs)``: row 0 the even units, row 1 the odd ones; each
         ``(2j+1)/2⁵³`` with j the top 52 bits of its 64, hence never 0 or 1 and symmetric about one half.
     """
     streams = np.repeat(np.array(stream, dtype=np.uint64), pairs)
@@ -94,7 +83,7 @@ def uniforms(seed: int, stream: int | Sequence[int], occasion: int, first_pair: 
 
 
 def direction(turns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return cos 2πu and sin 2πu ``(2, N)`` for u in turns, 0 to 1; whole quarters are subtracted first, which is exact."""
+    """Return cos 2πu and sin 2πu ``(2, N)`` for u in turns, 0 to 1; subtracting whole quarters first is exact."""
     quarters = np.rint(4 * turns)
     angle = 2 * np.pi * (turns - quarters / 4)
     cosine, sine = np.cos(angle), np.sin(angle)
@@ -118,7 +107,7 @@ class Units:
         return self._in_order(self._pairs(streams, word), len(streams))
 
     def normals(self, streams: Sequence[int], word: int) -> NDArray[np.float64]:
-        """Return normal numbers ``(S, count)``: Box-Muller of each pair, cosine for the even unit, sine for the odd one."""
+        """Return normal numbers ``(S, count)``: Box-Muller of each pair, cosine for the even unit, sine for the odd."""
         pairs = self._pairs(streams, word)
         return self._in_order(np.sqrt(-2 * np.log(pairs[0])) * direction(pairs[1]), len(streams))
 

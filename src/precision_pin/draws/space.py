@@ -1,7 +1,7 @@
 """The space of random numbers: draws, their scopes and the stream of each number.
 
-A sample is (unit, pose, visit). The column order of the space is the order of its draws; the random
-numbers themselves depend on names only, so that adding or reordering draws changes no other draw.
+A sample is (unit, pose, visit). Columns are in the order of the draws; the numbers depend on names only, so that adding
+or reordering draws changes no other draw.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from precision_pin.draws.laws import Law
 _UNCHECKED: Final = 2**28
 """Bytes below which free memory is not checked: the check would take longer than the sampling."""
 _TOGETHER: Final = 2**14
-"""Numbers that are made together; of more, the arrays leave the processor's cache."""
+"""Numbers made together; arrays of more leave the processor's cache."""
 
 
 @final
@@ -38,12 +38,12 @@ class Space:
 
     Attributes:
         draws: In column order.
-        correlations: Each is between draws of one number that have one scope; a draw is in at most one. The random
-            numbers depend on names only: neither other draws nor any order changes them.
+        correlations: Each is between draws of one number with one scope; a draw is in at most one. The random numbers
+            depend on names only: neither other draws nor any order changes them.
 
     Raises:
-        InputError: Two different draws, or a draw and a component of another, share a name. A correlation that
-            :func:`~precision_pin.draws.correlation.check_correlations` refuses.
+        InputError: Two different draws, or a draw and a component of another, share a name; or
+            :func:`~precision_pin.draws.correlation.check_correlations` refuses a correlation.
     """
 
     draws: tuple[Draw, ...] = ()
@@ -82,7 +82,7 @@ class Space:
 
     @property
     def size(self) -> int:
-        """The number of components, d."""
+        """Number of components, d."""
         return len(self.components)
 
     @cached_property
@@ -93,7 +93,7 @@ class Space:
 
     @cached_property
     def block_covariance(self) -> BlockCovariance:
-        """Covariance of the components, in blocks of those that depend on one another."""
+        """Covariance of the components, in blocks of dependent ones."""
         found = [draw.covariance for draw in self.draws]
         variances = np.concatenate([np.zeros(0), *map(np.diag, found)])
         blocks = [
@@ -124,9 +124,7 @@ class Space:
     @cached_property
     @returns_read_only
     def pearson(self) -> Array:
-        """Pearson correlation of the components, ``(d, d)``, which follows from the laws and the correlations.
-
-        1 on the diagonal; 0 where one of the two does not vary.
+        """Pearson correlation of the components, ``(d, d)``; off the diagonal 0 if one does not vary.
 
         Raises:
             InputError: The matrix would not fit into memory.
@@ -166,7 +164,10 @@ class Space:
         return Component(check_name("parameter", name, self.index))
 
     def sample(self, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
-        """Return the numbers of units ``first … first + count - 1``.
+        """Return the numbers ``(d, count)`` of units ``first … first + count - 1``.
+
+        They are numbered as docs/reproducibility.md says: see :mod:`precision_pin.draws.philox` for the uniforms;
+        normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
 
         Args:
             seed: 64-bit seed.
@@ -175,10 +176,6 @@ class Space:
 
         Raises:
             InputError: A seed, unit, pose or visit out of range.
-
-        Returns:
-            ``(d, count)``, numbered as docs/reproducibility.md says: see :mod:`precision_pin.draws.philox` for the
-            uniforms; normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
         """
         check_seed(seed)
         seed = int(seed)
@@ -209,8 +206,8 @@ class Space:
         return x
 
     def inverse(self, uniforms: ArrayLike) -> Array:
-        """Return the numbers ``(d, N)`` for given uniform numbers ``(d, N)``, by the inverse of each law."""
-        # large and only read, so an array is not copied
+        """Return the numbers ``(d, N)`` for uniform numbers ``(d, N)``, by the inverse of each law."""
+        # large and only read: not copied if already an array
         u = (
             uniforms
             if type(uniforms) is np.ndarray and uniforms.dtype == np.float64
@@ -256,11 +253,7 @@ def _claim_names(draw: Draw, taken: set[str]) -> None:
 
 @final
 class Extension:
-    """Further draws for a space, added group by group; a group that is refused adds nothing.
-
-    Args:
-        space: The space to extend.
-    """
+    """Further draws for a space, added group by group; a refused group adds nothing."""
 
     def __init__(self, space: Space) -> None:
         self._correlations = space.correlations
@@ -268,11 +261,10 @@ class Extension:
         self._taken = {name for draw in space.draws for name in (draw.name, *draw.components)}
 
     def add(self, draws: Iterable[Draw]) -> None:
-        """Add draws; a draw equal to one that is there already is shared.
+        """Add draws; a draw equal to a known one is shared.
 
         Raises:
-            InputError: A different draw has the name already, or the name is a component of another draw. None of the
-                draws is added then.
+            InputError: A different draw has the name, or it is a component of another draw; none of the draws is added.
         """
         added: dict[str, Draw] = {}
         names: set[str] = set()
@@ -295,11 +287,7 @@ class Extension:
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a seed that is not a 64-bit number.
-
-    Raises:
-        InputError: The seed is not in 0 … 2⁶⁴-1.
-    """
+    """Raise InputError unless a seed is in 0 … 2⁶⁴-1."""
     check_whole("the seed", seed, 0, 2**64 - 1, "from 0 to 2^64 - 1")
 
 
@@ -309,25 +297,15 @@ _SETTING: Final = "a finite number, the name of a parameter, a law, a draw or a 
 @final
 @dataclass(frozen=True)
 class LabelledSpace:
-    """The space of one source: turns its settings into numbers and expressions.
-
-    Attributes:
-        space: All draws of the model.
-        label: The source's label, ``kind[joint or link]``, the prefix of its own draws' names.
-    """
+    """The space of one source with label ``kind[subject]``: turns its settings into numbers and expressions."""
 
     space: Space
     label: str
 
     def value(self, field: str, setting: Setting) -> Value:
-        """Return a setting as a number or an expression.
+        """Return a setting as a number or an expression; an unnamed law is the draw ``label.field``.
 
-        Args:
-            field: The setting's name; an unnamed law is the draw ``label.field``.
-            setting: A number, a parameter's name, a law, a draw or a formula.
-
-        Raises:
-            UnknownNameError: The name of a parameter that does not exist.
+        Raises UnknownNameError for the name of a parameter that does not exist.
         """
         match setting:
             case Expression():
@@ -344,9 +322,8 @@ class LabelledSpace:
     def positive(self, field: str, setting: Setting, *, zero: bool = False) -> Value:
         """Return a setting that must be positive (or zero, if allowed) in every sample; see :meth:`value`.
 
-        Raises:
-            InputError: The number, or the lower end of the law's support, is too low. The mean of a normal law must lie
-                8.6 standard deviations above zero, farther than any sample lies from it.
+        Raises InputError if the number, or the lower end of the law's support, is too low. A normal law's mean must lie
+        8.6 standard deviations above zero, farther than any sample from it.
         """
         value = self.value(field, setting)
         lowest = self._lowest(value)
@@ -366,7 +343,7 @@ class LabelledSpace:
         return self.space.intervals[self.space.index[value.name]][0]
 
     def values(self, field: str, settings: Sequence[Setting]) -> tuple[Value, ...]:
-        """Return several settings of one field; the second and later are named ``field[1]``, ``field[2]``, …."""
+        """Return several settings of one field, named ``field``, ``field[1]``, ``field[2]``, …."""
         return tuple(self.value(entry_name(field, k), setting) for k, setting in enumerate(settings))
 
     def component(self, name: str) -> Component:

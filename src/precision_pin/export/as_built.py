@@ -1,18 +1,17 @@
 """Sampled robots as URDF files: the original text with other placements.
 
-Every displacement ``E`` of a place on chain link i is constant in the link's axes, and so is an error Δ of a joint's value
-in the joint's: ``Q(q + Δ) = Exp(axis Δ)·Q(q)``. Both go into the ``<origin>`` of a joint, where every reader of URDF finds
-them at every pose; ``<calibration>`` is left alone, because readers take no account of it. With ``O`` the origin, ``H`` the
-frame it leads to and ``F`` the place's frame (both in the link's axes, undisplaced),
+Every displacement ``E`` of a place on chain link i is constant in the link's axes, and so is an error Δ of a joint's
+value in the joint's: ``Q(q + Δ) = Exp(axis Δ)·Q(q)``. Both go into the ``<origin>`` of a joint, which every URDF reader
+uses at every pose; ``<calibration>`` is left alone, because readers ignore it. With ``O`` the origin, ``H`` the frame
+it leads to and ``F`` the place's frame (both in the link's axes, undisplaced),
 
     O' = O · Π (H⁻¹ F) E (F⁻¹ H)        over the places folded into this origin, in chain order.
 
-The place of a URDF link's frame goes into the joint that leads to this link, so that the link itself moves; where that
-joint moves on the chain, for a link's start, and for a custom place, into the next one. The end and the seat of a link go
-into the next joint of the chain, those of the last link into the last joint before the tip. Where the base is not the root
-of the URDF, joints between the two are passed against their direction and ``O`` stands for the inverse of the written
-origin. A tip that the last joint of the chain itself moves (or such a base) has no origin to fold into: then a fixed frame
-is added.
+The place of a URDF link's frame goes into the joint that leads to this link, so that the link itself moves; if that
+joint moves on the chain, for a link's start, and for a custom place, into the next one. The end and the seat of a link
+go into the next joint of the chain, those of the last link into the last joint before the tip. If the base is not the
+URDF's root, joints between the two are passed backwards and ``O`` is the inverse of the written origin. If the last
+joint of the chain moves the tip itself (or such a base), there is no origin to fold into, and a fixed frame is added.
 """
 
 from __future__ import annotations
@@ -46,16 +45,16 @@ from precision_pin.robot.urdf.xmltree import Findings, read_regular_file
 from precision_pin.terms.term import JointValue
 
 BLOCK: Final = 1000
-"""Units that are displaced at a time."""
+"""Units displaced at a time."""
 AGREEMENT: Final = 1e-9
-"""Largest difference between a written robot read again and the exact model: rad, and m (beyond 1 m of reach: relative)."""
+"""Largest difference of a written robot from the exact model: rad, and m (beyond 1 m of reach: relative)."""
 WIDTH: Final = 110
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class BuiltUnit:
-    """One robot as it may be built: its number, its error at the export pose (``[d; δ]``, base axes, m and rad), its URDF."""
+    """A robot as it may be built: number, error at the export pose (``[d; δ]``, base axes, m and rad), URDF."""
 
     unit: int
     error: Array
@@ -72,8 +71,8 @@ class BuiltUnit:
 class AsBuilt:
     """Writes robots of an error model as URDF, at an export pose.
 
-    ``base`` and ``tip`` are the links between which a written robot has the unit's errors: the chain's, or frames that are
-    added. ``frozen`` are the labels of the sources whose displacements hold at the export pose only.
+    A written robot has the unit's errors between the links ``base`` and ``tip``: the chain's, or added frames.
+    ``frozen`` are the labels of the sources whose displacements hold at the export pose only.
     """
 
     at: PoseModel
@@ -92,9 +91,9 @@ class AsBuilt:
         *,
         sheet: str = "",
     ) -> AsBuilt:
-        """Return the writer of a model's units at a pose, as `ErrorModel.configuration` takes it; ``sheet`` names the sheet.
+        """Return the writer of a model's units at a pose, as for `ErrorModel.configuration`; ``sheet`` names the sheet.
 
-        `InputError` where the robot's file cannot be read, or is not the one that the model was made from.
+        Raises `InputError` if the robot's file cannot be read, or has changed since the model was made.
         """
         at = model.at(q)
         chain = at.posture.chain
@@ -116,7 +115,7 @@ class AsBuilt:
     def units(self, seed: int, first: int, count: int) -> Iterator[BuiltUnit]:
         """Yield units in order: those that `monte_carlo` samples at one pose, with its pose 0 and visit 0.
 
-        `InternalError` where a written robot, read again, is not where the exact model puts it.
+        Raises `InternalError` if a written robot, read again, disagrees with the exact model.
         """
         table = self.at.table
         for start in range(first, first + count, BLOCK):
@@ -155,7 +154,6 @@ class AsBuilt:
         return self.original.edited(placements, added, [part for line in lines for part in _wrapped(line)])
 
     def _verify(self, text: bytes, error: Array) -> None:
-        """Read a written robot again and compare its tip with the exact model's."""
         posture = self.at.posture
         chain = posture.chain
         values = {**chain.locked, **dict(zip(chain.joint_names, posture.q, strict=True))}
@@ -168,12 +166,11 @@ class AsBuilt:
 
 
 class _Step(NamedTuple):
-    """A constant factor on the way from base to tip, ``(4, 4)`` as the file has it.
+    """A constant factor on the way from base to tip, ``(4, 4)`` as the file has it."""
 
-    ``name`` is the joint whose origin it is; where it is ``added``, not in the file yet, the link that gets a frame; empty
-    where nothing in the file can change it. ``backwards``: the way goes from child to parent, so that the factor is the
-    inverse of what is written. ``end`` is the frame it leads to, in the chain link's axes.
-    """
+    # `name` is the joint whose origin it is; if `added`, the link that gets a new frame; empty if the file cannot
+    # change it. `backwards`: from child to parent, so that the factor is the inverse of what is written. `end` is
+    # the frame it leads to, in the chain link's axes.
 
     name: str
     written: Array
@@ -187,10 +184,9 @@ class _Step(NamedTuple):
 
 
 class _Fold(NamedTuple):
-    """The displacements that one step takes in: rows of the term table's targets in chain order.
+    """The displacements folded into one step: rows of the term table's targets in chain order."""
 
-    With each its frame in that of the step's end, ``(4, 4)``, or None where they are the same.
-    """
+    # each has its frame in that of the step's end, `(4, 4)`, or None if they are the same
 
     step: _Step
     places: tuple[tuple[int, Array | None], ...]
@@ -213,18 +209,16 @@ def _read(file: str) -> bytes:
 
 
 def _way(robot: Robot, base: str, tip: str) -> tuple[tuple[Joint, ...], tuple[Joint, ...]]:
-    """Return the joints passed from child to parent, then those from parent to child, each in the order of the way."""
+    """Return the joints passed from child to parent, then those from parent to child, in order."""
     up, down = robot.path(robot.root, base), robot.path(robot.root, tip)
     shared = sum(1 for one, other in zip(up, down, strict=False) if one.name == other.name)
     return up[shared:][::-1], down[shared:]
 
 
 def _links(robot: Robot, chain: Chain) -> tuple[tuple[_Step, ...], ...]:
-    """Return the steps of every chain link, ranked as the links on the way are.
-
-    A moving joint passed backwards is two steps, as in `precision_pin.robot.urdf.rerooted`: none of the file's origins
-    comes before its motion; its own comes after it.
-    """
+    """Return the steps of every chain link, ranked as the links on the way are."""
+    # a moving joint passed backwards is two steps, as in `precision_pin.robot.urdf.rerooted`: no origin of the file
+    # comes before its motion, its own comes after
     links: list[list[_Step]] = [[]]
     frame = np.eye(4)
     ends: list[Array] = []
@@ -259,7 +253,7 @@ def _folds(at: PoseModel, links: Sequence[Sequence[_Step]]) -> tuple[_Fold, ...]
     tip = _Step(chain.tip, np.eye(4), backwards=False, end=chain.placements[-1], added=True)
     for row, target in enumerate(at.table.targets):
         if isinstance(target, JointValue):
-            # a joint commutes with an error of its value: the frame before it turns will do
+            # a joint commutes with an error of its value, so the frame before its motion serves
             own = links[target.joint][-1]
             step, frame = (own, own.end) if own.name else (links[target.joint + 1][0], np.eye(4))
         else:
@@ -271,17 +265,14 @@ def _folds(at: PoseModel, links: Sequence[Sequence[_Step]]) -> tuple[_Fold, ...]
 
 
 def _step_for(place: Place, steps: Sequence[_Step]) -> _Step | None:
-    """Return the first step that the file can change and that does not come before the place; else the last one."""
+    """Return the first changeable step that does not come before the place, else the last one."""
     rank = max(place.order[1], 1) if place.order[0] <= ORDER_FRAME else len(steps)
     free = [(k, step) for k, step in enumerate(steps, start=1) if step.name]
     return next((step for k, step in free if k >= rank), free[-1][1] if free else None)
 
 
 def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
-    """Return the labels of the sources whose displacements hold at this pose only.
-
-    Those that loads cause or that are drawn for each pose or visit, and those that say so.
-    """
+    """Return the labels of sources whose displacements hold at this pose only: by loads, scope or declaration."""
     scopes = {name: draw.scope for draw in model.space.draws for name in draw.components}
     found = []
     for bound, label in zip(model.bound_sources, model.labels, strict=True):
@@ -295,7 +286,6 @@ def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
 
 
 def _about(at: PoseModel, pose: str, base: str, tip: str, frozen: Sequence[str]) -> Iterator[str]:
-    """Yield the comment lines of a written robot."""
     chain = at.posture.chain
     yield f"chain: {base} to {tip}"
     way = chain.robot.path(chain.robot.root, chain.tip)
@@ -330,7 +320,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 def describe_frozen(frozen: Sequence[str], where: str) -> list[str]:
-    """Return a note about the sources, by label, that a written URDF has as they are at one pose; none where there are none."""
+    """Return a note about the sources, by label, that a written URDF has as they are at one pose, if any."""
     if not frozen:
         return []
     counts = Counter(label.partition("[")[0] for label in frozen)

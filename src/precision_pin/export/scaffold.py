@@ -26,19 +26,19 @@ from precision_pin.sheet.settings import law_options
 from precision_pin.terms.source import setting_fields
 
 TRIALS: Final = 64
-"""Number of poses tried to find a good first one and the load on every joint."""
+"""Poses tried to find a good first one and the load on every joint."""
 
 WIND_UP: Final = 2e-4
-"""Turn of a joint, rad, under the load it is sized for."""
+"""Turn of a joint, rad, under its design load."""
 
 GIVE: Final = 2e-5
-"""Shift of a sliding joint, m, under the load it is sized for."""
+"""Shift of a sliding joint, m, under its design load."""
 
 LEAST_SHARE: Final = 0.1
-"""Least load that a joint is sized for, as a share of the largest of its kind: wrists carry payloads, too."""
+"""Least design load, as a fraction of the largest of its kind: wrists carry payloads too."""
 
 SHORTEST: Final = 0.5e-3
-"""Length below which ISO 2768-1 gives no general tolerance, m."""
+"""Shortest length with a general tolerance in ISO 2768-1, m."""
 
 _FINE: Final = ((6.0, 0.05), (30.0, 0.1), (120.0, 0.15), (400.0, 0.2), (1000.0, 0.3), (2000.0, 0.5))
 _MEDIUM_OF_THE_LONGEST: Final = 2.0
@@ -64,7 +64,7 @@ _WORDS: Final = frozenset(("true", "false", "yes", "no", "on", "off", "y", "n", 
 def general_tolerance(length: float) -> tuple[float, str]:
     """Return the permissible deviation ± (m) of a length (m) and its class, ISO 2768-1, table 1.
 
-    Class f (fine); above 2 m, where class f ends, class m (medium), whose ±2 mm for up to 4 m is used beyond, too.
+    Class f (fine); above 2 m, where it ends, class m (medium), whose ±2 mm for up to 4 m is used beyond too.
     """
     for longest, deviation in _FINE:
         if length * 1e3 <= longest:
@@ -73,12 +73,12 @@ def general_tolerance(length: float) -> tuple[float, str]:
 
 
 def reach(chain: Chain) -> float:
-    """Return the sum of the links' lengths, m; 1 m for a chain whose links have none."""
+    """Return the sum of the links' lengths, m; 1 m if they have none."""
     return float(np.linalg.norm(chain.placements[:, :3, 3], axis=1).sum()) or 1.0
 
 
 def round_125(value: float) -> float:
-    """Return a positive number rounded to 1, 2 or 5 times a power of ten, the nearest by ratio."""
+    """Return the nearest, by ratio, of 1, 2 and 5 times powers of ten to a positive number."""
     power = 10.0 ** math.floor(math.log10(value))
     nearest = min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(math.log(value / power / step)))
     return float(f"{nearest * power:.0e}")
@@ -89,10 +89,10 @@ def round_125(value: float) -> float:
 class Survey:
     """Figures of a chain from T trial poses ``(T, n)`` within the limits.
 
-    ``units`` are those of each joint's values: deg or m; rad where a joint's limits coincide, so that its value equals them
-    exactly. Of the trials at which the arm hits nothing, ``start`` is the best conditioned, ``far``, of the others, that whose
-    tip is farthest from the first joint. ``loads`` are the largest torque or force of the weights on every joint, N·m or N;
-    ``loadable``: whether a weight beyond the joint can turn or slide it in some pose.
+    ``units`` are those of each joint's values: deg or m; rad where a joint's limits coincide, so that its value equals
+    them exactly. Of the collision-free trials, ``start`` is the best conditioned, ``far`` the one of the others whose
+    tip is farthest from the first joint. ``loads`` are the largest torque or force of the weights on every joint, N·m
+    or N; ``loadable``: whether a weight beyond the joint can turn or slide it in some pose.
     """
 
     chain: Chain
@@ -105,10 +105,8 @@ class Survey:
 
     @classmethod
     def of(cls, chain: Chain) -> Survey:
-        """Try poses all over the joints' ranges.
-
-        The condition of a pose is the smallest singular value of the joint Jacobian, lengths divided by the reach.
-        """
+        """Try poses all over the joints' ranges."""
+        # a pose's condition is the smallest singular value of the joint Jacobian, lengths divided by the reach
         ranges = [_trial_range(joint) for joint in chain.joints]
         units = tuple(unit for _, _, unit in ranges)
         trials = _trials(ranges)
@@ -122,7 +120,7 @@ class Survey:
         for values in trials:
             posture = chain.at(values * to_si)
             scaled = rows[:, None] * posture.joint_jacobian * columns
-            # rounded, so that no last bit of another machine decides
+            # rounded, so that the last bits of a machine do not decide
             conditions.append(round(float(np.linalg.svd(scaled, compute_uv=False)[-1]), 6))
             distances.append(round(float(np.linalg.norm(posture.pose[:3, 3] - posture.joint_poses[0][:3, 3])), 6))
             loads.append(np.abs(posture.load_torque))
@@ -139,10 +137,7 @@ class Survey:
 
     @cached_property
     def design_loads(self) -> Array:
-        """The load each joint is sized for, N·m or N, ``(n,)``; 0 where no weight can act on it.
-
-        The largest it meets, at least a tenth of the largest on any joint that turns (or slides) like it.
-        """
+        """Largest load of each joint, N·m or N, ``(n,)``, at least a tenth of its kind's largest; 0 without weights."""
         result = np.zeros(len(self.chain.joints))
         for kind in (self.chain.prismatic, ~self.chain.prismatic):
             alike = kind & self.loadable
@@ -155,7 +150,7 @@ def _trials(ranges: Sequence[tuple[float, float, str]]) -> Array:
     columns = []
     for (centre, half, _), fraction in zip(ranges, spread_points(len(ranges), TRIALS), strict=True):
         values = centre + half * (2 * fraction - 1)
-        # so many decimals keep a value within limits that are a quarter of half or more away from it
+        # with so many decimals, rounding moves a value by less than a quarter of half
         columns.append(np.round(values, max(0, math.ceil(-math.log10(half / 4)))) if half else values)
     return np.array(columns).T
 
@@ -177,12 +172,12 @@ def _trial_range(joint: Joint) -> tuple[float, float, str]:
 
 
 def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = None) -> str:
-    """Return the text of a commented sheet for a chain; it loads and runs unedited.
+    """Return the text of a commented sheet for a chain; it loads and runs unedited, and is reproducible.
 
-    The same chain gives the same text. All tolerances are assumptions, marked so, each with its reason: joint offsets of
-    a strain wave gear's accuracy, axes seated to ISO 286-1 grade IT6, lengths to ISO 2768-1 class fine, joints that
-    give 0.2 mrad (0.02 mm where they slide) under the largest weight they meet. ``robot_text`` is the value of ``robot:``;
-    the chain's payloads are left out. ``pose``: the first pose; a well-conditioned one within the limits if left out.
+    All tolerances are marked as assumptions, each with its reason: joint offsets of a strain wave gear's accuracy, axes
+    seated to ISO 286-1 grade IT6, lengths to ISO 2768-1 class fine, joints that give 0.2 mrad (0.02 mm if sliding)
+    under the largest weight they meet. ``robot_text`` is the value of ``robot:``; the chain's payloads are left out.
+    ``pose``: the first pose; by default a well-conditioned one within the limits.
     """
     survey = Survey.of(chain)
     start = None if pose is None else chain.configuration(pose)
@@ -205,7 +200,7 @@ def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = No
 
 
 def quoted(text: str) -> str:
-    """Return text as a YAML scalar that every YAML reader takes for this very string, quoted where need be."""
+    """Return text as a YAML scalar that every reader takes for this very string, quoted if needed."""
     if (_PLAIN.fullmatch(text) and text.lower() not in _WORDS) or _PLAIN_EXAMPLE.fullmatch(text):
         return text
     if text.isprintable():
@@ -234,7 +229,6 @@ def _head(chain: Chain, robot_text: str) -> Lines:
 
 
 def _gripper(chain: Chain) -> Lines:
-    """Return a comment on the joint of a gripper that ends the chain."""
     joint = None if chain.robot.joints[0].reversed else gripper_joint(chain.robot, chain.tip)
     if joint is None or joint.name not in chain.joint_names:
         return []
@@ -286,7 +280,7 @@ def _mass(chain: Chain, name: str) -> str:
 
 
 def _locked(chain: Chain) -> Lines:
-    """Return the joints off the chain: one a line with limits, or many a line where there are many; mimics follow."""
+    """Return the joints off the chain: one a line with limits, or many a line if there are many; mimics follow."""
     joints = [joint for joint in chain.robot.joints if joint.name in chain.locked]
     if not joints:
         return ["# No joint moves off the chain; one on it is locked so:  locked: {JOINT: 0 deg}"]
@@ -309,7 +303,6 @@ def _locked(chain: Chain) -> Lines:
 
 
 def _follows(chain: Chain, joint: Joint) -> bool:
-    """Return whether a joint's value follows from its mimic rule and the sheet's other values."""
     if joint.mimic is None:
         return False
     leader = chain.locked.get(joint.mimic.joint, 0.0)
@@ -317,7 +310,6 @@ def _follows(chain: Chain, joint: Joint) -> bool:
 
 
 def _packed(entries: Iterable[str]) -> Lines:
-    """Return entries of a flow mapping on as few lines as fit the width."""
     lines = [""]
     for entry in entries:
         if lines[-1] and len(lines[-1]) + len(entry) + 2 > _WIDTH:

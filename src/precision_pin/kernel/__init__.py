@@ -1,7 +1,7 @@
 """Compiled sampler: loops over arrays, and the conversion of error models to these arrays.
 
-The functions of :mod:`precision_pin.kernel.sampler` that the documentation shows are available here too. They are
-imported on first use, so that a process that only compiles the loops does not import the robot model.
+Functions of :mod:`precision_pin.kernel.sampler` that the documentation shows are available here, imported on first use,
+so that a process that only compiles the loops does not import the robot model.
 """
 
 from __future__ import annotations

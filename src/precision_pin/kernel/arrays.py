@@ -80,7 +80,7 @@ def freeze(values: ArrayLike, *shape: int) -> Array:
 
 
 def rare_laws(space: Space) -> Wanted:
-    """Return True for a space with rare laws, whose loops are compiled on demand, otherwise None."""
+    """Return True for a space with rare laws, whose loops are compiled on demand, else None."""
     rows = (draw.law.kernel_row() for draw in space.draws)
     common = not space.correlations and all(row is not None and row.branch in COMMON for row in rows)
     return None if common else True
@@ -156,7 +156,6 @@ def _stack_roots(tables: Sequence[Array]) -> tuple[Array, NDArray[np.uint64]]:
 
 
 def _pad(matrices: Sequence[Array]) -> Array:
-    """Return square matrices as one array, padded with zeros to the size of the largest."""
     largest = max(map(len, matrices), default=1)
     padded = np.zeros((len(matrices), largest, largest))
     for k, matrix in enumerate(matrices):
@@ -165,7 +164,7 @@ def _pad(matrices: Sequence[Array]) -> Array:
 
 
 def _stack_rows(parts: Sequence[Array], columns: int) -> tuple[Array, NDArray[np.uint64]]:
-    """Return matrices stacked vertically, and the first row of each, followed by the total number of rows."""
+    """Return matrices stacked vertically, and the first row of each, then the total number of rows."""
     stacked = np.concatenate([np.zeros((0, columns)), *parts])
     return freeze(stacked, *stacked.shape), freeze_offsets(np.cumsum([0, *map(len, parts)]))
 
@@ -197,13 +196,11 @@ class SamplerArrays:
     """Error model at one pose as arrays, which the same compiled loops read for every robot.
 
     Attributes:
-        space: The draws of the model.
         targets: Number of targets that displace the chain, K.
         rows: Rows of a workspace.
         draws, formulas, superposition, motions: Arrays for the compiled loops, see :mod:`precision_pin.kernel.loops`.
         lowest, highest: ``(d,)`` bounds of each component, drawn by Box-Muller or by the inverse distribution function.
-        largest_angle: Bound on the sum of the rotation angles of all targets, for all samples, rad; infinite where
-            unknown.
+        largest_angle: Bound on the sum of all targets' rotation angles, for all samples, rad; infinite if unknown.
     """
 
     space: Space
@@ -224,7 +221,7 @@ class SamplerArrays:
 
     @cached_property
     def rare(self) -> Wanted:
-        """True if the space has rare laws, whose loops are compiled on demand, otherwise None."""
+        """True if the space has rare laws, whose loops are compiled on demand, else None."""
         return rare_laws(self.space)
 
     def words(self, pose: int, visit: int) -> NDArray[np.uint64]:
@@ -253,11 +250,9 @@ def empty_table(rare: Wanted = None) -> SamplerArrays:
 
 
 def convert_tables(tables: Sequence[TermTable], space: Space) -> list[SamplerArrays]:
-    """Return the arrays of term tables, with the same bits as `convert_table` of each.
-
-    The arrays of consecutive tables with the same targets, program and factors, such as those of one model at several
-    poses, share draws and formulas.
-    """
+    """Return the arrays of term tables, with the same bits as `convert_table` of each."""
+    # consecutive tables with the same targets, program and factors, such as one model at several poses, share draws and
+    # formulas
     found: list[SamplerArrays] = []
     for _, alike in groupby(tables, key=lambda table: (id(table.program), id(table.target), id(table.factors))):
         found += _convert_alike(list(alike), space)
@@ -291,7 +286,7 @@ def _convert_alike(tables: Sequence[TermTable], space: Space) -> list[SamplerArr
 
 @final
 class _RowAllocator:
-    """Allocator of consecutive rows, each with an interval that contains its values; components come first."""
+    """Allocator of consecutive rows, components first, each with an interval that contains its values."""
 
     def __init__(self, space: Space) -> None:
         # row k is component k: the loops rely on this where they store components
@@ -383,7 +378,7 @@ class _Products:
 
 
 def _result_interval(operator: Operator, a: Interval, b: Interval) -> Interval:
-    """Return an interval that contains the results of an operation; the whole real line where no bound is known."""
+    """Return an interval that contains the results of an operation; the real line if unknown."""
     everything = (-math.inf, math.inf)
     match operator:
         case Operator.ADD:
@@ -424,10 +419,8 @@ def _product_interval(a: Interval, b: Interval) -> Interval:
 def _convert_displacements(
     tables: Sequence[TermTable], columns: Sequence[Column], rows: _RowAllocator
 ) -> list[tuple[Superposition, Motions, float]]:
-    """Return, for each table, the arrays of both models and the bound on the sum of the targets' rotation angles.
-
-    Sums and products are elementwise: the bits of a matrix product depend on its size.
-    """
+    """Return, for each table, the arrays of both models and the bound on the sum of the targets' rotation angles."""
+    # sums and products are elementwise, because the bits of a matrix product depend on its size
     count = len(tables[0].targets)
     poses, frames, twists = _stack(tables, "pose"), _stack(tables, "frames"), _stack(tables, "twists")
     target = tables[0].target
@@ -472,14 +465,14 @@ def _convert_displacements(
 @final
 @dataclass(frozen=True, eq=False)
 class _Sum:
-    """Sum of ``vector × column``: the columns, and the vector of each at every pose, ``(P, columns, 3)``."""
+    """Sum of ``vector × column``: the columns, and their vectors at every pose, ``(P, columns, 3)``."""
 
     columns: list[Column]
     vectors: Array
 
     @classmethod
     def of(cls, columns: Sequence[Column], vectors: Array, terms: Iterable[int]) -> _Sum:
-        """Return the sum of terms with vectors ``(P, T, 3)``; the vectors of terms with the same column are added."""
+        """Return the sum of terms with vectors ``(P, T, 3)``; vectors of the same column are added."""
         moved: dict[Column, Array] = {}
         for term in terms:
             column = columns[term]
@@ -527,7 +520,6 @@ def _stack(tables: Sequence[TermTable], name: str) -> Array:
 
 
 def _rotate(rotation: Array, vector: Array) -> Array:
-    """Return rotations ``(…, 3, 3)`` times vectors ``(…, 3)``."""
     parts = rotation * vector[..., None, :]
     return parts[..., 0] + parts[..., 1] + parts[..., 2]
 
@@ -538,7 +530,7 @@ def _drop_rounding(vector: Array) -> Array:
 
 
 def _largest_turns(turn: _Sum, rows: _RowAllocator) -> Array:
-    """Return the bound on a target's rotation angle at each pose, ``(P,)``, rad; infinite where unknown."""
+    """Return the bound on a target's rotation angle at each pose, ``(P,)``, rad; infinite if unknown."""
     reach = np.zeros((len(turn.vectors), 3))
     with np.errstate(invalid="ignore", over="ignore"):
         for k, column in enumerate(turn.columns):

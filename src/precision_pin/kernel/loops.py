@@ -1,20 +1,20 @@
 """Compiled loops of the sampler: draw, derive, displace, compose, count.
 
-All compiled code of the package is in this one file, because numba does not notice that a cached function is stale when a
+All compiled code of the package is in this file, because numba does not notice that a cached function is stale when a
 function it calls changes in another file. The code is independent of the robot: all data arrive as arrays, made by
 :mod:`precision_pin.kernel.arrays`.
 
 Samples are processed in *tiles* of `TILE`. One *row* of a workspace holds one quantity of a tile. Rows are `STRIDE`
-doubles apart and are identified by the offset of their first element, an unsigned integer: signed offsets make numba test
-for negative indices, which keeps LLVM from vectorising. The rows that every model has are in one array, the *scratch* `s`;
-the rows of the parameters are in another, `w`. In a single array LLVM would test them for overlap before every loop, which
-takes as long as the loop itself. Sampled tiles hold the even units first, then the odd ones, the order of Philox and
+doubles apart and identified by the offset of their first element, an unsigned integer: signed offsets make numba test
+for negative indices, which keeps LLVM from vectorising. The rows that every model has are in one array, the *scratch*
+`s`, those of the parameters in another, `w`: in a single array LLVM would test them for overlap before every loop,
+which takes as long as the loop. Sampled tiles hold the even units first, then the odd ones, the order of Philox and
 Box-Muller. They are reordered only where a result leaves the tile.
 
 Floating-point contraction (fused multiply-add) is allowed only in functions marked `fma`: logarithms, normal numbers,
 directions of discs, displacements. All other code, including uniform numbers and sums, is strict IEEE arithmetic in the
-written order. The mathematical library is called only for powers, sines and cosines in derived formulas. The bits are
-therefore the same on machines of one type, and the numbers agree to rounding on others.
+written order. The mathematical library is called only for powers, sines and cosines in derived formulas. So the bits
+are the same on machines of one type, and the numbers agree to rounding on others.
 """
 
 from __future__ import annotations
@@ -53,8 +53,7 @@ STRIDE: Final = TILE + 8
 ATOM: Final = 1 << 14
 """Samples in one partial sum, as in :func:`precision_pin.statistics.observe`."""
 LANES: Final = 16
-"""Running sums of one quantity. They are more than a vector register holds, and a fixed number: this fixes the order of the
-additions, and with it every bit, for all processors."""
+"""Running sums of one quantity: fixed, and more than a vector register holds, so every processor adds in one order."""
 HELD: Final = 16
 """Tiles whose bins are found before they are counted."""
 LARGEST: Final = 10
@@ -68,7 +67,7 @@ LANE_DOUBLES: Final = (SUMS + 16) * LANES
 NORM_MANTISSA: Final = 5
 NORM_EXPONENTS: Final = (-4, 4)
 NORM_COLUMNS: Final = 2 * (1 + ((NORM_EXPONENTS[1] - NORM_EXPONENTS[0]) << NORM_MANTISSA))
-"""Columns of the small sketch of a norm, 514: like the large sketch, with 32 bins per octave, eight octaves on each side."""
+"""Columns of the small sketch of a norm, 514: as the large one, with 32 bins per octave, eight octaves on each side."""
 
 FINE, NARROW, WIDE = 0, 1, 2
 """Series for the rotation of a target, by its largest angle."""
@@ -297,11 +296,10 @@ class Superposition(NamedTuple):
 class Motions(NamedTuple):
     """Targets from tip to base, each with two vectors in base axes: d and half of δ. Each vector is a sum of two parts.
 
-    The first part consists of terms ``vector × row``, entries ``starts[2 k] … starts[2 k + 1] - 1`` of target k. A target
-    that rotates has at least three of them for each vector. Zero vectors are added where the number of the others is one or
-    two above a multiple of six, because the loops never process one or two entries. The second part, up to
-    ``starts[2 k + 2] - 1``, consists of sets of six entries for three terms ``vector × row × row``: six rows, and three
-    vectors in the first three of six places.
+    The first part consists of terms ``vector × row``, entries ``starts[2 k] … starts[2 k + 1] - 1`` of target k. A
+    target that rotates has at least three for each vector. Zero vectors pad counts one or two above a multiple of six,
+    because the loops never process one or two entries. The second part, up to ``starts[2 k + 2] - 1``, consists of sets
+    of six entries for three terms ``vector × row × row``: six rows, and three vectors in the first three of six places.
     """
 
     shift_starts: Offsets
@@ -341,7 +339,6 @@ else:
 
     @intrinsic
     def _float_of(context: Any, bits: Any) -> Any:
-        """Return the double with these 64 bits."""
         del context, bits
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -351,7 +348,6 @@ else:
 
     @intrinsic
     def _bits_of(context: Any, value: Any) -> Any:
-        """Return the 64 bits of a double."""
         del context, value
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -372,18 +368,15 @@ def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
 
 @strict
 def _uniform(product: Scalar, word: Scalar, key: Scalar) -> Scalar:
-    """Return (2j + 1)/2⁵³, with j the top 52 of the 64 bits from one product of the last round; every step is exact.
-
-    The upper half of these bits is the product's lower half; their lower half is the product's upper half, xored with a
-    word and the key. The key comes last, which saves two instructions.
-    """
+    """Return (2j + 1)/2⁵³, with j the top 52 of the 64 bits from one product of the last round; every step is exact."""
+    # the upper half of these bits is the product's lower half; their lower half is the product's upper half, xored with
+    # a word and, last, which saves two instructions, the key
     bits = ((product << _HALF_WORD) | (product >> _HALF_WORD)) ^ (word & _LOW)
     return _float_of((bits >> _TWELVE) ^ (_BITS_OF_ONE | (key >> _TWELVE))) - _ONE_LESS
 
 
 @strict
 def _last_round(c: Any, key_0: Scalar, key_1: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the two uniform numbers of four words after a last round."""
     a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
     return _uniform(b, c[1], key_0), _uniform(a, c[3], key_1)
 
@@ -407,12 +400,10 @@ def _after_two_rounds(products: Offsets, i: Scalar, same_0: Scalar, same_2: Scal
 def uniforms(
     w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar, products: Offsets
 ) -> None:
-    """Fill rows with uniform numbers, as `precision_pin.draws.philox.uniforms`: even units first, then odd ones.
-
-    The number of the first pair is a multiple of half a tile, so that all pairs have the same upper counter word. Of the four
-    products of the first two rounds, two are then the same for all pairs, and two for all streams with the same last word.
-    The latter are stored in ``products``, 3/2 `TILE` words.
-    """
+    """Fill rows with uniform numbers, as `precision_pin.draws.philox.uniforms`: even units first, then odd ones."""
+    # The first pair is a multiple of half a tile, so that all pairs have the same upper counter word. Of the four
+    # products of the first two rounds, two are then the same for all pairs, and two for all streams with the same last
+    # word. The latter are stored in `products`, 3/2 `TILE` words.
     low, high = first_pair & _LOW, first_pair >> _HALF_WORD
     key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
     next_0, next_1 = (key_0 + _WEYL_0) & _LOW, (key_1 + _WEYL_1) & _LOW
@@ -466,10 +457,8 @@ def _series(z: Scalar, coefficients: Any) -> Scalar:
 
 @fma
 def logarithm(x: Scalar) -> Scalar:
-    """Return log x of a normalised double within 2 ulp, by 2 artanh(s/2) with s = 2(m - c)/(m + c) and x = 2ᵉ m.
-
-    The constant c is 1 or near √2, whichever is nearer to m.
-    """
+    """Return log x of a normalised double within 2 ulp, by 2 artanh(s/2) with s = 2(m - c)/(m + c) and x = 2ᵉ m."""
+    # c is 1 or near √2, whichever is nearer to m
     # m from 2^(-1/4) to 2^(3/4)
     shifted = _bits_of(x) + _U(0x0005175F00000000)
     exponent = _float_of((shifted >> _MANTISSA) | _BITS_OF_2_52) - (2.0**52 + 1023.0)
@@ -486,10 +475,8 @@ def logarithm(x: Scalar) -> Scalar:
 
 @fma
 def _octant(u: Scalar) -> Any:
-    """Return u in eighths of a turn, as bits, whether they are odd, and cosine and sine of 2πu up to quarter turns.
-
-    For odd eighths both are √2 times too large. The series thereby need to cover 1/16 of a turn only.
-    """
+    """Return u in eighths of a turn, as bits, whether they are odd, and cosine and sine of 2πu up to quarter turns."""
+    # for odd eighths both are √2 times too large, so that the series cover 1/16 of a turn only
     rounded = u + _ROUND_TO_EIGHTH
     eighths = _bits_of(rounded)
     r = u - (rounded - _ROUND_TO_EIGHTH)  # exact
@@ -785,7 +772,6 @@ def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
 
 @strict
 def _multiply(w: Array, factors: Offsets, results: Offsets) -> None:
-    """Write products of two rows."""
     for k in range(results.size):
         a, b, result = factors[k, 0], factors[k, 1], results[k]
         for i in range(_TILE):
@@ -917,7 +903,6 @@ def _mix_products(
 
 @strict
 def _clear(s: Array, row: Scalar) -> None:
-    """Fill three rows of the scratch with zeros."""
     for i in range(_TILE):
         s[row + i] = 0.0
         s[row + _STRIDE + i] = 0.0
@@ -951,7 +936,6 @@ def _turn(
 def _add_cross(
     px: Scalar, py: Scalar, pz: Scalar, gx: Scalar, gy: Scalar, gz: Scalar, ux: Scalar, uy: Scalar, uz: Scalar
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Return p + G × u."""
     return px + gy * uz - gz * uy, py + gz * ux - gx * uz, pz + gx * uy - gy * ux
 
 
@@ -974,10 +958,8 @@ def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
 
 @fma
 def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
-    """Rotate and shift the part of the chain beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q.
-
-    (Rot - 1) p = G × C (p + G × p) is evaluated without cancellation; q is a multiple of the rotation's quaternion.
-    """
+    """Rotate and shift the part of the chain beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q."""
+    # (Rot - 1) p = G × C (p + G × p) avoids cancellation; q is a multiple of the rotation's quaternion
     (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
         gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
@@ -1068,7 +1050,6 @@ def _rotation_vector_wide(s: Array) -> None:
 
 @strict
 def _stay(s: Array) -> None:
-    """Set all displacements to zero."""
     _clear(s, _E0)
     _clear(s, _V0)
     for i in range(_TILE):
@@ -1083,11 +1064,9 @@ def _part(starts: Offsets, k: Scalar) -> Any:
 
 @cached_part_inline
 def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
-    """Compose all targets from tip to base; return the first sample in which a target rotates by π or more, or -1.
-
-    The tip's displacement e and the rotation q are composed instead of the pose, which avoids cancellation. X is zero
-    before and after.
-    """
+    """Compose all targets from tip to base; return the first sample in which a target rotates by π or more, or -1."""
+    # The tip's displacement e and rotation q are composed instead of the pose, which avoids cancellation. X is zero
+    # before and after.
     turn_rows, turns, shift_rows, shifts = motions.turn_rows, motions.turns, motions.shift_rows, motions.shifts
     at_rest = True
     targets = motions.arms.shape[0]
@@ -1268,11 +1247,8 @@ def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
 
 @cached_part
 def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
-    """Write the norms and all residuals, add these to their lanes, and update the smallest and largest values.
-
-    Return the number of samples that are not finite. All is done in one loop, because the processor does the rest while it
-    waits for the square roots.
-    """
+    """Write norms and residuals, add these to their lanes, update the extremes; count the non-finite samples."""
+    # all is done in one loop, because the processor does the rest while it waits for the square roots
     if count < TILE:
         return _measure_some(s, centre, count)
     failures = 0
@@ -1309,10 +1285,8 @@ def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
 
 @cached_part
 def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None:
-    """Write the bins of the residuals in the sketch, for up to `HELD` tiles, quantity by quantity.
-
-    Only the upper halves of the scaled residuals are needed; they are stored after the tiles.
-    """
+    """Write the bins of the residuals in the sketch, for up to `HELD` tiles, quantity by quantity."""
+    # only the upper halves of the scaled residuals are needed; they are stored after the tiles
     for q in range(_U(8)):
         residuals, halves, factor = _RESIDUALS + q * _STRIDE, (_U(8 * HELD) + q) * _TILE, inverse_scale[q]
         for i in range(_TILE):
@@ -1342,7 +1316,7 @@ def _count_bins(bins: Bins, first: Scalar, tiles: Scalar, count: Scalar, sketch:
 
 @cached_part
 def _count_all_bins(bins: Bins, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
-    """Count the bins of `_find_bins`, one quantity at a time for all tiles, so that its part of the sketch stays cached."""
+    """Count the bins of `_find_bins`, quantity by quantity, so that its part of the sketch stays cached."""
     for q in range(_U(8)):
         _count_bins(bins, q * _U(HELD) * _TILE, tiles, count, sketch)
 
@@ -1364,7 +1338,6 @@ def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, ske
 
 @cached_part
 def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[np.int64]) -> None:
-    """Count the samples inside each specification."""
     for k in range(counting.limits.size):
         row, limit = counting.limit_rows[k] * _STRIDE, counting.limits[k]
         kept = 0
@@ -1439,7 +1412,6 @@ def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
 
 @cached_part
 def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
-    """Fold the smallest and largest values of the lanes."""
     for q in range(_U(8)):
         for lane in range(_LANE):
             low = s[_LANES + (_U(SUMS) + q) * _LANE + lane]
@@ -1489,7 +1461,7 @@ def run(
     largest: Array,
     largest_units: NDArray[np.int64],
 ) -> tuple[Scalar, Scalar]:
-    """Sample tile by tile.
+    """Sample tile by tile; return the reason for stopping, 0 if the run is complete, and the sample.
 
     Args:
         s, bins, products, w: Work arrays: `SCRATCH` rows; ``(8 · (HELD + 1) · TILE,)``; ``(3/2 · TILE,)``; the rows of
@@ -1498,17 +1470,13 @@ def run(
         stage: Last stage: `DRAW` draws only, `LINEAR` and `EXACT` compute errors.
         rare, linear: True for rare laws, and for the linear model; otherwise None.
         seed, words: Key, and the last counter word of each stream.
-        first, skip, count: First unit, a multiple of `TILE`; number of unrequested samples at the beginning, which may
-            fail; number of samples including these.
+        first, skip, count: First unit, a multiple of `TILE`; unrequested samples at the beginning, which may fail;
+            samples including these.
         given: ``(d, count)`` component values to use; without columns they are drawn.
-        kept_components, kept_errors: ``(d, count)`` and ``(6, count)`` arrays to fill; without columns nothing is
-            stored.
+        kept_components, kept_errors: ``(d, count)`` and ``(6, count)`` arrays to fill; none without columns.
         counting, sums, lowest, highest, sketch, inside, largest, largest_units: Centres, bins and limits; ``(atoms,
             SUMS)`` partial sums, without rows nothing is counted; ``(8,)``; ``(8,)``; ``(8 · COLUMNS,)``; ``(S,)``;
             ``(2, LARGEST)`` and their units. The last six are updated.
-
-    Returns:
-        Reason for stopping, 0 if the run is complete, and the sample.
     """
     # the rows of constants are filled once; drawing does not change them
     for row in range(draws.fixed_rows.size):
@@ -1586,7 +1554,6 @@ def run(
 
 @strict
 def _keep_lanes(s: Array, lanes: Array) -> None:
-    """Copy the lanes of the scratch to another array."""
     for k in range(_U(LANE_DOUBLES)):
         lanes[k] = s[_LANES + k]
 
@@ -1621,24 +1588,20 @@ def run_poses(
     sketch: NDArray[np.uint32],
     inside: NDArray[np.int64],
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Sample P poses tile by tile, with the draws of unit scope shared by all poses.
+    """Sample P poses tile by tile; return the reason for stopping, 0 if the run is complete, the pose and the sample.
 
     Args:
         s, bins, products, w: Work arrays as in `run`.
         lanes: ``(P, LANE_DOUBLES)`` work array.
-        unit_draws, unit_formulas, unit_words: Draws and formulas evaluated once for a tile.
+        unit_draws, unit_formulas, unit_words: Draws of unit scope and formulas, evaluated once for a tile.
         draws, formulas, words: Draws and formulas evaluated at every pose; ``words`` is ``(P, streams)``.
-        superposition: Entries of all poses, concatenated.
-        motions: Entries of all poses, concatenated; starts ``(P, 2 K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
-        rare, linear: As in `run`.
-        seed, first, count: As in `run`.
+        superposition, motions: Entries of all poses, concatenated; motions have starts ``(P, 2 K + 1)``, arms ``(P, K,
+            3)``, series ``(P, K + 1)``.
+        rare, linear, seed, first, count: As in `run`.
         centre, inverse_scale: ``(P, 8)`` centres and reciprocals of the scales.
         limit_rows, limits: ``(S,)`` quantities and their limits.
         sums, lowest, highest, sketch, inside: As in `run`, with a first axis of length P; the sketches are the small
             ones of the two norms.
-
-    Returns:
-        Reason for stopping, 0 if the run is complete, the pose and the sample.
     """
     # variables, because literal constants are other types to numba, for which it would compile the callees again
     nobody, sampled = np.int64(0), count > 0

@@ -1,15 +1,12 @@
 """Compiled sampler for many poses of one arm, with the draws of unit scope shared by all poses.
 
-A unit's draws of unit scope are the same at every pose; those of pose and visit scope are drawn at each pose. The cost of
-the shared draws does not grow with the number of poses.
+A unit's draws of unit scope are made once, at a cost that does not grow with the number of poses; those of pose and
+visit scope at each pose. `observe_norms` keeps only the statistics for a map, in 4 kB per pose instead of 656: the
+moments of all six components, counts inside specifications, and a small sketch of |d| and |δ|.
 
-`observe_norms` keeps only the statistics for a map, in 4 kB per pose instead of the 656 of one pose alone: the moments of all
-six components, counts inside specifications, and a small sketch of |d| and |δ|.
-
-The small sketch is that of :mod:`precision_pin.statistics.accumulate` with 32 bins per octave, from 1/16 to 16 of the planned
-spread on each side of the planned mean (`norm_edges`). With v the distance from the mean in units of the spread, the bin
-that contains v is at most ``max(1/16, |v|/32)`` wide up to 16. The outermost bins are open and end at the smallest and
-largest value.
+The small sketch is that of :mod:`precision_pin.statistics.accumulate` with 32 bins per octave, from 1/16 to 16 of the
+planned spread on each side of the planned mean (`norm_edges`). With v the distance from the mean in spreads, the bin of
+v is at most ``max(1/16, |v|/32)`` wide up to 16. The outermost bins end at the smallest and largest value.
 """
 
 from __future__ import annotations
@@ -41,12 +38,10 @@ class JoinedTables:
     """Arrays of one error model at P poses, with the common draws and formulas separated.
 
     Attributes:
-        layouts: Arrays of the model at each pose.
         unit_draws, unit_formulas: Draws and formulas evaluated once for all poses.
         draws, formulas: Draws and formulas evaluated at each pose.
         scopes: Scope of each stream of ``draws``.
-        superposition, motions: Arrays of all poses concatenated, in the format of
-            :func:`precision_pin.kernel.loops.run_poses`.
+        superposition, motions: Concatenated arrays of all poses, as for :func:`precision_pin.kernel.loops.run_poses`.
     """
 
     layouts: tuple[SamplerArrays, ...]
@@ -60,10 +55,7 @@ class JoinedTables:
 
     @classmethod
     def of(cls, layouts: Sequence[SamplerArrays]) -> JoinedTables:
-        """Join the arrays of one model at several poses.
-
-        Arrays from one call of :func:`precision_pin.kernel.sampler.to_arrays_at_poses` are joined faster.
-        """
+        """Join the arrays of one model at several poses; fastest if one call of ``to_arrays_at_poses`` made them."""
         if not layouts:
             raise InputError("no poses to sample; give at least one")
         first = layouts[0]
@@ -137,7 +129,6 @@ def _all_rows(draws: loops.Draws) -> loops.Offsets:
 
 
 def _select_draws(draws: loops.Draws, rows: loops.Offsets) -> loops.Draws:
-    """Return the draws in the given rows."""
     kept = {name: np.isin(getattr(draws, name), rows) for name in BESIDE}
     chosen = {field: getattr(draws, field)[kept[name]] for name in BESIDE for field in (name, *BESIDE[name])}
     groups = [
@@ -161,7 +152,7 @@ def _select_draws(draws: loops.Draws, rows: loops.Offsets) -> loops.Draws:
 def _select_runs(
     starts: loops.Offsets, values: NDArray[Any], chosen: Sequence[int]
 ) -> tuple[loops.Offsets, NDArray[Any]]:
-    """Return starts and values of the chosen ones of the runs ``values[starts[k] … starts[k + 1]]``."""
+    """Return starts and values of the chosen runs ``values[starts[k] … starts[k + 1]]``."""
     runs = [values[int(starts[k]) : int(starts[k + 1])] for k in chosen]
     return np.cumsum([0, *map(len, runs)]).astype(np.uint64), np.concatenate([values[:0], *runs])
 
@@ -219,7 +210,7 @@ def _join_motions(layouts: Sequence[SamplerArrays]) -> loops.Motions:
 
 
 MOST_TOGETHER: Final = 64
-"""Best number of poses to process together: the cost of drawing is then negligible, and the sums stay in the cache."""
+"""Poses processed together at best: drawing then costs next to nothing, and the sums stay in the cache."""
 
 
 @final
@@ -228,9 +219,8 @@ class NormBlocks:
     """Sums and small sketches of consecutive blocks at P poses, for a map.
 
     Attributes:
-        count: Number of samples at each pose.
         lowest, highest: ``(P, 2)`` smallest and largest |d| and |δ|.
-        sums: ``(P, blocks, 31)`` with the same bits as in :class:`precision_pin.kernel.Blocks`.
+        sums: ``(P, blocks, 31)`` with the same bits as in :class:`precision_pin.kernel.sampler.Blocks`.
         sketch: ``(P, 2, 514)`` counts of |d| and |δ| between `norm_edges`.
         inside: ``(P, S)`` samples inside each specification.
     """
@@ -265,8 +255,8 @@ def observe_norms(
 ) -> NormBlocks:
     """Return the sums and small sketches of blocks at P poses; release Python's global lock.
 
-    Sums and counts have the bits of :func:`precision_pin.kernel.sampler.observe_blocks` at each pose. Only the scales of the
-    norms are used.
+    Sums and counts have the bits of :func:`precision_pin.kernel.sampler.observe_blocks` at each pose. Only the scales
+    of the norms are used.
     """
     first, count = check_blocks(first_block, blocks, samples)
     check_seed(seed)
@@ -319,6 +309,6 @@ def observe_norms(
 
 
 def warm_up(rare: loops.Wanted = None, linear: loops.Wanted = None) -> None:
-    """Compile a variant of the loops over poses, or load it from numba's cache; the first sampling does so by itself."""
+    """Compile a variant of the loops over poses, or load it from the cache; the first sampling does so by itself."""
     plan = Plan(np.zeros(8), np.ones(8), ())
     observe_norms([empty_table(rare)], [plan], "linear" if linear else "exact", 0, 0, 1, samples=1)

@@ -45,7 +45,7 @@ def part_jobs(rare: Wanted, linear: Wanted) -> list[Job]:
 
 
 def compile_parts(rare: Wanted, linear: Wanted, module: str) -> None:
-    """Compile the parts of a variant in parallel in other processes, then run the module's ``warm_up``."""
+    """Compile the parts of a variant in worker processes, then run the module's ``warm_up``."""
     from precision_pin.base.jit import can_keep
     from precision_pin.kernel import loops
 
@@ -64,11 +64,8 @@ def _list_common_jobs(unused: str) -> list[Job]:
 
 
 def begin_compiling() -> None:
-    """Start compiling the parts of the exact model in other processes, if the cache is empty.
-
-    The first use of the loops waits for the jobs that are still running; without a use nothing waits for them. The cache is
-    recognised by its file names alone, because numba takes long to load.
-    """
+    """Start compiling the exact model's parts in worker processes if the cache is empty; a first use waits."""
+    # the cache is recognised by its file names alone, because numba takes long to load
     beside = Path(__file__).parent / "__pycache__"
     folder = Path(os.environ["NUMBA_CACHE_DIR"]) if os.environ.get("NUMBA_CACHE_DIR") else beside
     index = f"loops.run-*.py{sys.version_info.major}{sys.version_info.minor}.nbi"

@@ -1,14 +1,14 @@
 """Compiled sampler: errors of millions of units, and their statistics.
 
 The error model at a pose is converted to arrays (`to_arrays`). One compiled function, the same for every robot and
-sheet, then draws the components, evaluates derived parameters, displaces the chain and accumulates the statistics
-(:mod:`precision_pin.kernel.loops`). Results agree with :meth:`precision_pin.model.pose_model.PoseModel.exact` and
-``linear`` on :meth:`precision_pin.draws.space.Space.sample` to rounding.
+sheet, draws the components, evaluates derived parameters, displaces the chain and accumulates the statistics
+(:mod:`precision_pin.kernel.loops`). Results agree to rounding with
+:meth:`precision_pin.model.pose_model.PoseModel.exact` and ``linear`` on :meth:`precision_pin.draws.space.Space.sample`.
 
-Units are sampled in *blocks* of `BLOCK`. Each block has its own sums, which depend on the error model, the seed and the
-block's number only. Added in block order (`Blocks.add_to`) they give the same bits for any distribution of the blocks over
-calls, threads or machines of one type, and the same bits as :func:`precision_pin.statistics.observe`. The size of a block
-must therefore not change.
+Units are sampled in *blocks* of `BLOCK`, whose sums depend on the error model, the seed and the block's number only.
+Added in block order (`Blocks.add_to`) they give the same bits for any distribution of the blocks over calls, threads or
+machines of one type, and those of :func:`precision_pin.statistics.observe`. The size of a block must therefore not
+change.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _UPPER: Final = np.triu_indices(6)
 
 
 class ModelAtPose(Protocol):
-    """What the kernel takes of an error model at a pose: its terms, and the draws that they are made of."""
+    """What the kernel needs of an error model at a pose: its terms and draws."""
 
     @property
     def table(self) -> TermTable:
@@ -62,14 +62,13 @@ class Blocks:
     """Sums, extremes, bins and counts of consecutive blocks.
 
     Attributes:
-        count: Number of samples.
         lowest, highest: ``(8,)`` smallest and largest value of each quantity.
         sums: ``(blocks, 31)`` sums of each block: of (value - centre) of the eight quantities, of the products of two
             components' (value - centre) (upper triangle of 6 × 6, by rows), and of the squared (value - centre) of the
             norms.
         sketch: ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.accumulate`.
         inside: ``(S,)`` samples inside each specification.
-        largest, largest_units: ``(2, LARGEST)`` largest |d| and |δ|, and the units with these errors, see
+        largest, largest_units: ``(2, LARGEST)`` largest |d| and |δ|, and their units, see
             :class:`precision_pin.statistics.State`.
         errors: ``(6, count)`` the errors themselves, or None if they are not kept.
     """
@@ -107,7 +106,7 @@ class Blocks:
 
 
 def check_blocks(first_block: int, blocks: int, samples: int | None) -> tuple[int, int]:
-    """Return the first unit and the number of units of some blocks, in a run of the given number of samples."""
+    """Return the first unit and the number of units of some blocks, in a run of ``samples``."""
     first = int(first_block) * BLOCK
     end = min(first + int(blocks) * BLOCK, MOST_UNITS)
     count = (end if samples is None else min(end, int(samples))) - first
@@ -123,21 +122,20 @@ Model = Literal["exact", "linear"]
 
 _NOTHING: Final = np.zeros((0, 0))
 _STAGES: Final = {"linear": loops.LINEAR, "exact": loops.EXACT}
-"""Stage of the compiled loops for each model."""
+"""Stage of the loops for each model."""
 
 REASONS: Final = {
     loops.FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
     loops.ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
     loops.NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
 }
-"""Messages for the reasons why the compiled loops stop."""
+"""Messages for the reasons why the loops stop."""
 
 
 def to_arrays(pose_model: ModelAtPose) -> SamplerArrays:
     """Convert the error model at a pose to arrays for the compiled sampler, in milliseconds and without compiling.
 
-    Raises:
-        InputError: The compiled sampler does not support a law.
+    Raises InputError if the compiled sampler does not support a law.
     """
     return convert_table(pose_model.table, pose_model.space)
 
@@ -150,11 +148,9 @@ def to_arrays_at_poses(pose_models: Sequence[ModelAtPose]) -> list[SamplerArrays
 def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
     """Return the components ``(d, count)`` of units ``first … first + count - 1``.
 
-    :meth:`precision_pin.draws.space.Space.sample` gives the same bits for laws computed with ``+ - × ÷`` and the square root
-    only, and the same numbers within a few units in the last place for all others.
-
-    Raises:
-        InputError: A wrong seed, unit, pose or visit.
+    :meth:`precision_pin.draws.space.Space.sample` gives the same bits for laws that use only ``+ - × ÷`` and the square
+    root, and the same numbers within a few units in the last place for all others. Raises InputError for a wrong seed,
+    unit, pose or visit.
     """
     # always whole tiles, so that a unit's numbers do not depend on the first unit of the call
     skip = _check_units(first, count)
@@ -172,10 +168,7 @@ def errors(
     The bits do not depend on the range and are those that `observe_blocks` uses.
 
     Args:
-        layout: The error model at a pose.
         model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
-        seed: 64-bit seed.
-        first, count: First unit and number of units.
         pose, visit: Numbers of pose and visit for the draws of these scopes, from 0.
 
     Raises:
@@ -192,8 +185,7 @@ def errors(
 def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
     """Return the errors ``(6, N)``, as `errors`, for component values ``(d, N)``.
 
-    Raises:
-        InputError: x has another shape; or as in `errors`.
+    Raises InputError if x has another shape; or as in `errors`.
     """
     values = np.array(x, dtype=float, order="C")  # a copy: to numba a read-only array is another type
     if not np.isfinite(values).all():
@@ -252,7 +244,7 @@ def observe_blocks(
 
 
 def is_compiled(rare: loops.Wanted = None, linear: loops.Wanted = None) -> bool:
-    """Return whether a variant of the loops is compiled, in this process or presumably in numba's cache."""
+    """Return whether a variant of the loops is compiled, in this process or presumably in the cache."""
     layout, stage = empty_table(rare), loops.LINEAR if linear else loops.EXACT
     return is_kept(loops.run, _arguments(layout, stage, _ONE_UNIT))
 
@@ -264,12 +256,12 @@ def stage_of(model: Model) -> int:
 
 
 def variant_of(space: Space, model: Model) -> tuple[loops.Wanted, loops.Wanted]:
-    """Return the variant of the loops for a model of a space: whether it has rare laws, and whether it is linear."""
+    """Return the variant of the loops for a model of a space: rare laws or not, linear or not."""
     return rare_laws(space), True if stage_of(model) == loops.LINEAR else None
 
 
 def warm_up(rare: loops.Wanted = None, linear: loops.Wanted = None) -> None:
-    """Compile a variant of the loops, or load it from numba's cache; the first sampling does so by itself."""
+    """Compile a variant of the loops, or load it from the cache; the first sampling does so by itself."""
     # one unit of a model without errors, which has the array types of every model
     _run(empty_table(rare), loops.LINEAR if linear else loops.EXACT, _ONE_UNIT)
 
@@ -280,10 +272,7 @@ def warm_up(rare: loops.Wanted = None, linear: loops.Wanted = None) -> None:
 @final
 @dataclass(frozen=True)
 class _Units:
-    """Range of units, with pose and visit.
-
-    The range is `count` units from `first` on. Of these the first `skip` complete a tile and are not requested.
-    """
+    """Range of ``count`` units from ``first`` on; the first ``skip``, not requested, complete a tile."""
 
     seed: int
     first: int
@@ -311,7 +300,7 @@ def _check_kept(rows: int, count: int) -> None:
 
 
 def allocate_scratch() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
-    """Return the scratch arrays of the compiled loops, the same for every model: values, bins, products."""
+    """Return the scratch arrays of the loops, the same for every model: values, bins, products."""
     return (
         allocate_rows(loops.SCRATCH),
         np.empty(8 * (loops.HELD + 1) * loops.TILE, dtype=np.uint32),
@@ -327,7 +316,7 @@ def allocate_rows(rows: int) -> Array:
 
 
 def _run(layout: SamplerArrays, stage: int, units: _Units, **given: Any) -> None:
-    """Run the compiled loops with the arguments of `_arguments`; raise an error where they stop."""
+    """Run the compiled loops with the arguments of `_arguments`; raise an error if they stop."""
     check_seed(units.seed)
     # before the return for an empty range, so that wrong poses and visits are rejected in any case
     arguments = _arguments(layout, stage, units, **given)
@@ -353,7 +342,6 @@ def _arguments(
     plan: Plan | None = None,
     into: Blocks | None = None,
 ) -> tuple[Any, ...]:
-    """Return the arguments of the compiled loops."""
     centre, scale = (np.zeros(8), np.ones(8)) if plan is None else (plan.centre, plan.scale)
     specifications = () if plan is None else plan.specifications
     counting = loops.Counting(
@@ -363,7 +351,7 @@ def _arguments(
         limit_rows=np.array([specification.row for specification in specifications], dtype=np.uint64),
         limits=np.array([specification.limit for specification in specifications], dtype=float),
     )
-    # by position, in the order of `loops.run`; unused arguments are empty arrays, because None is another type to numba
+    # by position, in the order of `loops.run`; unused arguments are empty arrays: None is another type to numba
     # and would need another compilation
     return (
         # allocated at each call, so that threads share no scratch

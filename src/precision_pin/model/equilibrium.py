@@ -1,17 +1,17 @@
 """Statics on the deflected arm: loads re-evaluated where the arm comes to rest.
 
-``v = G(v, x)`` with v the displacements of all targets, and G the displacements given by the terms for parameters x when
-the loads act on the arm displaced by v. Displacements are in *slots*, two for each target: the first K slots of K targets
-are displacements without loads, the second K those by loads, which bend the links.
+``v = G(v, x)`` with v the displacements of all targets, and G the displacements given by the terms for parameters x
+when the loads act on the arm displaced by v. Displacements are in *slots*: of K targets, the first K slots are
+displacements without loads, the second K those by loads, which bend the links.
 
 About the rest state v* at the parameters' means, with A = (I - ∂G/∂v)⁻¹ there,
 
     v(x) = v* + A (G(v*, x) - v*) + Σ (f - f̄) S_f A Σ (h - h̄) t_h
 
 keeps every term with its factors: 1/k stays 1/k, and products of load and stiffness stay products. The last sum is the
-change of the feedback itself with the parameters: f and h are the products of factors of terms caused by loads, t_h their
-twists and S_f the slopes of these. The derivative of v(x) at the means equals that of the arm solved again; the neglected
-terms are of third order.
+change of the feedback itself with the parameters: f and h are the products of factors of terms caused by loads, t_h
+their twists and S_f the slopes of these. The derivative of v(x) at the means equals that of the arm solved again; the
+neglected terms are of third order.
 """
 
 from __future__ import annotations
@@ -35,33 +35,33 @@ from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import JointValue, Target, Term
 
 MakeTerms = Callable[[Posture], Sequence[Term]]
-"""Function that returns the terms of all sources at a posture."""
+"""Returns the terms of all sources at a posture."""
 
 SETTLED: Final = 1e-13
 """Change of the displacements (m, rad) below which the arm is at rest."""
 STEP: Final = 1e-7
-"""Step (m, rad) of the differences of G: at this step the errors by curvature and by rounding are both about 1e-9."""
+"""Step (m, rad) of the differences of G, at which curvature and rounding both cause errors of about 1e-9."""
 
 _NOISE: Final = 1e-8
-"""Slope (1/m, 1/rad) of a term's twist over the twist below which it is rounding of the differences."""
+"""Ratio (1/m, 1/rad) of the slope of a term's twist to the twist below which it is rounding of the differences."""
 
 _PUSH: Final = 1e-6
-"""Offset (m, rad) of the start of the search for rest, so that the search leaves a rest state that is not stable."""
+"""Offset (m, rad) of the start of the search for rest, so that it leaves an unstable rest state."""
 _SHRINKS: Final = 0.5
-"""Largest ratio of one change to the change before at which loads and deflections are computed in turn."""
+"""Largest ratio of successive changes at which loads and deflections are computed in turn."""
 _MOST_ROUNDS: Final = 100
 _MOST_CORRECTIONS: Final = 12
 _MOST_STEPS: Final = 500
 _SMALLEST_STEP: Final = 1e-7
-"""Smallest step of the loads, as a share of the full loads."""
+"""Smallest step of the loads, as a fraction of the full loads."""
 _SHORT_STEP: Final = 0.1
-"""Step of the loads, as a share of the load at which the undeflected arm buckles, up to ``_PAST`` times that load."""
+"""Step of the loads, as a fraction of the undeflected arm's buckling load, up to ``_PAST`` times that load."""
 _PAST: Final = 1.5
 _LONGEST_LEAP: Final = 0.3
 _LARGEST_SURPRISE: Final = 0.1
-"""Largest displacement (m, rad) in one step of the loads, and its largest difference from the predicted one."""
+"""Largest displacement (m, rad) in one step of the loads, and its largest difference from the prediction."""
 _NEAR_BUCKLING: Final = 0.9
-"""Growth of a displacement from one round of loads to the next above which the rest state is almost unstable."""
+"""Growth of a displacement per round of loads above which the rest state is almost unstable."""
 _BUCKLES: Final = (
     "the arm buckles under its loads: beyond {:.3g} times these loads it has no stable rest state, "
     "so equilibrium statics has no solution"
@@ -72,7 +72,7 @@ _NO_REST: Final = (
 )
 _ROUNDING: Final = 1e-13
 _NO_WAY: Final = 1e-9
-"""Share of a place's largest singular value below which its terms do not move it in that direction."""
+"""Fraction of a place's largest singular value below which its terms do not move it in that direction."""
 
 
 @final
@@ -81,9 +81,6 @@ class Settled:
     """The arm at rest under its loads, for one value of every parameter.
 
     Attributes:
-        posture: The posture with its loads on the deflected arm.
-        terms: The terms at that posture.
-        table: The table of the terms.
         displacements: v*, of the slots of the table's targets, ``(2K, 6)``.
         feedback: G about v*.
     """
@@ -104,17 +101,16 @@ class Settled:
 def settle(
     posture: Posture, space: Space, make_terms: MakeTerms, within: float = SETTLED, values: Array | None = None
 ) -> Settled:
-    """Return the arm at rest under its loads.
+    """Return the arm at rest under its loads; raise an error only if there is no stable rest state.
 
-    Loads and deflections are computed in turn. If they do not converge quickly, the loads are raised from zero in
-    steps, and Newton's method follows the arm. An error is raised only if there is no stable rest state.
+    Loads and deflections are computed in turn. If that does not converge quickly, the loads are raised from zero in
+    steps, and Newton's method follows the arm.
 
     Args:
         posture: The undisplaced chain, with all loads.
-        space: All draws.
-        make_terms: Function that returns the terms of all sources at a posture.
-        within: Change of the displacements (m, rad) from one round to the next at which the arm is at rest.
-        values: Values of the components, ``(d,)``; their means if left out.
+        make_terms: Returns the terms of all sources at a posture.
+        within: Change of the displacements (m, rad) per round at which the arm counts as at rest.
+        values: Values of the components, ``(d,)``; by default their means.
     """
     feedback = Feedback(posture, space, make_terms, space.mean if values is None else values)
     aside = max(_PUSH, 100 * within) * feedback.loaded[:, None]
@@ -164,7 +160,7 @@ class Feedback:
     def ways(self, table: TermTable) -> Array:
         """Return the directions in which slots can change, ``(M, 2K, 6)``.
 
-        A slot displaced by loads has one for a joint value and six for a place; any other slot has those of its terms.
+        A slot displaced by loads has one for a joint value and six for a place; any other has those of its terms.
         """
         chain, ways, targets = self._posture.chain, [], table.targets
         for slot in range(2 * len(targets)):
@@ -203,7 +199,7 @@ class Feedback:
         return np.where(np.abs(slopes) > noise[:, None, None], slopes, 0.0)
 
     def slopes(self, term_slopes: Array, ways: Array) -> Array:
-        """Return ∂G/∂v of the displacements by loads, ``(M, M)``: along every direction, for a step along every direction."""
+        """Return ∂G/∂v of the displacements by loads, ``(M, M)``: along and for a step along every direction."""
         result = np.zeros((len(self.loaded), 6, len(ways)))
         rows = self._is_loaded
         np.add.at(result, self._slots[rows], self._products[rows, None, None] * term_slopes[rows])
@@ -215,7 +211,7 @@ class Feedback:
 
     @property
     def loaded_directions(self) -> Array:
-        """The directions in which displacements by loads can change, ``(M, 2K, 6)``."""
+        """Directions in which displacements by loads can change, ``(M, 2K, 6)``."""
         ways = self.ways(self._table)
         return ways[ways[:, self.loaded].any(axis=(1, 2))]
 
@@ -226,7 +222,7 @@ class Feedback:
         return replace(self._posture, deflection=compute_deflection(self._posture, self._table, displacements))
 
     def _arrange(self, terms: tuple[Term, ...]) -> None:
-        """Compute the layout of the terms and all that depends on their targets and factors only."""
+        """Compute the layout of the terms and all that depends only on their targets and factors."""
         self._layout = TableLayout.of(terms, self._space)
         padded = np.append(self._layout.program.evaluate(self._values[:, None])[:, 0], 1.0)
         self._products = padded[self._layout.factors].prod(axis=1)
@@ -245,14 +241,12 @@ class Feedback:
 
 
 def _follow_loads(feedback: Feedback, within: float) -> Array:
-    """Return the displacements of the arm at rest, followed while the loads are raised from zero to their full size.
-
-    With a share s of the loads, ``z = s g(z)``, z the displacements by loads. A step of s is halved if Newton's method does
-    not lead from the tangent's prediction to a stable rest state nearby.
-    """
+    """Return the displacements of the arm at rest, followed while the loads grow from zero to full size."""
+    # With a fraction s of the loads, `z = s g(z)`, z the displacements by loads. A step of s is halved if Newton's
+    # method does not lead from the tangent's prediction to a stable rest state nearby.
     path = _Path.begin(feedback)
     first_growth = _growth(path.slopes)
-    # an arm that leans bends past the load at which a straight one buckles; short steps find that load on the path
+    # a leaning arm bends past the load at which a straight one buckles; short steps find that load
     short = _SHORT_STEP / first_growth if first_growth >= 1.0 else 1.0
     step = short
     for _ in range(_MOST_STEPS):
@@ -276,11 +270,11 @@ def _follow_loads(feedback: Feedback, within: float) -> Array:
 @final
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """An arm at rest under a share of its loads.
+    """An arm at rest under a fraction of its loads.
 
     Attributes:
         feedback, ways: G, and the M directions in which its loaded targets move.
-        share: Share of the loads.
+        share: Fraction of the loads.
         others: Displacements not caused by loads, ``(2K, 6)``.
         moved: z along every direction, ``(M,)``.
         pull, slopes: g(z) along every direction, ``(M,)``, and ∂g/∂z, ``(M, M)``, under all loads.
@@ -316,7 +310,7 @@ class _Path:
         return others + np.einsum("m,mki->ki", self.moved, self.ways)
 
     def follow_to(self, share: float, within: float) -> _Path | None:
-        """Return the arm at rest under another share of its loads; None if no stable rest state is near the prediction."""
+        """Return the arm at rest under another fraction of its loads; None if no stable state is near."""
         try:
             return self._correct(share, within)
         except np.linalg.LinAlgError:  # exactly at buckling
@@ -369,26 +363,26 @@ def compute_deflection(posture: Posture, table: TermTable, displacements: Array)
 
 
 def _link(target: Target) -> int:
-    """Return the chain link of a target: for a joint value the one that the joint moves."""
+    """Return the chain link of a target; for a joint value the one that the joint moves."""
     return target.joint + 1 if isinstance(target, JointValue) else target.link
 
 
 def _growth(slopes: Array) -> float:
-    """Return the growth of the fastest growing displacement from one round of loads to the next; unstable from 1 on."""
+    """Return the growth per round of loads of the fastest growing displacement; unstable from 1 on."""
     return float(np.linalg.eigvals(slopes).real.max(initial=0.0))
 
 
 def refuse_buckling(slopes: Array) -> None:
-    """Raise an error if a rest state with this ∂G/∂v is not stable."""
+    """Raise an error if a rest state with this ∂G/∂v is unstable."""
     growth = _growth(slopes)
     if growth >= 1.0:
         raise InputError(_BUCKLES.format(1 / growth))
 
 
 _MOST_PRODUCTS: Final = 200
-"""Largest number of products kept of the last sum, the largest first; it grows with the square of the number of loads."""
+"""Most products kept of the last sum, the largest first; it grows with the square of the number of loads."""
 _LONGEST_PRODUCT: Final = 32
-"""Largest number of operations in such a product."""
+"""Most operations in such a product."""
 
 
 def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
@@ -418,10 +412,8 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
 
 
 def _first_order_twists(settled: Settled, reacting: NDArray[np.intp], added: Array) -> dict[tuple[int, Factors], Array]:
-    """Return the twists of ``G(v*, x) + (A - I)(G(v*, x) - v*)`` in the slots displaced by loads, by their factors.
-
-    ``added`` ``(2K, 2K, 6, 6)`` is A - I: the further displacement in the first slot per displacement in the second.
-    """
+    """Return the twists of ``G(v*, x) + (A - I)(G(v*, x) - v*)`` in the slots displaced by loads, by their factors."""
+    # `added` `(2K, 2K, 6, 6)` is A - I: the further displacement in the first slot per displacement in the second
     sums: dict[tuple[int, Factors], Array] = {}
     for source, twist, term in zip(settled.slots.tolist(), settled.table.twists, settled.terms, strict=True):
         if term.loaded:
@@ -463,7 +455,7 @@ def _second_order_twists(
         for (slot, factors, others), twist in zip(pairs, added, strict=True)
     ]
     result: list[tuple[int, Array, Factors]] = []
-    # in their own order instead of by size, so that the order of terms is the same at every pose
+    # in their own order, not by size, so that the order of terms is the same at every pose
     for k in sorted(np.argsort(sizes)[::-1][:_MOST_PRODUCTS].tolist()):
         (slot, factors, others), twist = pairs[k], added[k]
         first, second = sorted((factors, others), key=rank.__getitem__)

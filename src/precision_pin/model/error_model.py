@@ -43,10 +43,10 @@ class ErrorModel:
 
     Args:
         chain: The chain.
-        space: The draws that have names of their own (a sheet's ``parameters``).
+        space: The draws with names of their own (a sheet's ``parameters``).
         sources: Error sources, in any order. Laws in their settings become draws of the model.
-        poses: Named configurations, the first one the default; with an approach where one is an
-            :class:`~precision_pin.robot.approach.ApproachedPose`.
+        poses: Named configurations, the first one the default; as an
+            :class:`~precision_pin.robot.approach.ApproachedPose` with an approach.
         statics: ``"nominal"``: loads at the undeflected pose, as in the paper. ``"equilibrium"``: on the arm at rest
             under them.
 
@@ -55,11 +55,10 @@ class ErrorModel:
         approaches: Approach of each named pose that has one.
         assumed: Labels of the sources that the sheet marks as assumptions.
         origins: Where each number of the space comes from, by its name: ``assumed``, ``data sheet``, ``measured``,
-            ``drawing``; empty where the sheet does not say.
+            ``drawing``; empty if the sheet does not say.
         sheet: The sheet it was read from; ``None`` for a model made in Python.
-        beyond_limits: Whether verdicts are given at joint values and speeds beyond the URDF's limits too, as
-            ``--beyond-limits`` asks; set it to ``True`` for that. Otherwise a specification there is ``"not judged"``,
-            and not met.
+        beyond_limits: Set to ``True`` to give verdicts also beyond the URDF's limits of joint values and speeds, as
+            ``--beyond-limits`` does. Otherwise a specification there is ``"not judged"``, and not met.
         labels: Each source's label.
         space: All draws, the named ones first.
     """
@@ -113,8 +112,8 @@ class ErrorModel:
         """Return the model of a sheet given as a dictionary.
 
         Args:
-            data: The keys and values of the YAML sheet: text, numbers, lists and dictionaries. A number with a unit is
-                text.
+            data: The keys and values of the YAML sheet: text (for a number with a unit), numbers, lists and
+                dictionaries.
             folder: Folder that the names of the robot and of tables are relative to.
             kinds: Source classes beyond those of the package.
 
@@ -141,9 +140,9 @@ class ErrorModel:
         return model
 
     def calibrated(self, estimates: Estimates) -> ErrorModel:
-        """Return the arm that is left by a calibration: means moved, what is still uncertain one joint draw.
+        """Return the calibrated arm: means moved, and one joint draw of the remaining uncertainty.
 
-        A number of which the readings removed at least half the variance counts as measured.
+        A number whose variance the data reduced by at least half counts as measured.
 
         Raises:
             InputError: A name is not that of a number drawn once for each robot.
@@ -158,7 +157,7 @@ class ErrorModel:
     def with_(self, changes: Mapping[str, object]) -> ErrorModel:
         """Return the model with some values of its sheet changed, as ``--set`` does.
 
-        Draws keep their names, so that the same seed gives the same robots but for the change.
+        Draws keep their names, so that the same seed gives the same robots except for the change.
 
         Args:
             changes: Values by path: ``parameters.a1``, ``axis_install[joint2].radius``, ``payload.mass``, ``statics``;
@@ -178,9 +177,9 @@ class ErrorModel:
         return changed
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Array:
-        """Return joint values in chain order: given in that order, by joint name or by a pose's name; or of the first pose.
+        """Return joint values in chain order, given so, by joint name or pose name; by default the first pose's.
 
-        Those of an :class:`~precision_pin.robot.approach.ApproachedPose` are those of its pose.
+        An :class:`~precision_pin.robot.approach.ApproachedPose` gives those of its pose.
 
         Raises:
             UnknownNameError: No such pose or joint.
@@ -199,11 +198,11 @@ class ErrorModel:
         return self.chain.configuration(q)
 
     def approach(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Approach:
-        """Return the approach of a pose as :meth:`configuration` takes it; empty where none is given.
+        """Return the approach of a pose as :meth:`configuration` takes it; empty if it has none.
 
         Raises:
             UnknownNameError: No such joint.
-            InputError: Wrong directions, or the approach is from the pose before, which there is not.
+            InputError: Wrong directions, or an approach from the previous pose, which does not exist.
         """
         if not isinstance(q, ApproachedPose):
             return self.approaches.get(self.pose_name(q), ())
@@ -214,7 +213,7 @@ class ErrorModel:
     def configurations(
         self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | ApproachedPose
     ) -> tuple[Array, tuple[str, ...]]:
-        """Return the joint values ``(n, P)`` of many poses and their names, empty if a pose has none; see :meth:`at_many`."""
+        """Return joint values ``(n, P)`` of many poses and their names or empty texts; see :meth:`at_many`."""
         if isinstance(q, ApproachedPose):
             return self.configurations(q.pose)
         if isinstance(q, str):
@@ -232,8 +231,8 @@ class ErrorModel:
         """Return the approach of each of many poses, ``(n, P)``; ``None`` if none has one.
 
         Args:
-            q: The poses, as :meth:`configurations` takes them. Of an
-                :class:`~precision_pin.robot.approach.ApproachedPose` the approach is that of each of its poses.
+            q: The poses, as for :meth:`configurations`; an :class:`~precision_pin.robot.approach.ApproachedPose` gives
+                each of its poses its approach.
             values: Their joint values ``(n, P)``.
         """
         return read_approaches(q, values, self.approach)
@@ -248,9 +247,7 @@ class ErrorModel:
     def at(
         self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None, *, approach: object = None
     ) -> PoseModel:
-        """Return the model at a pose.
-
-        Warns of joint values outside their limits, and of the other findings of the posture.
+        """Return the model at a pose; warns of joint values outside their limits, and of the posture's other findings.
 
         Args:
             q: As in :meth:`configuration`.
@@ -265,7 +262,7 @@ class ErrorModel:
     def at_many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Iterator[PoseModel]:
         """Return an iterator of the model at P poses, one after another.
 
-        Each equals that of :meth:`at`, to rounding; the joints' frames are computed for many poses at once.
+        Each equals that of :meth:`at` to rounding; joint frames are computed for many poses at once.
 
         Args:
             q: As for :meth:`precision_pin.robot.chain.Chain.at_many`: an array ``(n, P)``, a list of poses (names too),
@@ -280,10 +277,7 @@ class ErrorModel:
         return self.at_columns(values, self.approaches_of(q, values))
 
     def at_columns(self, values: Array, approaches: NDArray[np.int8] | None = None) -> Iterator[PoseModel]:
-        """Return the model at poses ``(n, P)`` as :meth:`configurations` returns them, one after another.
-
-        Their approaches are those of :meth:`approaches_of`.
-        """
+        """Return the model at poses ``(n, P)``, with approaches as from :meth:`approaches_of`, in turn."""
         parts = [slice(first, first + _AT_ONCE) for first in range(0, values.shape[1], _AT_ONCE)]
         return itertools.chain.from_iterable(
             self._at_once(values[:, part], None if approaches is None else approaches[:, part]) for part in parts
@@ -292,13 +286,13 @@ class ErrorModel:
     def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
         """Return warnings that the statics are beyond their range of validity.
 
-        ``W_DEFLECTION``: a link bends so far that formulas for small deflections are inaccurate. ``W_STATICS``, nominal
-        statics: the tip is farther from that of the arm at rest than a tenth of the spread by tolerances. ``W_STATICS``,
+        ``W_DEFLECTION``: a link bends too far for the formulas for small deflections. ``W_STATICS``, nominal statics:
+        the tip is farther from that of the arm at rest than a tenth of the spread by tolerances. ``W_STATICS``,
         equilibrium statics: single robots, each solved on its own, differ from the model by more than 0.5 % (the 99 %
-        robot of a thousand) or 2 % (the farthest). ``W_TURNOVER``, equilibrium statics with an approach: single robots take
-        up play on other sides.
+        robot of a thousand) or 2 % (the farthest). ``W_TURNOVER``, equilibrium statics with an approach: single robots
+        take up play on other sides.
         """
-        # a sheet accepts what its statics leave out, not that single robots differ from equilibrium statics
+        # a sheet can accept what nominal statics leave out, not that robots differ from equilibrium statics
         accepted = {} if self.sheet is None or self.statics != "nominal" else self.sheet.accepted
         return tuple(one.accepted(accepted) for one in statics_findings(at, self.statics, self._make_terms))
 
@@ -307,7 +301,7 @@ class ErrorModel:
         return f"<ErrorModel of {self.chain!r}: {counts}>"
 
     def _repr_html_(self) -> str:
-        """Return the HTML for a notebook: sources with settings, draws with laws and scopes, poses."""
+        """Return the notebook view: sources with settings, draws with laws and scopes, poses."""
         chain = self.chain
         sources = [[label, _settings(source)] for label, source in zip(self.labels, self.sources, strict=True)]
         draws = [[draw.name, repr(draw.law), draw.scope.value] for draw in self.space.draws]
@@ -327,7 +321,7 @@ class ErrorModel:
         )
 
     def _at_once(self, values: Array, approaches: NDArray[np.int8] | None) -> Iterable[PoseModel]:
-        """Return the model at poses ``(n, P)``, with the terms of all of them made together where the sources accept that."""
+        """Return the model at poses ``(n, P)``, with their terms made together if the sources accept that."""
         many = self.chain.at_columns(values)
         poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
         bare = [Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads) for k in range(len(many))]
@@ -335,7 +329,7 @@ class ErrorModel:
             bare = [replace(one, approach=tuple(own)) for one, own in zip(bare, approaches.T.tolist(), strict=True)]
         if self.statics == "nominal" and len(bare) > 1:
             together = Posture(self.chain, many.q, many.joint_poses, self.chain.loads)
-            with suppress(InputError):  # of one pose: it is raised again when its turn comes
+            with suppress(InputError):  # raised again when the turn of the pose at fault comes
                 terms = bound_source.terms_at_many(together, bare, self.bound_sources)
                 if terms is not None:
                     return self._models(bound_source.load_posture(together, self.bound_sources), terms, bare)
@@ -349,13 +343,12 @@ class ErrorModel:
             yield PoseModel(loaded, self.space, table, TermsOfPose(terms, k))
 
     def _layout_of(self, terms: tuple[Term, ...]) -> TableLayout:
-        """Return the layout of terms: that of the last ones, unless these have other targets or factors."""
+        """Return the layout of terms: the last one, unless targets or factors differ."""
         if self._layout is None or not self._layout.fits(terms):
             self._layout = TableLayout.of(terms, self.space)
         return self._layout
 
     def _at(self, bare: Posture) -> PoseModel:
-        """Return the model at a posture with the chain's own loads."""
         posture = bound_source.load_posture(bare, self.bound_sources)
         if self.statics == "nominal":
             terms = self._make_terms(posture)
@@ -365,7 +358,7 @@ class ErrorModel:
 
     @cached_property
     def bound_sources(self) -> tuple[bound_source.BoundSource, ...]:
-        """Every source with the values of its settings."""
+        """Every source, bound to the values of its settings."""
         pairs = zip(self.sources, self.labels, strict=True)
         return tuple(bound_source.BoundSource(source, LabelledSpace(self.space, label)) for source, label in pairs)
 
@@ -380,7 +373,7 @@ class ErrorModel:
         return bound_source.draw_owners(self.space, self.sources, self.labels)
 
     def like(self, chain: Chain, space: Space) -> ErrorModel:
-        """Return a model with the same sources of an arm with another target or payload, or with other laws of its numbers."""
+        """Return a model with the same sources for an arm with another target or payload, or with other laws."""
         other = ErrorModel(chain, Space(), (), self.poses, self.statics)
         other.sources, other.labels, other.assumed, other.space = self.sources, self.labels, self.assumed, space
         other.approaches, other.origins, other.beyond_limits = self.approaches, self.origins, self.beyond_limits
@@ -391,7 +384,7 @@ class ErrorModel:
 
 
 def _settings(source: Source) -> str:
-    """Return the given settings of a source as text; a draw by its name, or by its law if it has none."""
+    """Return the given settings of a source as text; a draw by its name, or else by its law."""
     texts = []
     for name, value in source.settings().items():
         if isinstance(value, Draw):
@@ -404,7 +397,7 @@ def _settings(source: Source) -> str:
 def read_poses(
     chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float] | ApproachedPose]
 ) -> tuple[dict[str, Array], dict[str, Approach]]:
-    """Return joint values by the poses' names, and the approaches of those that have one."""
+    """Return joint values by pose name, and the approaches of poses that have one."""
     found, approaches = {}, {}
     for name, q in check_mapping("the poses", poses).items():
         try:

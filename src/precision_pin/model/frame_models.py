@@ -1,4 +1,4 @@
-"""Models whose frames are displaced: by random numbers at every frame, or by known amounts at joints and tip."""
+"""Models whose frames are displaced: randomly at every frame, or by known amounts at joints and tip."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from precision_pin.terms.source import Source
 def every_frame(chain: Chain) -> ErrorModel:
     """Return a model with all six displacements at every joint, at the base and at the tool.
 
-    Each is normal with a standard deviation of 1 mm or 1 mrad: it serves to see which combinations of geometric errors
-    measurements can tell apart, with :func:`precision_pin.identifiability`.
+    Each is normal with a standard deviation of 1 mm or 1 mrad. With :func:`precision_pin.identifiability` it shows
+    which combinations of geometric errors measurements can tell apart.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     names = ("x", "y", "z", "rx", "ry", "rz")
@@ -34,13 +34,10 @@ _NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 def displaced_arm(chain: Chain, placements: Array, model: ErrorModel | None = None) -> ErrorModel:
-    """Return the model of an arm with other placements, each by a displacement of fixed numbers.
+    """Return the model of an arm with other placements, each reached by fixed displacements.
 
-    Args:
-        chain: The arm.
-        placements: Placements of the joints' seats, and last that of the tip, each in the chain link before it, ``(n +
-            1, 4, 4)``.
-        model: A model of the arm, whose sources are kept beside these.
+    ``placements`` ``(n + 1, 4, 4)`` are those of the joints' seats, and last of the tip, each in the chain link before
+    it. The sources of ``model`` are kept.
     """
     sources: list[Source] = [] if model is None else list(model.sources)
     for k, (old, new) in enumerate(zip(chain.placements, placements, strict=True)):

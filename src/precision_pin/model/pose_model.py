@@ -1,7 +1,7 @@
 """The error model at one pose: a term table, evaluated in plain numpy.
 
-The compiled kernel is tested against the methods here. Errors are ``[d; δ]`` of the tip in base axes (m, rad):
-``d = p' - p``, ``δ = Log(R' Rᵀ)``.
+The compiled kernel is tested against these methods. Errors are ``[d; δ]`` of the tip in base axes (m, rad): ``d = p' -
+p``, ``δ = Log(R' Rᵀ)``.
 """
 
 from __future__ import annotations
@@ -37,11 +37,10 @@ class Part:
     """A rigid piece of the drawn arm.
 
     Attributes:
-        name: Of its node below ``arm``.
-        link: Chain link that it is on.
+        name: Name of its node below ``arm``.
         frame: Its pose in the chain link's axes, ``(4, 4)``.
-        rank: Position, among the URDF links of the chain link on the way from base to tip, of the one that carries it;
-            ``None`` for the tip and what hangs on it.
+        rank: Position of its URDF link among those of the chain link from base to tip; ``None`` for the tip and what
+            hangs on it.
     """
 
     name: str
@@ -50,11 +49,9 @@ class Part:
     rank: int | None
 
     def targets_before(self, targets: Sequence[Target]) -> int:
-        """Return how many of the targets, in chain order, move it: the first so many.
-
-        A URDF link's own frame moves it, a custom place or the end of its chain link does not: they move what comes
-        after. The tip is moved by all.
-        """
+        """Return how many of the targets, in chain order, move it: the first so many."""
+        # A URDF link's own frame moves it; a custom place or the end of its chain link moves only what comes after. All
+        # move the tip.
         return sum(self._is_moved_by(target) for target in targets)
 
     def _is_moved_by(self, target: Target) -> bool:
@@ -77,7 +74,6 @@ class PoseModel:
     Attributes:
         posture: The undisplaced chain, with all loads.
         space: Draws in column order.
-        table: The terms.
     """
 
     posture: Posture
@@ -97,10 +93,8 @@ class PoseModel:
     def exact(self, x: ArrayLike) -> Array:
         """Return the errors ``(6, N)`` of the displaced chain as a product of poses, for component values ``(d, N)``.
 
-        ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses.
-
-        Raises:
-            InputError: A target turns by π or more, so that its rotation vector is not unique; or an error overflows.
+        ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses. Raises InputError if
+        a target turns by π or more, so that its rotation vector is not unique; or an error overflows.
         """
         values = self._check(x)
         try:
@@ -146,16 +140,16 @@ class PoseModel:
     @cached_property
     @returns_read_only
     def error_at_means(self) -> Array:
-        """The error of :meth:`exact` with every component at its mean, ``(6,)``."""
+        """Error of :meth:`exact` with every component at its mean, ``(6,)``."""
         return self.exact(self.space.mean[:, None])[:, 0]
 
     @cached_property
     def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
-        """The part of each target in the Jacobian of :attr:`tangent`; their sum is J."""
+        """Part of each target in the Jacobian of :attr:`tangent`; they add up to J."""
         return self._slopes_at(self.space.mean, self.error_at_means)
 
     def _slopes_at(self, x: Array, error: Array) -> tuple[SlopeColumns, ...]:
-        """Return each target's part in the derivative of :meth:`exact` at component values ``(d,)`` and their error."""
+        """Return each target's part in the derivative of :meth:`exact` at component values ``(d,)`` with this error."""
         table = self.table
         moved = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
         tip = table.pose[:3, 3] + error[:3]
@@ -184,7 +178,7 @@ class PoseModel:
         return self.space.block_covariance.between(self.jacobian, self.jacobian)
 
     def findings(self, model: str) -> tuple[Finding, ...]:
-        """Return the warnings about this pose: limits and, for ``model`` "linear", the error of superposition."""
+        """Return warnings about this pose: limits and, for ``model`` "linear", the error of superposition."""
         if model != "linear" or not self.space.size:
             return self.posture.findings
         superposed = self.linear(self.space.mean[:, None])[:, 0]
@@ -202,7 +196,7 @@ class PoseModel:
         return f"<PoseModel of {self.posture!r}: terms {len(self.terms)}, random numbers {self.space.size}>"
 
     def _repr_html_(self) -> str:
-        """Return the HTML for a notebook: error at the means and first-order spread, mm and mrad."""
+        """Return the notebook view: error at the means and first-order spread, mm and mrad."""
         chain = self.posture.chain
         title = f"{os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip_label}, first order at one pose"
         pose = ", ".join(map(joint_value, chain.joints, self.posture.q))
@@ -219,12 +213,12 @@ class PoseModel:
         return rendered(title, [Table(columns, rows, words=2)], [f"{pose}; base axes", counts])
 
     def _check(self, x: ArrayLike) -> Array:
-        # not copied, unlike other arrays: it may be large, and is only read
+        # not copied, unlike other arrays: it may be large and is only read
         values = x if type(x) is np.ndarray and x.dtype == np.float64 else check_numbers("x", x)
         if values.ndim != 2 or values.shape[0] != self.space.size:
             raise InputError(f"x has shape {values.shape}, expected ({self.space.size}, N): rows as in model.space")
         terms, parameters = self.table.factors.shape, len(self.table.program.outputs)
-        # numbers for each robot: factors and products of terms, displacements of targets and the poses made of them
+        # numbers for each robot: factors and products of terms, displacements of targets and their poses
         numbers = (terms[1] + 1) * terms[0] + 2 * parameters + 6 * len(self.table.targets) + 64
         check_memory(
             8.0 * numbers * values.shape[1], f"evaluating {values.shape[1]:,} robots", "evaluate some of them at a time"
@@ -235,35 +229,35 @@ class PoseModel:
 
 
 def spread_of(at: PoseModel) -> tuple[float, float]:
-    """Return the spread of the tip's position, and the largest distance between two tips that needs no warning, m."""
+    """Return the spread of the tip's position, and the largest distance between tips without a warning, m."""
     spread = float(np.sqrt(np.trace(at.covariance[:3, :3])))
     return spread, max(0.1 * spread, 1e-9)
 
 
 def joint_value(joint: Joint, value: float) -> str:
-    """Return a joint's value as text: mm, or degrees."""
+    """Return a joint's value as text in mm or degrees."""
     return tables.joint_value(joint.name, float(value), slides=joint.kind == "prismatic")
 
 
 NOT_STATED: Final = "not stated"
-"""Of numbers of which the sheet does not say where they come from."""
+"""For numbers whose origin the sheet does not state."""
 
 OriginShares = Mapping[str, tuple[float, float]]
-"""Share in the variance of position and attitude by provenance; their sums are one where the error varies."""
+"""Fraction of the variance of position and attitude by provenance; they add up to one where the error varies."""
 
 
 def origins_of_numbers(stated: Mapping[str, Origin], space: Space, owners: Sequence[Sequence[str]]) -> dict[str, str]:
-    """Return where each number of a space comes from, by its name; nothing where nothing is stated."""
+    """Return where each number of a space comes from, by its name; empty if nothing is stated."""
     kinds = map(partial(_origin, stated), space.draws, owners)
     return {name: kind for draw, kind in zip(space.draws, kinds, strict=True) for name in draw.components}
 
 
 def _origin(stated: Mapping[str, Origin], draw: Draw, owners: Sequence[str]) -> str:
-    """Return where a draw comes from: its own entry of the sheet, else that of its setting, else that of a source."""
+    """Return where a draw comes from: by its own entry in the sheet, else its setting's, else a source's."""
     label = next((own for own in owners if draw.name.startswith(f"{own}.")), "")
     setting = draw.name.removeprefix(f"{label}.").partition(".")[0].partition("[")[0] if label else ""
     named = [f"parameters.{draw.name}", f"{label}.{setting}", *owners]
-    # a number that several sources use is as sure as the least sure of them says
+    # a number that several sources use is as certain as the least certain of them
     kinds = [stated[name].kind for name in named if name in stated]
     if f"parameters.{draw.name}" in stated or (setting and f"{label}.{setting}" in stated):
         return kinds[0]
@@ -271,10 +265,8 @@ def _origin(stated: Mapping[str, Origin], draw: Draw, owners: Sequence[str]) -> 
 
 
 def origin_shares(origins: Mapping[str, str], at: PoseModel) -> OriginShares:
-    """Return the shares in the first-order variance, ``Cov(e_k, e)`` summed over the numbers of each provenance.
-
-    Empty where no provenance is stated.
-    """
+    """Return the fraction of the first-order variance from each provenance; empty if no provenance is stated."""
+    # ``Cov(e_k, e)``, summed over the parameters of each provenance
     if not any(origins.values()):
         return {}
     space = at.space

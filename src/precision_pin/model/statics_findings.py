@@ -18,12 +18,12 @@ from precision_pin.terms.term import JointValue
 _TRIED: Final = 1000
 _TRIED_SEED: Final = 0
 _TRIED_RANKS: Final = ((9, 0.005), (0, 0.02))
-"""Test of equilibrium statics on single robots: their number and seed; ranks by distance, with the allowed difference."""
+"""Test of equilibrium statics on single robots: number and seed; ranks by distance, with the allowed difference."""
 _NEGLIGIBLE: Final = 1e-9
 """Difference of errors (m, rad) that never causes a warning."""
 
 _LARGEST_TURN: Final = 0.15
-"""Rotation of a link's end by loads (rad) above which a warning is given: a cantilever's deflection is then wrong by 0.4 %."""
+"""Rotation of a link's end by loads (rad) that causes a warning: a cantilever's deflection is then wrong by 0.4 %."""
 
 
 def statics_findings(
@@ -44,7 +44,7 @@ def _nominal_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ..
     try:
         rest_state = settle(at.posture, at.space, make_terms, within=1e-3 * negligible)
     except InputError as error:
-        # a code of its own: whoever accepts that the arm at rest is elsewhere does not accept that there is none
+        # a code of its own: accepting that the arm rests elsewhere does not accept that it never rests
         return (Finding("warning", "W_NO_REST", f"{error.findings[0].message}; nominal statics hide it"),)
     rest = PoseModel(at.posture, at.space, rest_state.table, rest_state.terms)
     gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
@@ -84,7 +84,7 @@ def _equilibrium_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding
 
 
 def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
-    """Return a warning if loads turn a place too far, every parameter at its mean; it names the place turned most."""
+    """Return a warning that names the place turned most if loads, at the means, turn a place too far."""
     loaded = TermTable.build(at.posture, at.space, [term for term in at.terms if term.loaded])
     moved = loaded.displacements(loaded.products(loaded.program.evaluate(at.space.mean[:, None])))[:, 3:, 0]
     turns = {
@@ -103,24 +103,24 @@ def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
 
 
 TRIED_SIDES: Final = 4096
-"""Robots of which the share on another side is counted."""
+"""Robots for counting the fraction with play on another side."""
 _SEED: Final = 0
 RESETTLED: Final = 1000
 """Robots of which one close to a turnover is solved alone."""
 _FEWEST: Final = 1e-3
-"""Share of robots below which nothing is said."""
+"""Smallest fraction of robots that triggers a warning."""
 MOST_SIDES: Final = 6
-"""Largest number of sides of which every combination is tried."""
+"""Most sides whose every combination is tried."""
 
 
 def fixed_sides(at: PoseModel) -> PoseModel:
-    """Return the model in which every robot's play lies where it lies with every parameter at its mean."""
+    """Return the model with every robot's play on the side it has at the means of all parameters."""
     signs = _signs(at)
     return _with_sides(at, dict(zip(signs, _at_means(at, signs), strict=True))) if signs else at
 
 
 def side_variants(at: PoseModel) -> tuple[PoseModel, ...]:
-    """Return the model with every combination of sides fixed, of up to six sides; with more, that at the means alone."""
+    """Return the model with every combination of up to six sides; with more, that at the means alone."""
     signs = _signs(at)
     if not signs:
         return (at,)
@@ -131,10 +131,8 @@ def side_variants(at: PoseModel) -> tuple[PoseModel, ...]:
 
 
 def turnover_findings(at: PoseModel) -> tuple[Finding, ...]:
-    """Return a warning if results from the model at the means leave out that sides of play turn over with the load.
-
-    Counted over 4,096 robots; nothing is said below one in a thousand.
-    """
+    """Return a warning if the load puts play on its other side in some robots, which the model at the means ignores."""
+    # some: at least one in a thousand of the 4,096 robots tried
     signs = _signs(at)
     if not signs:
         return ()
@@ -160,11 +158,9 @@ def turnover_findings(at: PoseModel) -> tuple[Finding, ...]:
 
 
 def resettled_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ...]:
-    """Return a warning if robots solved one by one take up play on other sides than equilibrium statics says.
-
-    Its loads act on the arm at rest under the mean loads, with the deflections of a single robot to first order. The robot
-    that is tried is as close to a turnover as the closest 1 % of a thousand.
-    """
+    """Return a warning if robots solved one by one take up play on other sides than in equilibrium statics."""
+    # There the loads act on the arm at rest under the mean loads, with a robot's deflections to first order. The robot
+    # tried is as close to a turnover as the closest 1 % of a thousand.
     signs = _signs(at)
     if not signs:
         return ()
@@ -192,7 +188,6 @@ def resettled_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, .
 
 
 def _signs(at: PoseModel) -> list[Expression]:
-    """Return the signs that decide sides, each once."""
     return list(dict.fromkeys(sign for term in at.terms for sign in signs_of(term.factors)))
 
 
@@ -201,7 +196,6 @@ def _at_means(at: PoseModel, signs: list[Expression]) -> list[float]:
 
 
 def _with_sides(at: PoseModel, sides: dict[Expression, float]) -> PoseModel:
-    """Return the model with signs replaced by numbers."""
     terms = tuple(
         replace(term, factors=tuple(fix_signs(factor, sides) for factor in term.factors)) for term in at.terms
     )

@@ -1,7 +1,7 @@
 """First-order models of many poses at once.
 
-They equal :attr:`precision_pin.model.pose_model.PoseModel.tangent` to rounding, at a tenth of its cost: tables of one layout
-differ in twists and frames only, so that what depends on the parameters is computed once.
+They equal :attr:`precision_pin.model.pose_model.PoseModel.tangent` to rounding, at a tenth of its cost: tables of one
+layout differ in twists and frames only, so that what depends on the parameters is computed once.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class Tangents(Fixed):
 
     Attributes:
         error: Error of the exact model with every component at its mean, ``(6, P)``.
-        jacobian: Its derivative with respect to the components, ``(6, d, P)``.
-        arms: How far a unit of each term's product turns what lies beyond its place, and the bound of how far it moves
-            the tip, its shift plus its turn times the distance, ``(2, T, P)``.
+        jacobian: Its derivative by the components, ``(6, d, P)``.
+        arms: Per unit of each term's product, the turn of what lies beyond its place, and a bound of the tip's shift:
+            the place's shift plus turn times distance, ``(2, T, P)``.
         table: The table of one of the poses; targets, factors and formulas are the same at all.
     """
 
@@ -60,7 +60,6 @@ def _is_alike(one: TermTable, other: TermTable) -> bool:
 
 
 def _tangents(space: Space, tables: Sequence[TermTable]) -> Tangents:
-    """Return the first-order models of tables of one layout."""
     try:
         with np.errstate(over="raise", invalid="raise"):
             return _multiply_out(space.mean, tables)
@@ -111,7 +110,7 @@ def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
 
 
 def _cross(left: Array, right: Array) -> Array:
-    """Return the cross products of vectors ``(3, ...)``; ``np.cross`` takes several times as long."""
+    """Return the cross products of vectors ``(3, ...)``; ``np.cross`` is several times slower."""
     result = np.empty(np.broadcast_shapes(left.shape, right.shape))
     for k in range(3):
         one, other = (k + 1) % 3, (k + 2) % 3

@@ -19,15 +19,15 @@ from precision_pin.robot.approach import ApproachedPose
 from precision_pin.statistics import NO_SPREAD, Grounds
 
 _MOST_POSES: Final = 50
-"""Poses at which the share of what is taken as exact is computed; of more poses, so many in equal steps."""
+"""Most poses, evenly spaced, for the fraction of variance taken as exact."""
 _SPEED_SLACK: Final = 1e-6
-"""Share by which a speed may pass its limit: times and joint values of a file are rounded."""
+"""Fraction by which a speed may exceed its limit: times and joint values of a file are rounded."""
 
 
 def grounds_at(
     model: ErrorModel, values: Array, labels: Sequence[str] = (), times: NDArray[np.float64] | None = None
 ) -> Grounds:
-    """Return the grounds of a verdict over poses: not judged where one is outside the joints' limits, or passed too fast.
+    """Return the grounds of a verdict over poses: not judged if one is outside the joints' limits, or passed too fast.
 
     Args:
         model: The model; with ``beyond_limits`` poses are judged wherever they are.
@@ -43,7 +43,7 @@ def grounds_at(
 
 
 def grounds_at_each(model: ErrorModel, values: Array, labels: Sequence[str]) -> list[Grounds]:
-    """Return the grounds of a verdict at each of many poses ``(n, P)``, by itself."""
+    """Return the grounds of a verdict at each of many poses ``(n, P)``."""
     inside = grounds_at(model, values[:, :0])
     outside = np.asarray(model.chain.configurations.outside(values).any(axis=0)) & np.full(1, not model.beyond_limits)
     return [
@@ -53,7 +53,7 @@ def grounds_at_each(model: ErrorModel, values: Array, labels: Sequence[str]) -> 
 
 
 def _outside(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> str:
-    """Return which joint is outside its limits first, at poses ``(n, P)``; empty if none is."""
+    """Return which joint is outside its limits first, at poses ``(n, P)``, or empty."""
     chain = model.chain
     outside = chain.configurations.outside(values)
     poses = np.flatnonzero(outside.any(axis=0))
@@ -72,17 +72,15 @@ def _outside(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> st
 
 
 def _too_fast(model: ErrorModel, values: Array, times: NDArray[np.float64] | None) -> str:
-    """Return which joint is faster than its ``velocity`` first, between poses ``(n, P)`` at these times; empty if none is.
-
-    A velocity of zero limits nothing. Without times nothing can be said.
-    """
+    """Return which joint exceeds its ``velocity`` first, between poses ``(n, P)`` at these times, or empty."""
+    # a velocity of zero limits nothing
     if times is None or len(times) < 2:
         return ""
     joints = model.chain.joints
     most = np.array(
         [np.inf if one.limit is None or not one.limit.velocity > 0 else one.limit.velocity for one in joints]
     )
-    # a division by a tiny step may overflow, which is too fast as well
+    # dividing by a tiny step may overflow, which counts as too fast
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         speeds = np.abs(np.diff(values, axis=1)) / np.diff(times)
     fast = speeds > most[:, None] * (1 + _SPEED_SLACK)
@@ -100,18 +98,13 @@ def _too_fast(model: ErrorModel, values: Array, times: NDArray[np.float64] | Non
 
 
 def speed_findings(model: ErrorModel, values: Array, times: NDArray[np.float64] | None) -> tuple[Finding, ...]:
-    """Return the warning of that a joint is faster than its limit between poses ``(n, P)`` at these times."""
+    """Return the warning that a joint exceeds its speed limit between poses ``(n, P)`` at these times."""
     message = _too_fast(model, values, times)
     return (Finding("warning", "W_JOINT_SPEED", message, model.chain.robot.file),) if message else ()
 
 
 def exact_findings(model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None = None) -> tuple[Finding, ...]:
-    """Return a warning of the share in the first-order variance that went with laws which a change made single values.
-
-    Args:
-        model: A model of a sheet with changes.
-        values, approaches: Poses ``(n, P)``, and how their joints moved last.
-    """
+    """Return a warning of the first-order variance lost at poses ``(n, P)`` because changes fixed laws to values."""
     lost = _lost(model)
     if lost is None:
         return ()
@@ -141,7 +134,7 @@ def exact_findings_at(model: ErrorModel, at: PoseModel) -> tuple[Finding, ...]:
 
 @lru_cache(maxsize=1)
 def _lost(model: ErrorModel) -> _Lost | None:
-    """Return what changes of the model's sheet have removed; a verdict's grounds and its warning ask one after the other."""
+    """Return what changes of the model's sheet have removed; cached, as grounds and warning both ask."""
     return _Lost.of(model)
 
 
@@ -153,7 +146,7 @@ def _unit(slides: bool) -> tuple[float, str]:
 @final
 @dataclass(frozen=True, eq=False)
 class _Lost:
-    """Random numbers of the unchanged sheet whose tolerance a change has removed, from all of their sources or some.
+    """Random numbers of the unchanged sheet whose tolerance a change removed, from some or all of their sources.
 
     Attributes:
         before: The model of the unchanged sheet.
@@ -167,12 +160,12 @@ class _Lost:
 
     @classmethod
     def of(cls, model: ErrorModel) -> _Lost | None:
-        """Return what changes of the model's sheet have removed; None where they have removed nothing."""
+        """Return what changes of the model's sheet have removed; None if nothing."""
         if model.sheet is None or model.sheet.contents is None or model.sheet.unchanged is None:
             return None
         unchanged = model.sheet.unchanged
         if ("calibrated",) in model.sheet.contents.text.changes:
-            # another calibration, or none, takes nothing as exact: what counts is the laws below it
+            # another calibration, or none, takes nothing as exact: the underlying laws count
             unchanged = replace(unchanged, estimates=None)
             model = ErrorModel.from_sheet(replace(model.sheet, estimates=None))
         before = ErrorModel.from_sheet(unchanged)
@@ -194,7 +187,7 @@ class _Lost:
         return cls(before, positions, tuple(dict.fromkeys(names)))
 
     def shares(self, model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None) -> Array:
-        """Return ``Cov(e_k, e)`` of the part of the error that went, over the variance of position and attitude, ``(2, P)``."""
+        """Return ``Cov(e_k, e)`` of the removed part, over the variance of position and attitude, ``(2, P)``."""
         columns = np.concatenate([np.arange(self.before.space.size)[self.before.space.slices[k]] for k in self.draws])
         here = {name: k for k, name in enumerate(model.space.components)}
         kept = [
@@ -216,7 +209,7 @@ class _Lost:
 
 
 def _uses(model: ErrorModel) -> set[tuple[str, str]]:
-    """Return each draw that varies with the label of each source that uses it."""
+    """Return each varying draw with the label of each source that uses it."""
     variances = model.space.block_covariance.variances
     return {
         (draw.name, label)
@@ -229,20 +222,17 @@ def _uses(model: ErrorModel) -> set[tuple[str, str]]:
 TRIED: Final = 64
 """Robots sampled to find whether errors vary."""
 MOST_POSES: Final = 200
-"""Poses of a sheet that are tried; of further poses only the joint limits are checked, which is fast."""
+"""Most poses of a sheet that are tried; for others only joint limits are checked, which is fast."""
 MOST_NUMBERS: Final = 500
-"""Random numbers up to which the first-order model is checked too, which needs every derivative."""
+"""Most random numbers with which the first-order model, which needs every derivative, is checked."""
 _LARGEST_SQUARE: Final = 1e75
 _SEED: Final = 0
 
 
 def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple[Finding, ...]:
-    """Return the findings that an analysis at a pose would have about the pose itself, errors included.
-
-    Warnings about the range of validity of the statics are left to the analysis, since they concern an assumption of the
-    model and no mistake in the sheet. With more than 500 random numbers some robots are sampled in place of the
-    first-order check.
-    """
+    """Return the findings, errors included, that an analysis at a pose would have about the pose itself."""
+    # Warnings about the statics' range of validity are left to the analysis: they concern an assumption of the model,
+    # not the sheet. With more than 500 random numbers, some robots are sampled instead of the first-order check.
     try:
         with np.errstate(over="raise"):
             at = model.at(pose)
@@ -265,10 +255,8 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
 def strained_findings(
     model: ErrorModel, pose: Array | ApproachedPose, label: str, *, first_order: bool = False
 ) -> tuple[Finding, ...]:
-    """Return the warnings at one pose of many about statics, and if asked for those of first-order results, with its name.
-
-    An analysis of many poses looks at the one with the largest error alone, since each look solves the deflected arm.
-    """
+    """Return the named warnings at one pose of many about statics and, if requested, about first-order results."""
+    # an analysis of many poses checks only the one with the largest error, since each check solves the deflected arm
     # not model.at, which would warn of joint limits once more
     q, approach = model.configuration(pose)[:, None], model.approach(pose)
     at = next(model.at_columns(q, np.array(approach, dtype=np.int8)[:, None] if approach else None))
@@ -287,5 +275,5 @@ def _varies(at: PoseModel) -> bool:
     if at.space.size <= MOST_NUMBERS and float(np.diag(at.covariance).max()) > NO_SPREAD**2:
         return True
     errors = at.exact(at.space.sample(_SEED, 0, TRIED))
-    # with very many numbers the sample may contain no rare value
+    # with very many numbers the sample may miss rare values
     return bool(np.ptp(errors, axis=1).max() > NO_SPREAD) or at.space.size > MOST_NUMBERS

@@ -1,1 +1,1 @@
-"""What every output is made with: tables, notebook views, HTML, figures, scenes."""
+"""Building blocks of all outputs: tables, notebook views, HTML, figures, scenes."""

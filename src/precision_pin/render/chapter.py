@@ -1,4 +1,4 @@
-"""What a report has beside its poses."""
+"""Parts of a report besides its poses."""
 
 from __future__ import annotations
 
@@ -10,30 +10,29 @@ from precision_pin.render.scene import Scene
 
 
 class Layer(Protocol):
-    """Something more in the scene, which a box of the legend switches on and off."""
+    """Extra shapes in the scene, switched on and off by a box of the legend."""
 
     @property
     def name(self) -> str:
-        """Name of its node in the scene, and of its box, ``show-name``."""
+        """Name of the scene node, and of the box, ``show-name``."""
 
     def draw(self, scene: Scene, length: float) -> None:
-        """Add its shapes below the node of its name; ``length`` is that of the arm, m."""
+        """Add the shapes below the layer's node; ``length`` is that of the arm, m."""
 
     def legend(self) -> str:
-        """Return its section of the legend, HTML, with its box."""
+        """Return the HTML of the layer's section of the legend, with its box."""
 
     def settings(self, length: float) -> dict[str, Any]:
-        """Return the numbers that the scripts of the page need, for JSON."""
+        """Return the numbers for the page's scripts, for JSON."""
 
 
 @final
 @dataclass(frozen=True)
 class Chapter:
-    """A section of its own, with its answers at the head of the page.
+    """A section of its own.
 
     Attributes:
-        name, title: Identifier of the section, and title in the list of contents.
-        section: The section.
+        name, title: Identifier, and title in the table of contents.
         answers: Lines for the head of the page.
         layer: What the 3-D view shows of it.
     """

@@ -17,7 +17,7 @@ _STOPS: Final = 17
 
 
 def round_number(value: float) -> float:
-    """Return the number 1, 2 or 5 times a power of ten that is nearest to a positive value in proportion."""
+    """Return the 1, 2 or 5 times a power of ten that is nearest, by ratio, to a positive value."""
     power = math.floor(math.log10(value))
     candidates = [float(f"{digit}e{exponent}") for exponent in (power, power + 1) for digit in (1, 2, 5)]
     return min(candidates, key=lambda candidate: abs(math.log(candidate / value)))
@@ -26,44 +26,40 @@ def round_number(value: float) -> float:
 @final
 @dataclass(frozen=True)
 class ColourScale:
-    """Sizes of position errors as colours of matplotlib's viridis, light for small, dark for large.
+    """Position error sizes (m) as colours of matplotlib's viridis, light for small, dark for large."""
 
-    Viridis is perceptually uniform and safe for colour-blind readers; its lightest tenth, faint on a light ground, is
-    left out.
-
-    Attributes:
-        smallest, largest: Ends of the scale, m.
-    """
+    # viridis is perceptually uniform and safe for colour-blind readers; its lightest tenth, faint on a light ground, is
+    # left out
 
     smallest: float
     largest: float
 
     @classmethod
     def of(cls, sizes: ArrayLike) -> ColourScale:
-        """Return the scale from the smallest to the largest of ``(N,)`` sizes, m."""
+        """Return the scale that spans ``(N,)`` sizes, m."""
         values = np.asarray(sizes, dtype=float)
         smallest, largest = float(values.min()), float(values.max())
-        # what differs by rounding only has one size
+        # differences within rounding count as one size
         return cls(smallest if largest - smallest > 1e-9 * largest else largest, largest)
 
     @property
     def stops(self) -> tuple[str, ...]:
-        """The colours as CSS writes them, at equal distances from the smallest to the largest size."""
+        """CSS colours, evenly spaced from the smallest to the largest size."""
         return _hexadecimal(0.9 * np.linspace(1, 0, _STOPS))
 
     @property
     def dark_stops(self) -> tuple[str, ...]:
-        """The colours on a dark ground: dark for small, light for large; the darkest third is left out."""
+        """CSS colours for a dark ground: dark for small, light for large, without the darkest third."""
         return _hexadecimal(1.0 - 0.7 * np.linspace(1, 0, _STOPS))
 
     @property
     def unit(self) -> WrittenUnit:
-        """The unit of the labels; no smaller than µm, which errors of zero have too."""
+        """The unit of the labels, at least µm."""
         return WrittenUnit.of_axis("position", max(self.largest, _SMALLEST_UNIT))
 
     @property
     def ticks(self) -> tuple[str, ...]:
-        """Labels, without the unit, for equal distances from the smallest to the largest size; one if these are equal."""
+        """Labels without unit, evenly spaced from the smallest to the largest size; one if these are equal."""
         return self._ticks(self.unit.per_si)
 
     def _ticks(self, per_metre: float) -> tuple[str, ...]:
@@ -73,7 +69,7 @@ class ColourScale:
         return tuple(f"{value:.{decimals}f}" for value in values)
 
     def bar(self, per_metre: float | None = None) -> str:
-        """Return the bar of the colours and its labels, HTML; labels in :attr:`unit`, or in one of so many per metre."""
+        """Return the colour bar with labels as HTML; in :attr:`unit`, or in a unit of ``per_metre`` per metre."""
         labels = self.ticks if per_metre is None else self._ticks(per_metre)
         ticks = "".join(f"<span>{escaped(tick)}</span>" for tick in labels)
         colours = ", ".join(self.stops)
@@ -81,7 +77,7 @@ class ColourScale:
 
 
 def _hexadecimal(places: ArrayLike) -> tuple[str, ...]:
-    """Return the colours of viridis at places from 0, dark, to 1, light."""
+    """Return viridis colours at places from 0, dark, to 1, light."""
     # imported late: matplotlib costs a third of a second
     from matplotlib import colormaps
 

@@ -1,4 +1,4 @@
-"""Units in which numbers of a quantity read well."""
+"""Units in which values read well."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from precision_pin.base import units
 from precision_pin.base.units import Quantity
 
 _UNKNOWN: Final = "SI"
-# units from large to small, each with how many of it make one of SI, and the least number that is written in it
+# units from large to small: name, how many make one SI unit, smallest number written in it
 _LADDERS: Final = {
     units.LENGTH: (("mm", 1e3, 1e-2), ("µm", 1e6, 1e-2), ("nm", 1e9, 0.0)),
     units.ANGLE: (("mrad", 1e3, 0.1), ("µrad", 1e6, 1e-2), ("nrad", 1e9, 0.0)),
@@ -21,7 +21,7 @@ _LADDERS: Final = {
     units.PRESSURE: (("GPa", 1e-9, 0.1), ("MPa", 1e-6, 0.0)),
 }
 
-# of figures and scales: from the largest down, each a thousandth
+# for figures and scales: from large to small in thousandths
 _OF_AXES: Final = {
     "position": ("m", "mm", "µm", "nm", "pm"),
     "attitude": ("rad", "mrad", "µrad", "nrad", "prad"),
@@ -33,19 +33,14 @@ _SMALLEST_ON_AXIS: Final = 0.1
 @final
 @dataclass(frozen=True)
 class WrittenUnit:
-    """The unit in which numbers of a quantity are written.
-
-    Attributes:
-        name: As written.
-        per_si: How many of it make one of SI.
-    """
+    """A unit for display, of which ``per_si`` make one SI unit."""
 
     name: str
     per_si: float
 
     @classmethod
     def suiting(cls, quantity: Quantity | None, sizes: Iterable[float]) -> WrittenUnit:
-        """Return the unit it was written in, or else that in which the largest of these sizes (SI) reads well."""
+        """Return the unit the quantity was written in, or else one in which the largest size (SI) reads well."""
         if quantity is None:
             return cls(_UNKNOWN, 1.0)
         if quantity.written not in ("", quantity.si):  # 1e-6 rad/(N*m) reads better as 1 µrad/(N·m)
@@ -59,12 +54,7 @@ class WrittenUnit:
 
     @classmethod
     def of_axis(cls, quantity: str, size: float) -> WrittenUnit:
-        """Return the unit of an axis on which errors reach a size (SI): mm or mrad for 0.1 to 10,000 of them, else a neighbour.
-
-        Args:
-            quantity: Of the errors, as ``position.norm``.
-            size: The largest.
-        """
+        """Return the unit of an axis of a quantity up to a size (SI): mm or mrad for 0.1 to 10,000, else another."""
         ladder = [cls(name, 1000.0**k) for k, name in enumerate(_OF_AXES[quantity.partition(".")[0]])]
         if size == 0:
             return ladder[1]
@@ -81,5 +71,5 @@ class WrittenUnit:
         return f"{value * self.per_si:.4g} {self.name}".rstrip()
 
     def number(self, value: float) -> str:
-        """Return a number without it."""
+        """Return a number without the unit."""
         return f"{value * self.per_si:.6g}"

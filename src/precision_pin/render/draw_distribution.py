@@ -1,4 +1,4 @@
-"""Drawing one distribution on given axes: bars or curve, marks, units, and only the digits that are resolved."""
+"""Drawing one distribution on given axes: bars or curve, marks, units, and only resolved digits."""
 
 from __future__ import annotations
 
@@ -24,26 +24,23 @@ BLACK: Final = "#000000"
 
 _QUANTILE_LINES: Final = ((BLUE, (0, (4, 1.5))), (PURPLE, (0, (1.2, 1.2))))
 LIMIT_COLOURS: Final[dict[Verdict, str]] = {"met": GREEN, "not met": VERMILION}
-"""Of a limit by its verdict; any other is black."""
+"""By verdict; other verdicts are black."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
 _MARKED_OF_NORM: Final = (0.95, 0.9973)
 _MARKED_OF_COMPONENT: Final = (0.05, 0.95)
 # below this ratio of span to size, values are drawn as differences from a round number
 _SMALLEST_RATIO: Final = 2e-3
-# a limit farther from the data than this share of their span is named, not drawn
+# a limit farther from the data than this multiple of their span is named, not drawn
 _FARTHEST_LIMIT: Final = 1.0
 _MOST_TICKS: Final = 4
-# a component that spans less than this share of the widest one has a scale of its own
+# a component that spans less than this fraction of the widest one gets its own scale
 _NARROWEST: Final = 0.05
 # below this span in its unit, an axis takes a smaller unit: its labels would need four decimals
 _SMALLEST_SPAN: Final = 0.02
 
 
 def display_unit(*distributions: Distribution) -> WrittenUnit:
-    """Return the unit in which the largest of these values, all lengths or all angles, reads well.
-
-    Millimetres or milliradians from 0.1 to 10,000; a thousandth, a millionth … of them for smaller values.
-    """
+    """Return the unit (mm or mrad from 0.1 to 10,000, else a neighbour) that suits the largest of these values."""
     return WrittenUnit.of_axis(distributions[0].quantity, max(max(abs(one.min), abs(one.max)) for one in distributions))
 
 
@@ -61,10 +58,8 @@ class _Ruler:
 
 
 def _ruler(distribution: Distribution, unit: WrittenUnit) -> _Ruler:
-    """Return the axis in this unit, or in one that suits the span where that is far smaller.
-
-    Where the values hardly differ for their size, it is an axis of differences from a round number.
-    """
+    """Return the axis in this unit, or in a smaller one where the span is far smaller."""
+    # values that hardly differ for their size get an axis of differences from a round number
     shown = symbol(distribution.quantity)
     span = distribution.max - distribution.min
     size = max(abs(distribution.min), abs(distribution.max))
@@ -83,7 +78,7 @@ def _ruler(distribution: Distribution, unit: WrittenUnit) -> _Ruler:
 def draw_histogram(
     axes: Axes, distribution: Distribution, unit: WrittenUnit, specifications: Sequence[SpecificationResult]
 ) -> None:
-    """Draw the probability density; lines are labelled for a legend."""
+    """Draw the probability density, with labels for a legend."""
     bars = distribution.histogram()
     ruler = _ruler(distribution, unit)
     if bars is not None:
@@ -105,7 +100,6 @@ def draw_histogram(
 
 
 def _draw_tails(axes: Axes, bars: Histogram, distribution: Distribution, ruler: _Ruler, limit: float) -> None:
-    """Colour the part beyond a limit, on both sides for a component."""
     sides = [(limit, math.inf)] if distribution.is_norm else [(-math.inf, -limit), (limit, math.inf)]
     for low, high in sides:
         edges = np.clip(bars.edges, low, high)
@@ -120,7 +114,7 @@ def _draw_tails(axes: Axes, bars: Histogram, distribution: Distribution, ruler: 
 def draw_cumulative(
     axes: Axes, distribution: Distribution, unit: WrittenUnit, specifications: Sequence[SpecificationResult]
 ) -> None:
-    """Draw the cumulative distribution; lines are labelled for a legend."""
+    """Draw the cumulative distribution, with labels for a legend."""
     ruler = _ruler(distribution, unit)
     low, high = _range(distribution, ruler)
     reach = (1 + _FARTHEST_LIMIT) * (high - low)  # level to the axis's ends, wherever a limit puts them
@@ -137,7 +131,7 @@ def draw_cumulative(
 
 
 def share_scale(axes: Sequence[Axes], distributions: Sequence[Distribution], unit: WrittenUnit) -> list[bool]:
-    """Give axes one horizontal scale, but for those in another unit or of far narrower values; return which share it."""
+    """Give axes a common horizontal scale, except those in another unit or far narrower; return which share it."""
     rulers = [_ruler(one, unit) for one in distributions]
     spans = [one.max - one.min for one in distributions]
     alike = [
@@ -157,7 +151,6 @@ def _mark(
     ruler: _Ruler,
     specifications: Sequence[SpecificationResult],
 ) -> None:
-    """Draw mean, quantiles with their intervals and limits as vertical lines, and set the axis."""
     mean = _text(distribution.mean, distribution.mean_interval(), ruler.text_unit)
     axes.axvline(ruler(distribution.mean), color=BLACK, linestyle="-", label=f"mean: {mean}")
     marked = _MARKED_OF_NORM if distribution.is_norm else _MARKED_OF_COMPONENT
@@ -181,7 +174,7 @@ def _mark(
 
 
 def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: SpecificationResult) -> list[float]:
-    """Draw a limit that is near the data, add it to the legend in any case, and return the range for the axis."""
+    """Draw a limit if it is near the data, add it to the legend in any case, and return the range of the axis."""
     readable = 1e-3 <= result.limit * ruler.text_unit.per_si < 1e5
     unit = ruler.text_unit if readable else WrittenUnit.of_axis(result.quantity, result.limit)
     label = f"limit {result.limit * unit.per_si:.6g} {unit.name}"
@@ -203,7 +196,7 @@ def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: S
 
 
 def _range(distribution: Distribution, ruler: _Ruler) -> tuple[float, float]:
-    """Return the values between which a distribution is drawn; a norm's never reach below zero."""
+    """Return the range to draw; a norm's never reaches below zero."""
     span = distribution.max - distribution.min
     margin = 0.05 * span if span > 0 else 0.5 * abs(distribution.max) or 1 / ruler.unit.per_si
     low = distribution.min - margin
@@ -211,7 +204,7 @@ def _range(distribution: Distribution, ruler: _Ruler) -> tuple[float, float]:
 
 
 def ticks() -> MaxNLocator:
-    """Return where an axis of a small panel has its marks."""
+    """Return the tick locator of a small panel."""
     return MaxNLocator(nbins=_MOST_TICKS, steps=[1, 2, 5, 10], min_n_ticks=2)
 
 
@@ -222,7 +215,7 @@ def _text(value: float | None, interval: tuple[float, float] | None, unit: Writt
 
 
 def moments_text(distribution: Distribution, unit: WrittenUnit) -> str:
-    """Return mean and standard deviation in two lines, as far as they are resolved, for a panel's title."""
+    """Return mean and standard deviation, as far as resolved, in two lines for a panel's title."""
     unit = _ruler(distribution, unit).text_unit
     mean = _text(distribution.mean, distribution.mean_interval(), unit)
     std = distribution.std

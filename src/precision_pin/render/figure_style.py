@@ -1,4 +1,4 @@
-"""Size, style, caption and legend of all figures. Made without pyplot, so no global state is touched."""
+"""Size, style, caption and legend of all figures, without pyplot and its global state."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ SINGLE_COLUMN: Final = 85.0
 """Width of a figure of one quantity, mm."""
 
 DOUBLE_COLUMN: Final = 174.0
-"""Width of a figure of several, mm."""
+"""Width of a figure of several quantities, mm."""
 
 LINE_HEIGHT: Final = 3.6
-"""Of a line of text, mm."""
+"""Height of a text line, mm."""
 
 _MILLIMETRES_PER_INCH: Final = 25.4
 _CHARACTERS_PER_MILLIMETRE: Final = 0.62
@@ -59,16 +59,14 @@ _STYLE: Final[Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw in the package's style within this context."""
+    """Draw in the package's style inside the context."""
     with mpl.rc_context(_STYLE):
         yield
 
 
 class _ShownFigure(Figure):
-    """A figure that a notebook shows without pyplot."""
-
     def draw(self, renderer: Any) -> None:
-        """Draw the figure; where Matplotlib makes drawing do nothing, so that it is laid out, only lay it out."""
+        """Draw the figure, or only lay it out when Matplotlib disables drawing for that purpose."""
         engine = self.get_layout_engine()
         if engine is None or not self.axes or not isinstance(renderer.draw_path, FunctionType):
             super().draw(renderer)
@@ -92,7 +90,7 @@ def new_figure(width: float) -> Figure:
 
 
 def figure_of(axes: Axes) -> Figure:
-    """Return the figure that some axes belong to."""
+    """Return the figure of some axes."""
     found = axes.get_figure(root=True)
     assert found is not None
     return found
@@ -124,14 +122,14 @@ class _Pose(Protocol):
 
 
 def caption(what: str, provenance: _Arm, pose: _Pose) -> list[str]:
-    """Return the caption lines of a figure of 174 mm: content, arm and pose."""
+    """Return the caption lines of a 174 mm figure: content, arm and pose."""
     named = f" at pose {visible(pose.name)}" if pose.name else ""
     arm = f"{visible(provenance.robot)}, {visible(provenance.base)} to {visible(provenance.tip)}"
     return textwrap.wrap(f"{what} of {arm}{named}", _CAPTION_CHARACTERS)
 
 
 def labelled(panels: Iterable[Axes]) -> dict[str, Any]:
-    """Return the labelled artists of some axes by label, each label once."""
+    """Return the artists of some axes by label, each label once."""
     found: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -140,7 +138,7 @@ def labelled(panels: Iterable[Axes]) -> dict[str, Any]:
 
 
 def legend_below(figure: Figure, entries: Mapping[str, Any], columns: int, lines: Sequence[str] = ()) -> None:
-    """Add a legend below all axes, where it covers nothing, under the lines of a caption."""
+    """Add a legend below all axes and below the caption lines."""
     figure.legend(
         list(entries.values()),
         list(entries),
@@ -153,7 +151,7 @@ def legend_below(figure: Figure, entries: Mapping[str, Any], columns: int, lines
 
 
 def frame(figure: Figure, panels: Iterable[Axes], title: str, caption: str, height: float, columns: int = 4) -> None:
-    """Add a title above, a caption and a legend below, and set the height: so many mm beside the lines of text."""
+    """Add a title above, caption and legend below, and set the height: so many mm plus the text."""
     entries, lines = labelled(panels), wrapped(caption, figure)
     figure.suptitle("\n".join(wrapped(title, figure)))
     legend_below(figure, entries, columns, lines)
@@ -167,6 +165,6 @@ def end_figure(figure: Figure, panels: Iterable[Axes], lines: Sequence[str], hei
 
 
 def shortened(name: str, most: int) -> str:
-    """Return a name without its middle if it is longer than ``most`` characters."""
+    """Return a name, without its middle if longer than ``most`` characters."""
     half = (most - 1) // 2
     return name if len(name) <= most else f"{name[:half]}…{name[-half:]}"

@@ -1,4 +1,4 @@
-"""HTML as values: text that goes into an element is always escaped, so that no name of a URDF or sheet is markup."""
+"""HTML as values: text put into an element is always escaped, so no name of a URDF or sheet acts as markup."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from typing import Final, final
 from precision_pin.base.errors import shortened
 
 MOST_ROWS: Final = 20
-"""Rows shown of a table; a line below says how many more there are."""
+"""Rows shown of a table; a line below counts the others."""
 
 _COLUMNS: Final = 100
-"""Of a sentence in text whose lines are kept."""
+"""Width at which preformatted sentences wrap."""
 _LEFT: Final = ' style="text-align: left"'
 _RIGHT: Final = ' style="text-align: right; white-space: nowrap"'
 
 
 def escaped(text: str) -> str:
-    """Return text escaped for HTML elements and quoted attributes; characters that cannot be shown or encoded are replaced."""
+    """Return text escaped for HTML elements and quoted attributes; unprintable characters are replaced."""
     visible = (one if one.isprintable() else " " if one.isspace() else "\N{REPLACEMENT CHARACTER}" for one in text)
     return html.escape("".join(visible), quote=True)
 
 
 def preformatted(text: str) -> str:
-    """Return lines of text as HTML that keeps them; long sentences go on below, rows of tables do not."""
+    """Return text as HTML that keeps its lines; long sentences wrap, rows of tables do not."""
     lines = (
         part
         for line in text.splitlines()
@@ -38,13 +38,10 @@ def preformatted(text: str) -> str:
 @final
 @dataclass(frozen=True)
 class Table:
-    """A table of plain text, which becomes HTML in :func:`rendered` only.
+    """A table of plain text, rendered by :func:`rendered`.
 
     Attributes:
-        columns: Column headings.
-        rows: One text for each column.
-        heading: A line above the table, none if empty.
-        words: How many columns, from the left, hold words; they are aligned left, the numbers after them right.
+        words: Number of left-aligned text columns from the left; numbers after them align right.
     """
 
     columns: Sequence[str]
@@ -54,12 +51,9 @@ class Table:
 
 
 def rendered(title: str, tables: Sequence[Table], notes: Sequence[str] = ()) -> str:
-    """Return HTML for a notebook: a title, tables cut after 20 rows, and a line for each note.
+    """Return HTML for a notebook: a title, tables cut after 20 rows, a line for each note.
 
-    There are no colours in it, so that it is read on light and dark pages alike, and no script.
-
-    Args:
-        title, tables, notes: Plain text; every name in them is escaped here.
+    Takes plain text and escapes it. Has no scripts and no colours, so that it suits light and dark pages.
     """
     parts = [f"<p><strong>{escaped(title)}</strong></p>"]
     for table in tables:
@@ -91,24 +85,17 @@ _SENTENCE: Final = 28
 @final
 @dataclass(frozen=True)
 class Html:
-    """Markup. Whoever makes one directly vouches for its text; :func:`element` is the way to make one of plain text."""
+    """Markup. Make it with :func:`element` from plain text; whoever makes one directly vouches for its text."""
 
     text: str
 
 
 Child = Html | str
-"""Contents of an element: markup as it is, or text, which is escaped."""
+"""Contents of an element: markup, or text to escape."""
 
 
 def element(name: str, *children: Child, **attributes: str) -> Html:
-    """Return an element.
-
-    Args:
-        name: Of the element.
-        children: In order; text is escaped.
-        attributes: Values are escaped; ``class_`` is ``class``, ``aria_label`` is ``aria-label``. An empty ``class_``
-            is left out.
-    """
+    """Return an element, text and attributes escaped; ``class_`` is ``class``, left out if empty."""
     written = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escaped(value)}"'
         for key, value in attributes.items()
@@ -120,7 +107,7 @@ def element(name: str, *children: Child, **attributes: str) -> Html:
 
 
 def joined(children: Iterable[Child]) -> Html:
-    """Return children one after the other."""
+    """Return the concatenation of children."""
     return Html("".join(child.text if isinstance(child, Html) else escaped(child) for child in children))
 
 
@@ -130,7 +117,7 @@ def paragraph(*children: Child, class_: str = "") -> Html:
 
 
 def items(entries: Iterable[Child], class_: str = "") -> Html:
-    """Return a list with bullets."""
+    """Return a bulleted list."""
     return element("ul", *(element("li", entry) for entry in entries), class_=class_)
 
 
@@ -140,10 +127,8 @@ def definitions(entries: Iterable[tuple[str, Child]]) -> Html:
 
 
 def section(name: str, heading: str, *children: Child, folded: bool = True) -> Html:
-    """Return a section of the page that ``#name`` leads to, folded until it is opened.
-
-    The section is inside its fold: a browser opens the folds around the element that a link leads to.
-    """
+    """Return a section of the page with the anchor ``#name``, folded until it is opened."""
+    # the section is inside its fold, because browsers open the folds around a link's target
     title = element("h2", heading, id=f"{name}-heading")
     inside = children if folded else (title, *children)
     body = element("section", *inside, id=name, aria_labelledby=f"{name}-heading")
@@ -163,13 +148,11 @@ def table(
     words: Iterable[int] = (),
     last: bool = False,
 ) -> Html:
-    """Return a table that scrolls by itself where it is too wide; on a phone each row is a list with the columns' names.
+    """Return a table that scrolls sideways if too wide; on a phone, each row is a list with the column names.
 
     Args:
-        caption: Above it.
-        header: Of the columns.
         rows: The first cell of each is its heading.
-        words: Columns of words besides the first, aligned left.
+        words: Text columns besides the first, aligned left.
         last: Whether the last row is a sum.
     """
     left = {0, *words}
@@ -196,10 +179,10 @@ def table(
 
 
 def _unbroken(heading: Child) -> Child:
-    """Return a row's heading; a very long name is broken anywhere, any other stays in one line."""
+    """Return a row's heading; only very long ones may break anywhere."""
     return element("span", heading, class_="long") if isinstance(heading, str) and len(heading) > _LONGEST else heading
 
 
 def _kind(cell: Child) -> str:
-    """Return the class of a cell of words: a sentence needs some room."""
+    """Return the CSS class of a text cell: sentences need some width."""
     return "sentence" if isinstance(cell, str) and len(cell) > _SENTENCE else ""

@@ -1,4 +1,4 @@
-"""Results as JSON: as text, in a file, and read again."""
+"""Results as JSON: to text, to a file, and back."""
 
 from __future__ import annotations
 
@@ -21,15 +21,11 @@ if TYPE_CHECKING:
     import xarray
 
 LARGEST_FILE: Final = 2**30
-"""Bytes; the result of 10,000 poses has some 10^8."""
+"""Bytes; a result of 10,000 poses has about 10^8."""
 
 
 class JsonResult:
-    """A result read back from its JSON.
-
-    Attributes:
-        schema: Name of the JSON's schema; for a class that covers several, their common prefix.
-    """
+    """A result with a JSON form; ``schema`` is its name, or the common prefix of several."""
 
     schema: ClassVar[str] = "precision-pin/"
 
@@ -49,8 +45,8 @@ class JsonResult:
     def load(cls, path: str | os.PathLike[str]) -> SavedResult:
         """Read a file written by :meth:`save` or by ``--json`` of a command.
 
-        The numbers of a file are those of the JSON, not the samples and laws behind them: so what is returned has the same
-        ``to_dict`` and ``to_json``, and is not an instance of this class.
+        The file lacks the samples and laws, so the object returned is not an instance of this class, but has the same
+        ``to_dict`` and ``to_json``.
         """
         name = check_path("the path of the result", path)
         try:
@@ -72,11 +68,7 @@ class JsonResult:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class SavedResult(JsonResult):
-    """A result read from its JSON: ``saved["poses"]`` and so on, SI units.
-
-    Attributes:
-        data: What the file holds.
-    """
+    """A result read from its JSON: ``saved["poses"]`` and so on, SI units."""
 
     data: Mapping[str, Any]
 
@@ -93,7 +85,7 @@ class SavedResult(JsonResult):
         return tuple(self.data.get("warnings", ()))
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return every number of every pose as a row, by the keys that lead to it, with the other keys as ``attrs``."""
+        """Return a row of all numbers for each pose, columns named by their keys, with the other keys as ``attrs``."""
         poses = self.data["poses"] if isinstance(self.data.get("poses"), list) else [self.data]
         labels = pose_labels([str(_pose_name(pose)) for pose in poses])
         rows = [
@@ -112,7 +104,7 @@ class SavedResult(JsonResult):
         return f"<SavedResult {self._get('schema')}: {self._get('robot')!r}, seed {self._get('seed')}>"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the kind of result and its warnings."""
+        """Return the notebook view: the kind of result and its warnings."""
         rows = [
             [key, str(value)]
             for key, value in self.data.items()
@@ -131,7 +123,7 @@ def _pose_name(entry: Any) -> Any:
 
 
 def _numbers(value: Any, keys: str = "") -> Iterator[tuple[str, float]]:
-    """Yield every number in JSON with its keys, joined by dots; not-a-number for null."""
+    """Yield every number in JSON with its keys, joined by dots; NaN for null."""
     if isinstance(value, dict | list):
         entries = value.items() if isinstance(value, dict) else enumerate(value)
         for key, entry in entries:

@@ -1,7 +1,7 @@
-"""A scene as a list of MeshCat commands, without a server: typed ways to put shapes and lines into it.
+"""A scene as a list of MeshCat commands, without a server: typed ways to add shapes and lines.
 
-Paths in the scene are made of our own names and numbers only; nothing of a URDF or sheet enters it. Identifiers are
-counted, not random, so that equal input gives equal bytes.
+Paths contain only our own names and numbers, nothing from a URDF or sheet. Identifiers are counted, not random, so that
+equal input gives equal bytes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def viewer_script() -> str:
 
 @final
 class Scene:
-    """A growing scene; every path is a tuple of names below the scene's root."""
+    """A growing scene; a path is a tuple of names below the root."""
 
     def __init__(self) -> None:
         self._window = _Window()
@@ -43,11 +43,11 @@ class Scene:
 
     @property
     def commands(self) -> tuple[bytes, ...]:
-        """The commands so far, each packed by MessagePack as MeshCat's viewer reads them."""
+        """The commands so far, packed with MessagePack for MeshCat's viewer."""
         return tuple(self._window.packed)
 
     def place(self, path: Sequence[str], pose: ArrayLike) -> None:
-        """Put a node at a pose ``(4, 4)`` relative to the one above it."""
+        """Set the pose ``(4, 4)`` of a node relative to its parent."""
         self._node(path).set_transform(np.asarray(pose, dtype=float))
 
     def box(self, path: Sequence[str], size: Sequence[float], colour: Colour, pose: ArrayLike) -> None:
@@ -60,7 +60,7 @@ class Scene:
         self._add(path, shape, colour, np.asarray(pose, dtype=float) @ _Y_TO_Z)
 
     def rod(self, path: Sequence[str], start: ArrayLike, end: ArrayLike, radius: float, colour: Colour) -> None:
-        """Add a cylinder between two points ``(3,)`` that do not coincide."""
+        """Add a cylinder between two distinct points ``(3,)``."""
         first, last = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
         length = float(np.linalg.norm(last - first))
         middle = se3.pose(rotation_to((last - first) / length), (first + last) / 2)
@@ -78,13 +78,13 @@ class Scene:
         self._add(path, shape, colour, pose)
 
     def segments(self, path: Sequence[str], ends: ArrayLike, colour: Colour) -> None:
-        """Add thin lines between each two of the points ``(3, 2 S)`` in m."""
+        """Add thin lines between consecutive pairs of the points ``(3, 2 S)`` in m."""
         lines = self._geometry.PointsGeometry(np.asarray(ends, np.float32))
         material = self._geometry.LineBasicMaterial(color=_number(colour), opacity=colour[3])
         self._node(path).set_object(self._geometry.LineSegments(lines, material))
 
     def _add(self, path: Sequence[str], shape: Any, colour: Colour, pose: ArrayLike) -> None:
-        # meshes have no normals of their own here: each triangle is lit as the flat piece that it is
+        # meshes have no normals here: each triangle is lit as a flat face
         material = self._geometry.MeshPhongMaterial(
             color=_number(colour), opacity=float(colour[3]), flatShading=True, shininess=20, reflectivity=0.2
         )
@@ -99,7 +99,7 @@ class Scene:
 
 
 def rotation_to(axis: ArrayLike) -> Array:
-    """Return the smallest rotation ``(3, 3)`` that brings z onto a unit vector ``(3,)``."""
+    """Return the smallest rotation ``(3, 3)`` from z to a unit vector ``(3,)``."""
     unit = np.asarray(axis, dtype=float)
     normal = np.cross((0.0, 0.0, 1.0), unit)
     sine = float(np.linalg.norm(normal))
@@ -109,7 +109,7 @@ def rotation_to(axis: ArrayLike) -> Array:
 
 
 class _Window:
-    """Takes the place of MeshCat's connection to a server: keeps the packed commands."""
+    """Replaces MeshCat's connection to a server: keeps the packed commands."""
 
     def __init__(self) -> None:
         self.packed: list[bytes] = []
@@ -120,7 +120,7 @@ class _Window:
         self.packed.append(self._pack(self._counted(command.lower())))
 
     def _counted(self, value: Any) -> Any:
-        """Return a command with its random identifiers replaced by numbers in order of appearance."""
+        """Return a command with random identifiers replaced by numbers in order of appearance."""
         match value:
             case dict():
                 known = [value["uuid"]] if "uuid" in value else []
@@ -138,7 +138,7 @@ class _Window:
 
 
 def _meshcat(name: str) -> Any:
-    # imported late, it costs 0.3 s; and silently, it asks pyzmq for a part that pyzmq has deprecated
+    # imported late: it takes 0.3 s; warnings off: it uses a deprecated part of pyzmq
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         return importlib.import_module(name)

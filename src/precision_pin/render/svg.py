@@ -1,7 +1,7 @@
-"""Figures of matplotlib inside a page: SVG whose colours follow the reader's light or dark scheme.
+"""Matplotlib figures inside a page: SVG whose colours follow the reader's light or dark scheme.
 
-Only shapes and embedded images are kept. Text is drawn as outlines, so no name can be markup; identifiers begin with the
-figure's own name, so that figures of one page do not mix them up.
+Only shapes and embedded images are kept. Text becomes outlines, so no name can be markup; identifiers begin with the
+figure's name, so that figures of one page do not clash.
 """
 
 from __future__ import annotations
@@ -41,11 +41,9 @@ def figure(drawn: Figure, name: str, label: str, caption: Child, class_: str = "
     """Return a figure with its caption.
 
     Args:
-        drawn: What is shown.
-        name: The figure's own, in plain letters; identifiers begin with it.
-        label: What it shows, in numbers, for those who do not see it.
-        caption: Below it.
-        class_: For the page's style.
+        name: Unique name in plain letters; identifiers begin with it.
+        label: What it shows, in numbers, for readers who cannot see it.
+        class_: Class for the page's style.
     """
     svg = element(
         "div", _inline(drawn, name, label), class_="drawing", role="region", tabindex="0", aria_label=f"figure {name}"
@@ -86,7 +84,7 @@ def _svg(drawn: Figure) -> bytes:
 
 
 def _local(name: str) -> str:
-    """Return a name without its namespace; a page's SVG needs none."""
+    """Return a name without its namespace, which SVG inside a page does not need."""
     return name.rpartition("}")[2]
 
 

@@ -1,4 +1,4 @@
-"""Results as tables: numbers beside their intervals, data frames and datasets."""
+"""Results as tables: numbers with their intervals, data frames and datasets."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     import xarray
 
 MOST_POSES: Final = 3
-"""Poses of a result that a notebook shows; a line below says how many more there are."""
+"""Poses of a result that a notebook shows; a line below counts the others."""
 
 UNITS: Final = {"position": "m", "attitude": "rad"}
-"""Of numbers in data frames and datasets."""
+"""Units of numbers in data frames and datasets."""
 
 ROUNDING: Final = 1e-14
 """Errors (m, rad) below this are rounding."""
@@ -47,35 +47,34 @@ def unit(quantity: str) -> str:
 
 
 def quantity_label(quantity: str) -> str:
-    """Return symbol and unit as an axis or a row has them: ``|d| [mm]``, …."""
+    """Return symbol and unit, as on an axis or row: ``|d| [mm]``, …."""
     return f"{symbol(quantity)} [{unit(quantity)}]"
 
 
 def milli(value: float | None, digits: int = _DIGITS) -> str:
-    """Return a number of m or rad in mm or mrad, to so many digits; ``-`` for none."""
+    """Return a number of m or rad in mm or mrad, to so many digits; ``-`` for None or NaN."""
     if value is None or math.isnan(value):
         return "-"
     return f"{0.0 if abs(value) < ROUNDING else 1e3 * value:.{digits}g}"
 
 
 def percent(share: float | None) -> str:
-    """Return a share in per cent, two decimals; ``-`` for none."""
+    """Return a fraction in per cent, two decimals; ``-`` for None."""
     return "-" if share is None else f"{round(100 * share, 2) + 0.0:.2f}"
 
 
 def plus_minus(value: float | None, half_width: float | None, *, decimals: int = 12, signed: bool = False) -> str:
     """Return ``value ± half-width`` with two digits of the half-width; ``-`` where not resolved.
 
-    The half-width is rounded up, and widened by what rounding moves the value: the interval lies inside what is printed.
-
-    With ``decimals`` never more digits than that behind the point; ``signed`` gives a positive value its sign.
+    The half-width is rounded up and covers the rounding of the value, so the printed interval contains the true one.
+    ``decimals`` limits the digits behind the point; ``signed`` gives a positive value its sign.
     """
     if value is None or half_width is None:
         return "-"
     if half_width == 0:
         return f"{value + 0.0:.{_DIGITS}g}"
     place = max(math.floor(math.log10(half_width)) - 1, -decimals)
-    # the allowance keeps a half-width such as 0.12, which is not exact in binary, from being rounded up to 0.13
+    # the allowance keeps 0.12, which is not exact in binary, from being rounded up to 0.13
     rounded = round(value, -place)
     above = math.ceil((half_width + abs(rounded - value)) / 10.0**place * (1 - 1e-12)) * 10.0**place
     digits = max(0, -place)
@@ -83,12 +82,12 @@ def plus_minus(value: float | None, half_width: float | None, *, decimals: int =
 
 
 def plain(value: float) -> str:
-    """Return a number in full but for rounding."""
+    """Return a number in full except for rounding noise."""
     return f"{round(value, 9) + 0.0:.9g}"
 
 
 def joint_value(joint: str, value: float, *, slides: bool) -> str:
-    """Return a joint's value (rad or m) as text: mm where it slides, degrees elsewhere, in full."""
+    """Return a joint value (rad or m) as text in full: mm if the joint slides, else degrees."""
     return f"{joint} {plain(1e3 * value)} mm" if slides else f"{joint} {plain(math.degrees(value))}°"
 
 
@@ -99,10 +98,7 @@ def joint_text(
     *,
     is_named: bool = True,
 ) -> str:
-    """Return the values of joints, as :func:`joint_value` has each, with ``(+)`` or ``(-)`` where the last motion is known.
-
-    Without the joints' names if ``is_named`` is False.
-    """
+    """Return joint values by name (if ``is_named``), with ``(+)`` or ``(-)`` where the last motion is known."""
     signs = {joint: f" ({sign})" for joint, sign in (approach or {}).items()}
     return ", ".join(
         joint_value(joint if is_named else "", value, slides=joint in sliding_joints).lstrip() + signs.get(joint, "")
@@ -118,15 +114,13 @@ def resting_on(
     *,
     is_brief: bool = False,
 ) -> list[str]:
-    """Return lines that say how much rests on assumptions, and where the other numbers come from; none where it is not said.
-
-    If ``is_brief``, one line on the assumptions.
+    """Return lines on how much rests on assumptions and where the other numbers come from; empty if neither is stated.
 
     Args:
-        assumed: Labels of the sources that are marked as assumptions.
-        sources: Number of all sources.
-        origins: Share in the variance of position and attitude by provenance.
-        where: Pose of these shares, where it is not that of the result.
+        assumed: Labels of the sources marked as assumptions.
+        origins: Fraction of the variance of position and attitude by provenance.
+        where: Pose of these fractions, if it is not that of the result.
+        is_brief: Whether to return one line on the assumptions only.
     """
     lines = []
     shares = {kind: share for kind, share in (origins or {}).items() if max(share) > 0}
@@ -150,7 +144,7 @@ def resting_on(
 
 
 def origins_entry(origins: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, dict[str, float]]]:
-    """Return the key ``provenance`` of a result's JSON; nothing where the sheet states none."""
+    """Return the key ``provenance`` of a result's JSON; empty if the sheet states none."""
     if not origins:
         return {}
     return {"provenance": {kind: {"position": one, "attitude": two} for kind, (one, two) in origins.items()}}
@@ -161,7 +155,7 @@ def _percent(share: float) -> str:
 
 
 def pose_labels(names: Sequence[str]) -> list[str]:
-    """Return a label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
+    """Return a unique label for each pose: its name, or ``pose 1``, ``pose 2``, …."""
     labels: dict[str, None] = {}
     for rank, name in enumerate(names, start=1):
         label = plain = name or f"pose {rank}"
@@ -177,7 +171,7 @@ def pose_labels(names: Sequence[str]) -> list[str]:
 
 
 def optional(package: str) -> Any:
-    """Return a package that this one works without, pandas or xarray."""
+    """Import and return an optional package, pandas or xarray."""
     try:
         return importlib.import_module(package)
     except ImportError:
@@ -185,12 +179,12 @@ def optional(package: str) -> Any:
 
 
 def number(value: float | None) -> float:
-    """Return a number, not-a-number for none."""
+    """Return a number, NaN for None."""
     return math.nan if value is None else value
 
 
 def interval_columns(name: str, value: float | None, interval: tuple[float, float] | None) -> dict[str, float]:
-    """Return the three columns ``name``, ``name_lower``, ``name_upper``; not-a-number where not resolved."""
+    """Return the three columns ``name``, ``name_lower``, ``name_upper``; NaN where not resolved."""
     low, high = interval or (None, None)
     return {name: number(value), f"{name}_lower": number(low), f"{name}_upper": number(high)}
 
@@ -198,13 +192,7 @@ def interval_columns(name: str, value: float | None, interval: tuple[float, floa
 def data_frame(
     index: Sequence[str], rows: Sequence[tuple[tuple[str, ...], Mapping[str, Any]]], attributes: Mapping[str, Any]
 ) -> pandas.DataFrame:
-    """Return rows as a data frame.
-
-    Args:
-        index: Names of the index's levels.
-        rows: Each row's place in the index, and its columns.
-        attributes: Becomes ``attrs``, with the units added.
-    """
+    """Return rows, each with its index and columns, as a data frame whose ``attrs`` are the attributes and units."""
     pandas = optional("pandas")
     keys = [key for key, _ in rows]
     labels = (
@@ -227,7 +215,7 @@ def dataset(frame: pandas.DataFrame) -> xarray.Dataset:
 
 
 def described(attributes: Mapping[str, Any]) -> dict[str, str]:
-    """Return attributes as text: strings as they are, all else as JSON."""
+    """Return attributes as text: strings unchanged, all else as JSON."""
     return {
         key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
         for key, value in attributes.items()

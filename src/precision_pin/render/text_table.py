@@ -1,4 +1,4 @@
-"""Tables of plain text for a terminal."""
+"""Plain-text tables for a terminal."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from precision_pin.base.errors import visible
 
 _GAP: Final = re.compile(r"\S {2,}\S")
 _LEAST_NAME: Final = 24
-"""Columns to which names are folded at least."""
+"""Least columns to which names are folded."""
 _MOST_NAME_LINES: Final = 2
 
 
 def aligned(rows: list[list[str]]) -> list[str]:
-    """Return rows of cells as lines, the first two columns to the left; names in them are shortened and escaped."""
+    """Return rows of cells as lines, the first two columns left-aligned, their names shortened and escaped."""
     rows = [[visible(cell, 120) for cell in row] for row in rows]
     widths = [max(map(width, column)) for column in zip(*rows, strict=True)]
     lines = []
@@ -29,7 +29,7 @@ def aligned(rows: list[list[str]]) -> list[str]:
 
 
 def width(text: str) -> int:
-    """Return how many columns of a terminal a text fills; letters of East Asia fill two, accents and inner vowels none."""
+    """Return the terminal columns of a text; wide East Asian letters fill two, accents and inner vowels none."""
     return sum(map(_width, text))
 
 
@@ -40,14 +40,11 @@ def _width(character: str) -> int:
 
 
 def folded(rows: list[str], columns: int) -> list[str]:
-    """Return the lines of a table in at most so many columns of a terminal, as far as that can be done.
+    """Return the lines of a table, fitted if possible into a number of terminal columns.
 
-    Where it is enough, long names of the first column go on below; else the table is cut into tables one below the other,
-    each with the names. Lines that are no rows of it are returned as they are.
-
-    Args:
-        rows: Lines in which two blanks or more separate columns, as :func:`aligned` returns them.
-        columns: Columns of the terminal.
+    Long names of the first column wrap; if that is not enough, the table is split into several below each other, each
+    with the names. Lines that are not rows of the table stay unchanged. In rows, as from :func:`aligned`, two or more
+    blanks separate columns.
     """
     if max(map(width, rows)) <= columns:
         return rows
@@ -63,7 +60,7 @@ def folded(rows: list[str], columns: int) -> list[str]:
 
 
 def _cells(line: str) -> list[str]:
-    """Return what stands in each column of a terminal; the second column of a wide letter is empty."""
+    """Return the character in each terminal column; the second column of a wide letter is empty."""
     cells: list[str] = []
     for character in line:
         columns = _width(character)
@@ -79,7 +76,7 @@ def _text(cells: list[str]) -> str:
 
 
 def _spans(rows: list[list[str]]) -> list[tuple[int, int]]:
-    """Return where the columns of rows begin and end: between them are two blanks or more in every row."""
+    """Return begin and end of each column of rows: two or more blanks separate them in every row."""
     size = max(map(len, rows), default=0)
     filled = [any(k < len(row) and row[k] != " " for row in rows) for k in range(size)]
     filled[:1] = [True]  # an indent belongs to the names
@@ -92,13 +89,13 @@ def _spans(rows: list[list[str]]) -> list[tuple[int, int]]:
 
 
 def _keeps(row: list[str], spans: list[tuple[int, int]]) -> bool:
-    """Return whether a line has blanks between the columns, and is not blank."""
+    """Return whether a line is not blank and has blanks between the columns."""
     between = [k for (_, end), (start, _) in pairwise(spans) for k in range(end, start)]
     return len(row) <= spans[-1][1] and all(k >= len(row) or row[k] == " " for k in between)
 
 
 def _fit(table: list[list[str]], columns: int) -> list[str]:
-    """Return the rows of a table, each cell as wide as its column, as lines that fit."""
+    """Return the rows of a table, cells padded to their column's width, as lines that fit."""
     sizes = [max(width(row[k]) for row in table) for k in range(len(table[0]))]
     beside = sum(size + 2 for size in sizes[1:])
     parts = [_name_lines(row[0].rstrip(), columns - beside) for row in table]
@@ -130,7 +127,7 @@ def _fit(table: list[list[str]], columns: int) -> list[str]:
 
 
 def _name_lines(name: str, columns: int) -> list[str]:
-    """Return a name in lines of so many columns: cut before a bracket, a point or a word, or else at any mark."""
+    """Return a name wrapped to so many columns: before a bracket, a point or a word, or else at any mark."""
     lines: list[str] = []
     for marks in (r"[.\[\s]", r"[.\[\s_-]"):
         lines, line = [], ""

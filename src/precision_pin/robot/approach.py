@@ -1,4 +1,4 @@
-"""The direction of approach of a pose: the way in which each joint moved last, before it came to rest."""
+"""The direction of approach of a pose: the way each joint moved last, before it came to rest."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 
 Approach = tuple[int, ...]
-"""1, -1 or 0 for each joint in chain order: up, down, or not known; empty where no approach is given."""
+"""1, -1 or 0 for each joint in chain order: up, down, or unknown; empty without an approach."""
 
 PREVIOUS: Final = "previous"
-"""Approach from the pose before in a list."""
+"""Approach from the previous pose in a list."""
 
 _SIGNS: Final[Mapping[object, int]] = {"+": 1, "-": -1, "0": 0, "+1": 1, "1": 1, "-1": -1, 1: 1, -1: -1, 0: 0}
 _NAMES: Final = {1: "+", -1: "-", 0: "0"}
@@ -28,16 +28,13 @@ _STILL: Final = 1e-12
 @final
 @dataclass(frozen=True, eq=False)
 class ApproachedPose:
-    """A pose with the direction in which each joint moved last, before it came to rest there.
-
-    Every analysis takes it where it takes a pose.
+    """A pose with the direction in which each joint moved last, for every analysis that takes a pose.
 
     Attributes:
         pose: The pose: a name, joint values in chain order or by name, or ``None`` for the model's first.
-        approach: ``"+"``, ``"-"`` or ``"0"`` (not known; 1, -1 and 0 mean the same) by joint, those left out being not
-            known; or for every joint in chain order; or as text, ``"joint1 +, joint2 -"``. In a list of poses also
-            ``"previous"``: from the pose before it, or where a joint did not move from there, from the last pose from
-            which it did.
+        approach: ``"+"``, ``"-"`` or ``"0"`` (unknown, the default; 1, -1 and 0 mean the same) by joint; or for every
+            joint in chain order; or as text, ``"joint1 +, joint2 -"``. In a list of poses also ``"previous"``: from the
+            pose before, or for a joint that did not move from there, from the last pose from which it did.
     """
 
     pose: Any
@@ -45,12 +42,12 @@ class ApproachedPose:
 
     @property
     def is_from_previous(self) -> bool:
-        """Whether the approach is from the pose before it in a list."""
+        """Whether the approach is from the previous pose in a list."""
         return isinstance(self.approach, str) and self.approach == PREVIOUS
 
 
 def read_approach(joints: Sequence[str], approach: object) -> Approach:
-    """Return the approach of one pose, given as for :class:`ApproachedPose`; ``joints`` are the names in chain order."""
+    """Return the approach of one pose, given as for :class:`ApproachedPose`, for joint names in chain order."""
     if isinstance(approach, str):
         approach = _by_joint(approach)
     if isinstance(approach, Mapping):
@@ -69,7 +66,7 @@ def read_approach(joints: Sequence[str], approach: object) -> Approach:
 def read_approaches(poses: object, q: Array, approach: Callable[[Any], Approach]) -> NDArray[np.int8] | None:
     """Return the approach of each of P poses, ``(n, P)``; ``None`` if none has one.
 
-    ``approach`` returns that of a named or approached pose. An :class:`ApproachedPose` of many poses holds for each of them.
+    ``approach`` returns that of a named or approached pose; an :class:`ApproachedPose` of many poses holds for each.
     """
     whole = isinstance(poses, ApproachedPose)
     listed = poses if isinstance(poses, list | tuple) else [poses]
@@ -86,29 +83,25 @@ def read_approaches(poses: object, q: Array, approach: Callable[[Any], Approach]
 
 
 def approaches_along(q: Array) -> NDArray[np.int8]:
-    """Return the approach of each of P poses ``(n, P)`` that are passed in order, ``(n, P)``.
-
-    The direction of a joint that does not move between two poses is that of its last motion; before its first it is 0.
-    """
+    """Return the approach ``(n, P)`` of P poses passed in order: each joint's last motion, 0 before its first."""
     steps = np.diff(q, axis=1, prepend=q[:, :1])
     moved = np.abs(steps) > _STILL
     last = np.maximum.accumulate(np.where(moved, np.arange(q.shape[1]), 0), axis=1)
-    # column 0 never moves, so it is what the poses before a joint's first motion read
+    # column 0 never moves, so poses before a joint's first motion read it
     return np.sign(np.where(moved, steps, 0.0))[np.arange(len(q))[:, None], last].astype(np.int8)
 
 
 def approach_entry(written: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Return the key ``approach`` of a pose in JSON; nothing where no direction is known."""
+    """Return the key ``approach`` of a pose in JSON, or an empty dictionary."""
     return {"approach": dict(written)} if written else {}
 
 
 def written_approach(joints: Sequence[str], approach: Approach) -> dict[str, str]:
-    """Return ``+`` or ``-`` by the name of every joint whose direction is known."""
+    """Return ``+`` or ``-`` by joint name, where known."""
     return {name: _NAMES[sign] for name, sign in zip(joints, approach, strict=True) if sign} if approach else {}
 
 
 def _by_joint(text: str) -> dict[str, str]:
-    """Return the directions of ``joint1 +, joint2 -``."""
     found: dict[str, str] = {}
     for entry in text.split(","):
         name, _, sign = entry.strip().rpartition(" ")

@@ -1,8 +1,8 @@
 """A base-to-tip chain of a URDF tree, the chain at one configuration, and the warnings about it.
 
-*Chain link* i = 0…n is the rigid part between joint i and joint i+1 (1-based joints; 0 is the base side, n carries
-the tip). Its axes are those of joint i's URDF frame after its motion, for link 0 those of the base link. Arrays over
-joints are 0-based: ``axes[0]`` belongs to joint 1.
+*Chain link* i = 0…n is the rigid part between joint i and joint i+1 (1-based joints; 0 is the base side, n carries the
+tip). Its axes are those of joint i's URDF frame after its motion, for link 0 the base link's. Arrays over joints are
+0-based: ``axes[0]`` belongs to joint 1.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ _NAMED: Final = 8
 _LOOKED: Final = 2000
 """About how many of many poses are checked for collisions."""
 _ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
-"""Begin of a warning about a link or joint, and of each entry of a warning that lists several."""
+"""Start of a warning about a link or joint, and of each entry of a warning that lists several."""
 _OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
-"""Warnings about a mass or a length, which matter off the path too: the weight of any link loads the arm."""
+"""Warnings about a mass or length, which also matter off the path: the weight of any link loads the arm."""
 
 
 @final
@@ -85,11 +85,11 @@ class Chain(Fixed):
         placements: ``(n+1, 4, 4)``: from joint i's frame after its motion (base for i = 0) to joint i+1's origin frame
             before it turns (the tip for i = n).
         link_frames: Position of every URDF link on the chain.
-        target: The point that results are about, in the tip's axes, m, ``(3,)``; zero for the tip itself. It carries
-            nothing.
+        target: The point that results are about, in the tip's axes, m, ``(3,)``; zero for the tip itself. It carries no
+            load.
         gravity: Gravity in base axes, m/s², ``(3,)``.
         loads: The weights of the URDF's links, and payloads.
-        obstacles: What poses are checked against, as a sheet says; None where nothing is checked.
+        obstacles: What poses are checked against, as stated in a sheet; None for no check.
     """
 
     robot: Robot
@@ -119,8 +119,8 @@ class Chain(Fixed):
         Args:
             path: The path of the URDF; ``example:NAME`` or ``robot_descriptions:NAME``; its text, which begins with
                 ``<``; or a ``yourdfpy.URDF``.
-            tip: The end-effector link; the only leaf if left out.
-            base: The fixed link; the root if left out. Any link may be the base.
+            tip: The end-effector link; by default the only leaf.
+            base: The fixed link, which may be any; by default the root.
             gravity: Gravity in the base link's axes, m/s².
             locked: Values (rad or m) at which joints are locked; other joints off the chain are locked at zero, or at
                 the limit nearest to it. A mimic joint follows a joint off the chain; if it mimics a joint on the chain,
@@ -145,8 +145,8 @@ class Chain(Fixed):
     ) -> Chain:
         """Extract the chain of a ``pinocchio.Model`` and the URDF that it was built from, as for :meth:`from_urdf`.
 
-        The model may be reduced: joints that it lacks are locked, at zero unless ``locked`` says where. Gravity is the model's
-        if left out, at its neutral configuration. Masses are those of the URDF.
+        The model may be reduced: joints that it lacks are locked, at zero unless ``locked`` says otherwise. Gravity is
+        by default the model's, at its neutral configuration. Masses are those of the URDF.
 
         Raises:
             InputError: As :meth:`from_urdf`; or the model has the tip at another place than the URDF.
@@ -178,7 +178,7 @@ class Chain(Fixed):
         gravity: Sequence[float] = EARTH,
         locked: Mapping[str, float] | None = None,
     ) -> Chain:
-        """Extract the chain from a robot that has been read; see :meth:`from_urdf`."""
+        """Extract the chain from a robot; see :meth:`from_urdf`."""
         check_instance("robot", robot, Robot, "as urdf.read returns it")
         down = check_quantities("gravity", gravity, ACCELERATION, (3,), "three finite numbers, in base axes")
         if locked is not None:
@@ -220,7 +220,7 @@ class Chain(Fixed):
 
     @cached_property
     def collision_check(self) -> CollisionCheck | None:
-        """What tells whether the arm hits itself or its obstacles; None where nothing is checked."""
+        """Check whether the arm hits itself or its obstacles; None if nothing is checked."""
         if self.obstacles is None:
             return None
         # late: coal takes as long to import as Pinocchio
@@ -230,7 +230,7 @@ class Chain(Fixed):
 
     @property
     def collision_notes(self) -> tuple[Finding, ...]:
-        """What a check of poses assumes and leaves out."""
+        """What a collision check assumes and leaves out."""
         notes = () if self.collision_check is None else self.collision_check.notes
         return tuple(Finding("note", "N_COLLISION", note, self.robot.file) for note in notes)
 
@@ -243,8 +243,7 @@ class Chain(Fixed):
         """Return joint values ``(n,)`` in chain order, given in that order or by name.
 
         Raises:
-            InputError: Wrong count, missing joint, or a value that is no finite number; a prismatic joint beyond 1000
-                km.
+            InputError: Wrong count, missing joint, or a value that is not finite; a prismatic joint beyond 1000 km.
             UnknownNameError: No such joint on the chain.
         """
         return self.configurations.one(q)
@@ -265,8 +264,7 @@ class Chain(Fixed):
                 joints' limits and its columns are not.
 
         Raises:
-            InputError: Another shape, a missing joint, or a value that is no finite number; a prismatic joint beyond
-                1000 km.
+            InputError: Another shape, a missing joint, or a value that is not finite; a prismatic joint beyond 1000 km.
             UnknownNameError: No such joint on the chain.
         """
         values = self.configurations.many(q)
@@ -274,7 +272,7 @@ class Chain(Fixed):
         return self.at_columns(values)
 
     def at_columns(self, values: Array) -> Postures:
-        """Return the chain at values ``(n, P)`` that :attr:`configurations` read, or some of their columns."""
+        """Return the chain at checked values ``(n, P)``, as from :attr:`configurations`."""
         return Postures(values, self._constants)
 
     def with_payload(self, mass: float | str, centre: ArrayLike = (0.0, 0.0, 0.0), at: str | None = None) -> Chain:
@@ -283,7 +281,7 @@ class Chain(Fixed):
         Args:
             mass: kg, or text such as ``"500 g"``.
             centre: Its centre of mass in the frame of the link that carries it, m, or text such as ``"0 0 50 mm"``.
-            at: The URDF link that carries it; the tip if left out.
+            at: The URDF link that carries it; by default the tip.
 
         Raises:
             InputError: The mass is negative, or a number is missing or not finite.
@@ -304,7 +302,7 @@ class Chain(Fixed):
         return f"<Chain of {file!r}, {self.base!r} to {self.tip_label!r}: joints {joints}>"
 
     def _repr_html_(self) -> str:
-        """Return the HTML for a notebook: the joints with their limits, and the pose of each in the one before."""
+        """Return the notebook view: the joints with their limits, and the pose of each in the one before."""
         still = ", ".join(f"{name} {value:.6g}" for name, value in self.locked.items())
         return rendered(
             f"{os.path.basename(self.robot.file)}: {self.base} to {self.tip_label}, {len(self.joints)} joints",
@@ -323,7 +321,7 @@ class Chain(Fixed):
 
     @property
     def tip_label(self) -> str:
-        """Name of the tip, with the target where one is given."""
+        """Name of the tip, with the target if there is one."""
         if not self.target.any():
             return self.tip
         return f"{self.tip} + {' '.join(f'{value:.6g}' for value in self.target * 1e3)} mm"
@@ -374,17 +372,17 @@ class Chain(Fixed):
         return replace(self, target=target)
 
     def runs_backwards(self, link: int) -> bool:
-        """Return whether a chain link's far end is its end nearer the file's root, at its own joint in the file."""
+        """Return whether a chain link's far end is its own joint in the file, nearer the file's root."""
         if self._link(link) < len(self.joints):
             return bool(self.reversed_joints[link])
         return self.robot.path(self.base, self.tip)[-1].reversed
 
     def joint_index(self, name: str) -> int:
-        """Return a joint's position, 0-based; `UnknownNameError` if the chain has no such joint."""
+        """Return a joint's position, 0-based; raise `UnknownNameError` if the chain has no such joint."""
         return self.joint_names.index(check_name("joint on the chain", name, self.joint_names))
 
     def link_frame(self, name: str) -> LinkFrame:
-        """Return the position of a URDF link on the chain; `UnknownNameError` if the robot has no such link."""
+        """Return the position of a URDF link on the chain; raise `UnknownNameError` if the robot has no such link."""
         return self.link_frames[check_name("link", name, self.link_frames)]
 
     def end(self, link: int) -> Place:
@@ -398,7 +396,7 @@ class Chain(Fixed):
     def frame_place(self, name: str) -> Place:
         """Return the place at a URDF link's frame on the path from base to tip; the tip's is the last link's end.
 
-        `InputError` for a link on a branch: moving it does not move the tip.
+        Raises `InputError` for a link on a branch: moving it does not move the tip.
         """
         where = self.link_frame(name)
         if where.path_rank is None:
@@ -409,11 +407,11 @@ class Chain(Fixed):
         return Place.along(where.link, where.path_rank, name, where.frame)
 
     def axis_alignment(self, joint: int) -> Array:
-        """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x."""
+        """Return the smallest rotation of a joint's z onto its axis in the file; for -z half a turn about x."""
         return self._written_alignments[self.joint_number(joint)]
 
     def joint_number(self, joint: int) -> int:
-        """Return a joint's position, 0-based, after a check that there is such a joint."""
+        """Return a joint's position, 0-based, after a check that it exists."""
         return check_whole("the number of a joint on the chain", joint, 0, len(self.joints) - 1)
 
     def _link(self, link: int) -> int:
@@ -421,7 +419,6 @@ class Chain(Fixed):
 
     @cached_property
     def _places(self) -> tuple[tuple[Place, Place], ...]:
-        """End and seat of every chain link."""
         far = enumerate(zip((*self.joint_names, self.tip), self.placements, strict=True))
         return tuple(Place.far_end(link, name, frame) for link, (name, frame) in far)
 
@@ -435,7 +432,7 @@ class Chain(Fixed):
 
     @cached_property
     def _constants(self) -> ChainConstants:
-        # of the last link's placement only the tip depends, which is the target there
+        # only the tip, here the target, depends on the last link's placement
         placements = np.concatenate([self.placements[:-1], self.target_placement[None]])
         return ChainConstants.of(placements, self.axes, self.prismatic, self._alignments, self.gravity, self.loads)
 
@@ -443,23 +440,22 @@ class Chain(Fixed):
 @final
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """A chain at one configuration, undisplaced; or at P of them, with the dimension of the poses last in every array.
+    """A chain at one configuration, undisplaced; or at P of them, with poses as the last dimension of every array.
 
     Sources that accept many postures (:meth:`precision_pin.terms.source.Source.accepts_many`) read either.
 
     Attributes:
         chain: The chain.
         q: Joint values in chain order, ``(n[, P])``.
-        joint_poses: Each joint's frame after its motion, in the base, ``(n, 4, 4[, P])``, by Pinocchio, or by compiled
-            loops if the posture is one of many.
+        joint_poses: Each joint's frame after its motion, in the base, ``(n, 4, 4[, P])``, by Pinocchio, or for many
+            postures by compiled loops.
         loads: The weights on the chain: its own, and those of sources.
         deflection: The chain under load; ``None`` if the loads act on the undisplaced arm. It moves the loads, not the
             places.
         tilts: Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply
             them.
-        approach: Direction in which each joint moved last: 1, -1, or 0 where it is not known; empty if no approach is
-            given.
-        deciding: The posture whose loads decide on which side a play is taken up, if that is not this one.
+        approach: Direction in which each joint moved last: 1, -1, or 0 if unknown; empty without an approach.
+        deciding: The posture whose loads decide the side of a play, if not this one.
     """
 
     chain: Chain
@@ -485,13 +481,13 @@ class Posture:
     @cached_property
     @returns_read_only
     def loaded_link_poses(self) -> Array:
-        """Axes of every chain link in the base where loads act on it, ``(n+1, 4, 4)``."""
+        """Axes of every chain link in the base, where loads act on it, ``(n+1, 4, 4)``."""
         return self.link_poses if self.deflection is None else self.deflection.links
 
     @cached_property
     @returns_read_only
     def loaded_ends(self) -> Array:
-        """Far end of every chain link in the base where loads act on it, ``(n+1, 4, 4)``."""
+        """Far end of every chain link in the base, where loads act on it, ``(n+1, 4, 4)``."""
         if self.deflection is not None:
             return self.deflection.ends
         if self.q.ndim == 1:
@@ -501,7 +497,7 @@ class Posture:
     @cached_property
     @returns_read_only
     def pose(self) -> Array:
-        """Tip in the base, ``(4, 4)``; the target where one is given."""
+        """Tip, or target if there is one, in the base, ``(4, 4)``."""
         return se3.compose(self.link_poses[-1], self.chain.target_placement)
 
     @cached_property
@@ -513,7 +509,7 @@ class Posture:
     @cached_property
     @returns_read_only
     def joint_jacobian(self) -> Array:
-        """Derivative of the tip's pose with respect to the joint values, base axes at the tip, ``(6, n)``."""
+        """Derivative of the tip's pose by the joint values, base axes at the tip, ``(6, n)``."""
         arms = self.pose[:3, 3] - self.joint_poses[:, :3, 3]
         slide = self.chain.prismatic[:, None]
         linear = np.where(slide, self.joint_axes, np.cross(self.joint_axes, arms))
@@ -545,7 +541,7 @@ class Posture:
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """Warnings: joint values outside their limits, and mimic joints that are locked but should follow."""
+        """Warnings: joint values outside their limits, and locked mimic joints that should follow."""
         found = []
         values = dict(zip(self.chain.joint_names, self.q, strict=True)) | dict(self.chain.locked)
         for joint in self.chain.robot.joints:
@@ -574,7 +570,7 @@ class Posture:
         return f"<Posture of {file!r}, {chain.base!r} to {chain.tip_label!r}, at {spaced(self.q)}>"
 
     def direction_of(self, joint: int) -> int:
-        """Return the direction in which a joint (0-based) moved last: 1, -1, or 0 where it is not known."""
+        """Return the direction in which a joint (0-based) moved last: 1, -1, or 0 if unknown."""
         return (self.approach or (0,) * len(self.chain.joints))[self.chain.joint_number(joint)]
 
     def with_loads(self, loads: Sequence[Load]) -> Posture:
@@ -582,7 +578,7 @@ class Posture:
         return replace(self, loads=(*self.loads, *loads)) if loads else self
 
     def with_tilts(self, tilts: Sequence[tuple[Array, Factors]]) -> Posture:
-        """Return the posture with further parts of gravity."""
+        """Return the posture with further contributions to gravity."""
         return replace(self, tilts=(*self.tilts, *tilts)) if tilts else self
 
     def place_pose(self, place: Place) -> Array:
@@ -590,7 +586,7 @@ class Posture:
         return se3.compose(self.link_poses[place.link], place.frame)
 
     def wrench_basis(self, load: Load, point: ArrayLike) -> Array:
-        """Return force and moment about a point ``(3,)`` per unit of a load's mass and first moments, ``(6, 4)``, base axes."""
+        """Return force and moment about a point ``(3,)`` per unit of mass and first moments, ``(6, 4)``, base axes."""
         return wrench_basis(self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity, point)
 
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
@@ -600,10 +596,7 @@ class Posture:
         return wrench_on(weights, self.chain.gravity, self.tilts, point)
 
     def torque_on(self, joint: int) -> dict[Factors, Any]:
-        """Return the torque or force of the loads on a joint (0-based), N·m or N, by the parameters that multiply it.
-
-        Numbers, or arrays ``(P,)``.
-        """
+        """Return the loads' torque or force on a joint (0-based), N·m or N, number or ``(P,)``, by the parameters."""
         joint = self.chain.joint_number(joint)
         beyond = [load for load in self.loads if load.link > joint]
         frame = self.loaded_link_poses[joint + 1]
@@ -633,7 +626,7 @@ def _read(source: object) -> Robot:
 
 
 def joint_table(joints: Sequence[Joint], placements: Array, tip: str) -> Table:
-    """Return the table of n joints with limits and placements ``(n+1, 4, 4)``, each in the one before, and of the tip."""
+    """Return the table of n joints and the tip: limits, and placements ``(n+1, 4, 4)`` in the one before."""
     rows: list[tuple[str, ...]] = [
         (joint.name, joint.kind, spaced(np.array(joint.axis)), _limits(joint), *_placement(placement))
         for joint, placement in zip(joints, placements[:-1], strict=True)
@@ -650,7 +643,7 @@ def _limits(joint: Joint) -> str:
 
 
 def _placement(pose: Array) -> tuple[str, str]:
-    """Return a pose's position in mm, and roll, pitch and yaw in degrees; roll is zero where pitch is a right angle."""
+    """Return a pose's position in mm, and roll, pitch and yaw in degrees; roll is zero at a pitch of ±90°."""
     turn = pose[:3, :3]
     level = math.hypot(turn[0, 0], turn[1, 0])
     pitch = math.atan2(-turn[2, 0], level)
@@ -667,10 +660,8 @@ def spaced(values: Array) -> str:
 
 
 def chain_findings(chain: Chain) -> tuple[Finding, ...]:
-    """Return the warnings about a chain's URDF, with those about links and joints off the chain in one line.
-
-    The warning about several leaves is left out, since the chain's tip is known.
-    """
+    """Return the warnings about a chain's URDF, those about links and joints off the chain in one line."""
+    # the warning about several leaves is dropped, since the chain's tip is known
     findings = [finding for finding in chain.robot.findings if finding.code != "W_BRANCHED"]
     on_path, loads = _names_on_path(chain), _names_of_loads(chain)
 
@@ -693,13 +684,13 @@ def chain_findings(chain: Chain) -> tuple[Finding, ...]:
 
 
 def _names_on_path(chain: Chain) -> set[str]:
-    """Return the links and joints from base to tip, named as in findings."""
+    """Return the links and joints from base to tip, as named in findings."""
     way = chain.robot.path(chain.base, chain.tip)
     return _named([chain.base, *(joint.child for joint in way)], way)
 
 
 def _names_of_loads(chain: Chain) -> set[str]:
-    """Return the links that a joint of the chain moves, and the joints that lead to them, named as in findings."""
+    """Return the links that a joint of the chain moves, and the joints leading to them, as named in findings."""
     moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
     return _named(moved, [joint for joint in chain.robot.joints if joint.child in moved])
 
@@ -709,7 +700,7 @@ def _named(links: Iterable[str], joints: Iterable[Joint]) -> set[str]:
 
 
 def _subjects(finding: Finding) -> set[str]:
-    """Return the links and joints that a warning is about; none if it is about anything else too."""
+    """Return the links and joints that a warning is about; empty if it is about anything else too."""
     named = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
     return {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()
 
@@ -720,10 +711,10 @@ def pose_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tup
 
 
 def _collision_findings(chain: Chain, values: Array, names: Sequence[str]) -> tuple[Finding, ...]:
-    """Return a warning if the arm hits itself or an obstacle: at how many poses, and what at the first of them."""
+    """Return a warning if the arm hits itself or an obstacle: at how many poses, and what at the first."""
     if chain.collision_check is None:
         return ()
-    # of many poses some: a check takes longer than their law to first order
+    # only some of many poses: a check takes longer than a first-order analysis
     looked = np.arange(0, values.shape[1], 1 + values.shape[1] // _LOOKED)
     hit = looked[~chain.collision_check.free(np.ascontiguousarray(values[:, looked]))]
     if not hit.size:
@@ -737,7 +728,7 @@ def _collision_findings(chain: Chain, values: Array, names: Sequence[str]) -> tu
 
 
 def _limit_findings(chain: Chain, values: Array, names: Sequence[str]) -> tuple[Finding, ...]:
-    """Return a warning if poses are outside the joints' limits: their number, and the name of the first of them."""
+    """Return a warning if poses are outside the joints' limits: their number, and the name of the first."""
     outside = chain.configurations.outside(values)
     poses = np.flatnonzero(outside.any(axis=0))
     if not poses.size:

@@ -18,9 +18,9 @@ from precision_pin.base.units import ANGLE, LENGTH, Quantity
 from precision_pin.robot.urdf import Joint
 
 LONGEST: Final = 1e6
-"""Largest value (m) of a prismatic joint; larger values leave too few digits for errors of nanometres."""
+"""Largest value (m) of a prismatic joint; larger ones leave too few digits for errors of nanometres."""
 SLACK: Final = 1e-5
-"""How far (rad, m) a value passes a limit without being outside: files round limits, as 180° to 3.14159."""
+"""How far (rad, m) a value may pass a limit: files round limits, as 180° to 3.14159."""
 
 
 @final
@@ -36,7 +36,7 @@ class Configurations:
         return tuple(joint.name for joint in self.joints)
 
     def one(self, q: ArrayLike | Mapping[str, float]) -> Array:
-        """Return joint values ``(n,)``, given in order or by name; see :meth:`precision_pin.robot.chain.Chain.configuration`."""
+        """Return joint values ``(n,)``; see :meth:`precision_pin.robot.chain.Chain.configuration`."""
         if isinstance(q, Mapping):
             self._check_names(q)
             q = [
@@ -74,7 +74,7 @@ class Configurations:
         return values
 
     def doubts(self, q: object) -> tuple[Finding, ...]:
-        """Return a warning if the poses of a square array, which is read by columns, could as well be its rows."""
+        """Return a warning if the poses of a square array, read by columns, may be its rows."""
         count = len(self.names)
         if not isinstance(q, np.ndarray) or q.shape != (count, count) or count == 1:
             return ()
@@ -96,7 +96,7 @@ class Configurations:
     @cached_property
     @returns_read_only
     def limits(self) -> tuple[Array, Array]:
-        """Lowest and highest value of each joint, infinite if it has no limits."""
+        """Lowest and highest value of each joint, infinite without limits."""
         given = [None if joint.kind == "continuous" else joint.limit for joint in self.joints]
         low, high = np.array([(one.lower, one.upper) if one else (-np.inf, np.inf) for one in given]).T
         return low, high
@@ -112,7 +112,7 @@ class Configurations:
 
     def _read_list(self, poses: Sequence[object]) -> Array:
         if poses and all(map(_is_row, poses)):
-            # all at once; if one of them is wrong, the loop below finds it
+            # all at once; the loop below finds a wrong one
             with suppress(InputError):
                 return fix_copy(check_numbers("joint values", poses, (None, len(self.names))).T)
         columns = []
@@ -127,7 +127,7 @@ class Configurations:
         return fix_copy(np.column_stack(columns))
 
     def _check_travel(self, values: Array) -> None:
-        """Refuse values ``(n, P)`` of prismatic joints beyond `LONGEST`."""
+        """Raise if values ``(n, P)`` of prismatic joints exceed `LONGEST`."""
         prismatic = np.array([joint.kind == "prismatic" for joint in self.joints], dtype=bool)
         too_far = (np.abs(values) > LONGEST) & prismatic[:, None]
         if too_far.any():
@@ -137,7 +137,6 @@ class Configurations:
             )
 
     def _check_names(self, q: Mapping[str, object]) -> None:
-        """Check that ``q`` has a value for each joint and no others."""
         for name in check_mapping("joint values", q):
             check_name("joint on the chain", name, self.names)
         missing = [name for name in self.names if name not in q]
@@ -146,7 +145,7 @@ class Configurations:
 
 
 def joint_quantity(joint: Joint) -> Quantity:
-    """Return what the value of a joint is: a length if it slides, else an angle."""
+    """Return length for a joint that slides, else angle."""
     return LENGTH if joint.kind == "prismatic" else ANGLE
 
 

@@ -1,6 +1,6 @@
-"""Locations of robots that ship with other packages or with this one, and those written in xacro.
+"""Locations of robots shipped with this package or others, and of those written in xacro.
 
-The package xacrodoc expands these to URDF; they run what their authors wrote, as Python does.
+The package xacrodoc expands the latter to URDF; it runs code of the file's authors, as Python does.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from precision_pin.base.errors import InputError, UnknownNameError, one_line
 PREFIX: Final = "example:"
 DESCRIPTIONS: Final = "robot_descriptions:"
 ELSEWHERE: Final = (PREFIX, DESCRIPTIONS)
-"""How robots of other packages are named, in place of a path."""
+"""Prefixes of robots of other packages, in place of a path."""
 _ENDING: Final = "_description"
 ROBOTS: Final = Path(__file__).parents[1] / "robots"
 SUFFIX: Final = ".errors.yaml"
@@ -32,14 +32,12 @@ _ARGUMENT: Final = re.compile(r"(\w+):=(.*)", re.DOTALL)
 MOST_FILES: Final = 1000
 _EXAMPLES: Final = f"{os.sep}example-robot-data{os.sep}"
 PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
-"""The sheet of the paper's arm, beside its URDF."""
+"""The sheet of the paper's arm."""
 
 
 def example_urdfs() -> dict[str, Path]:
-    """Return the URDFs of the package example-robot-data by short name (``ur5``, ``panda``, …), empty if not installed.
-
-    It has no Python module; its files are found through its metadata. Empty files are left out.
-    """
+    """Return the URDFs of the package example-robot-data by short name (``ur5``, ``panda``, …), empty if not installed."""
+    # The package has no Python module; its metadata lists the files. Empty files are left out.
     try:
         distribution = importlib.metadata.distribution("example-robot-data")
     except importlib.metadata.PackageNotFoundError:
@@ -54,15 +52,12 @@ def example_urdfs() -> dict[str, Path]:
 
 
 def own_urdfs() -> dict[str, Path]:
-    """Return the URDFs that come with this package by short name (``4dof``, ``ur5e``, …)."""
+    """Return the URDFs of this package by short name (``4dof``, ``ur5e``, …)."""
     return {path.stem: path for path in sorted(ROBOTS.glob(f"*{ROBOT_SUFFIXES[0]}"))}
 
 
 def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
-    """Return the path of a robot: a path relative to ``folder``, ``example:NAME`` or ``robot_descriptions:NAME``.
-
-    `InputError` for a robot that is not there; the message suggests another one.
-    """
+    """Return the path of a robot: relative to ``folder``, or by ``example:NAME`` or ``robot_descriptions:NAME``."""
     if not text.strip():
         raise InputError.of("E_FILE_MISSING", "the path of the robot is empty")
     if text.startswith(PREFIX):
@@ -76,7 +71,7 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     path = Path(folder) / text
     suggestion = None if os.path.lexists(path) or text.endswith(os.sep) else _suggest_robot(path)
     if suggestion is not None:
-        # the finding has no file of its own, so that a sheet can add its file and line
+        # the finding has no file, so that a sheet can add its own file and line
         raise InputError.of("E_FILE_MISSING", f"there is no file {text!r}; did you mean {suggestion}?")
     return path
 
@@ -103,9 +98,9 @@ def _example(name: str) -> Path:
 
 
 def description(name: str) -> ModuleType:
-    """Return the module of the package robot_descriptions for a robot; at the first use the package downloads it.
+    """Return the module of the package robot_descriptions for a robot, which is downloaded on first use.
 
-    `InputError` where the package is not installed, has no such URDF, or cannot download it.
+    Raises `InputError` if the package is not installed, has no such URDF, or cannot download it.
     """
     try:
         listed = importlib.import_module("robot_descriptions").DESCRIPTIONS
@@ -117,7 +112,7 @@ def description(name: str) -> ModuleType:
     if short not in known:
         raise UnknownNameError("robot of robot_descriptions", short, known)
     try:
-        # the package says what it clones; stdout is for data
+        # the package prints what it clones; stdout is for data
         with redirect_stdout(sys.stderr):
             return importlib.import_module(f"robot_descriptions.{short}{_ENDING}")
     except Exception as error:  # noqa: BLE001 - the package downloads with git, which can fail in many ways
@@ -126,7 +121,6 @@ def description(name: str) -> ModuleType:
 
 
 def _suggest_robot(path: Path) -> str | None:
-    """Return a suggestion for a missing robot: ``example:NAME``, or a file in the same folder."""
     name = path.name.casefold().removesuffix(ROBOT_SUFFIXES[0]).removesuffix("_robot")
     examples = {known.casefold(): PREFIX + known for known in example_urdfs()}
     if name in examples:
@@ -136,7 +130,7 @@ def _suggest_robot(path: Path) -> str | None:
 
 
 def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
-    """Return the file in the same folder, with one of the suffixes, whose name is most similar to a missing one's."""
+    """Return the file in the same folder, with one of the suffixes, named most like a missing one."""
     stems: dict[str, str] = {}
     with suppress(OSError, ValueError), os.scandir(path.parent) as entries:
         for _, entry in zip(range(MOST_FILES), entries, strict=False):
@@ -148,22 +142,22 @@ def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
 
 
 def starting_sheet(robot: Path) -> str:
-    """Return the name of the sheet that ``init`` writes for a robot, into the current folder."""
+    """Return the name of the sheet that ``init`` writes for a robot."""
     return robot.stem.removesuffix("_robot") + SUFFIX
 
 
 def shipped_sheets() -> dict[str, Path]:
-    """Return the sheets that come with this package by the short name of their robot (``4dof``, ``ur5``, …)."""
+    """Return the sheets of this package by the short name of their robot (``4dof``, ``ur5``, …)."""
     return {path.name.removesuffix(SUFFIX): path for path in sorted(ROBOTS.glob(f"*{SUFFIX}"))}
 
 
 def shipped_sheet(text: str) -> Path | None:
-    """Return the sheet that comes with this package for a robot given as ``example:NAME``, None if there is none."""
+    """Return this package's sheet for a robot given as ``example:NAME``, None if there is none."""
     return shipped_sheets().get(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else None
 
 
 def named_briefly(text: str) -> str:
-    """Return a text with ``example:NAME`` for the path of an example robot, and paths of this package from its name on."""
+    """Return a text with ``example:NAME`` for example robots' paths, and this package's paths shortened."""
     if _EXAMPLES in text:
         for name, path in example_urdfs().items():
             text = text.replace(str(path), PREFIX + name)
@@ -171,10 +165,7 @@ def named_briefly(text: str) -> str:
 
 
 def xacro_source(robot: str) -> tuple[Path, dict[str, str], dict[str, str]] | None:
-    """Return the file of a robot written in xacro, its own arguments, and the folders of its packages; None for others.
-
-    ``robot`` is a path that ends in ``.xacro``, or ``robot_descriptions:NAME``.
-    """
+    """Return file, arguments and package folders of a robot in xacro, given as a path or by name; None for others."""
     if robot.startswith(DESCRIPTIONS):
         found = description(robot.removeprefix(DESCRIPTIONS))
         if not hasattr(found, "XACRO_PATH"):
@@ -184,7 +175,7 @@ def xacro_source(robot: str) -> tuple[Path, dict[str, str], dict[str, str]] | No
 
 
 def read_arguments(texts: Sequence[str]) -> dict[str, str]:
-    """Return xacro arguments written as ``name:=value``; `InputError` for another text."""
+    """Return xacro arguments written as ``name:=value``; raise `InputError` for other texts."""
     found = {}
     for text in texts:
         match = _ARGUMENT.fullmatch(text)
@@ -195,7 +186,7 @@ def read_arguments(texts: Sequence[str]) -> dict[str, str]:
 
 
 def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]) -> str:
-    """Return the text of the URDF that a xacro file makes, mesh names with the xacro's folder."""
+    """Return the URDF that a xacro file makes, mesh names with the xacro's folder."""
     try:
         import xacrodoc
     except ImportError:
@@ -206,7 +197,7 @@ def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]
         raise InputError.of("E_FILE_MISSING", "there is no such file", os.fspath(file))
     try:
         xacrodoc.packages.update_package_cache(dict(packages))
-        with chdir(path.parent):  # files that it includes are named from its folder
+        with chdir(path.parent):  # included files are named relative to its folder
             text: str = xacrodoc.XacroDoc.from_file(
                 path, subargs=dict(arguments), resolve_packages=False
             ).to_urdf_string()

@@ -1,11 +1,11 @@
-"""Inverse kinematics: all joint values found that bring the tip of a chain to wanted poses, for any serial chain.
+"""Inverse kinematics: the joint values found that bring the tip of a serial chain to wanted poses.
 
-Every wanted pose (node) is solved on its own by damped least squares (Levenberg-Marquardt), all nodes and starts together.
-The starts of a node are those postures of a fixed list whose tip is nearest to it. So the solutions of a node do not depend
-on the other nodes or on their order, and nothing is random.
+Every wanted pose (node) is solved on its own by damped least squares (Levenberg-Marquardt), all nodes and starts
+together. A node starts from those of a fixed list of postures whose tips are nearest to it, so its solutions do not
+depend on the other nodes or their order, and nothing is random.
 
-Residuals are in lengths of the chain and radians; prismatic joints move in lengths of the chain. The normal equations are
-solved by loops over their entries, on arrays over nodes and starts, without BLAS: its rounding depends on the machine.
+Residuals are in chain lengths and radians; prismatic joints move in chain lengths. The normal equations are solved by
+loops over their entries, on arrays over nodes and starts, without BLAS, whose rounding depends on the machine.
 """
 
 from __future__ import annotations
@@ -31,33 +31,32 @@ if TYPE_CHECKING:
     from precision_pin.robot.collision import Obstruction
 
 Task = Literal["pose", "axis", "position"]
-"""What must agree with the wanted pose: position and attitude; position and the direction of the tool axis, whatever the angle
-about it; the position only."""
+"""What must match: position and attitude; position and direction of the tool axis; position only."""
 
 CONSTRAINTS: Final[dict[Task, int]] = {"pose": 6, "axis": 5, "position": 3}
 
 TOLERANCE: Final = 1e-10
-"""Largest distance (m) and angle (rad) between the tip and the wanted pose; joint values pass their limits by no more."""
+"""Largest distance (m) and angle (rad) between tip and wanted pose, and largest violation of joint limits."""
 MOST_SOLUTIONS: Final = 16
 """Most solutions of a node; a chain of six revolute joints has no more, unless infinitely many."""
 SAME: Final = 1e-4
-"""Solutions are one where no joint differs by more, rad or lengths of the chain; at a singularity two meet."""
+"""Largest difference of any joint, rad or chain lengths, within one solution; at a singularity two meet."""
 
 _LISTED: Final = 4096
 """Postures from which the starts are chosen."""
 _STARTS: Final = 24
 _ROUNDS: Final = 14
-"""Starts of a node in a round, and rounds at most."""
+"""Starts of a node in a round, and most rounds."""
 _FRUITLESS: Final = 6
 """Rounds without a new solution after which a node is done."""
 _CHUNK: Final = 4096
-"""Starts that are solved together: their matrices fit into the cache."""
+"""Starts solved together: their matrices fit into the cache."""
 _STEPS: Final = 80
 _FIRST_DAMPING: Final = 1e-2
 _LONGEST_STEP: Final = 1.0
 _STALLED: Final = 1e-3
 _STALLS: Final = 5
-"""A start is given up where so many steps in a row lower the square of the residual by less than this share."""
+"""A start is abandoned after so many steps in a row that lower the squared residual by less than this fraction."""
 
 Branches = Literal["nearest", "best", "all"]
 """Which of several solutions."""
@@ -66,7 +65,7 @@ Branches = Literal["nearest", "best", "all"]
 @final
 @dataclass(frozen=True, eq=False)
 class SolutionSearch:
-    """A task of a chain, with the postures from which solutions are sought."""
+    """A task of a chain, with the postures from which the search starts."""
 
     chain: Chain
     task: Task
@@ -82,11 +81,11 @@ class SolutionSearch:
 
     @classmethod
     def of(cls, chain: Chain, task: Task, axis: Array, reference: Array) -> SolutionSearch:
-        """Return the search for a task; the tool axis has length one, the reference a value for each joint."""
+        """Return the search for a task, for a unit tool axis and a reference value for each joint."""
         length = chain_length(chain)
         low, high = chain.configurations.limits
         is_redundant = len(chain.joints) > CONSTRAINTS[task]
-        # a whole turn where limits are checked afterwards or allow it, else what they allow
+        # a whole turn if limits are checked afterwards or allow it, else what they allow
         turns = ~chain.prismatic & ((not is_redundant) | ((high - low) >= 2 * np.pi))
         bottom = np.where(turns, -np.pi, np.where(np.isfinite(low), low, reference - length))
         top = np.where(turns, np.pi, np.where(np.isfinite(high), high, reference + length))
@@ -99,7 +98,7 @@ class SolutionSearch:
     def solve(self, wanted: Array, step: Callable[[int], None]) -> list[tuple[Array, bool]]:
         """Return the solutions of wanted poses ``(4, 4, N)`` within the limits, and whether there are only others.
 
-        For each pose ``(n, S)``, nearest to the reference first. ``step`` takes the number of poses solved since its last call.
+        For each pose ``(n, S)``, nearest to the reference first. ``step`` takes the poses solved since its last call.
         """
         result = []
         nodes = _CHUNK // _STARTS
@@ -111,7 +110,7 @@ class SolutionSearch:
         return result
 
     def _solve_chunk(self, wanted: Array) -> list[Array]:
-        """Return the distinct solutions ``(n, S)`` of each wanted pose, those outside the limits among them."""
+        """Return the distinct solutions ``(n, S)`` of each wanted pose, also those outside the limits."""
         starts = self._rank_starts(wanted)
         count = wanted.shape[2]
         found = [np.zeros((len(self.units), 0)) for _ in range(count)]
@@ -131,7 +130,7 @@ class SolutionSearch:
             if not len(active):
                 break
         if self.is_redundant:
-            # what the limits forbid is told from what cannot be reached
+            # without limits, to tell unreachable poses from those that the limits forbid
             none = np.array([k for k, own in enumerate(found) if not own.shape[1]], dtype=np.intp)
             for node, own in zip(none, self._descend_from(wanted, none, starts[:, :_STARTS], False), strict=True):
                 found[node] = own
@@ -148,7 +147,7 @@ class SolutionSearch:
         return [ends[:, own][:, is_solution[own]] for own in slices]
 
     def _rank_starts(self, wanted: Array) -> NDArray[np.intp]:
-        """Return the positions of each node's starts in the list, the reference first, then the nearest, ``(N, S)``."""
+        """Return the list positions of each node's starts, the reference first, then the nearest, ``(N, S)``."""
         features = _features(wanted, self.task, self.axis, self.length)
         squares = np.zeros((wanted.shape[2], self.listed.shape[1]))
         for of_nodes, of_list in zip(features, self.listed_features, strict=True):
@@ -157,7 +156,7 @@ class SolutionSearch:
         return np.argsort(squares, axis=1, kind="stable")[:, : _ROUNDS * _STARTS]
 
     def _descend(self, wanted: Array, starts: Array, within_limits: bool) -> tuple[Array, NDArray[np.bool_]]:
-        """Return where the search ends from each start ``(n, S)``, and whether it solves its wanted pose ``(4, 4, S)``."""
+        """Return where the search from each start ``(n, S)`` ends, and whether it solves its pose ``(4, 4, S)``."""
         ends, is_solution = starts.copy(), np.zeros(starts.shape[1], dtype=bool)
         rows = np.arange(starts.shape[1])
         q, target = starts, wanted
@@ -192,7 +191,7 @@ class SolutionSearch:
         return ends, is_solution
 
     def _linearise(self, q: Array, wanted: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-        """Return square of the residual, normal matrix, gradient, and whether the tip is there, at postures ``(n, S)``."""
+        """Return squared residual, normal matrix, gradient, and whether the tip is there, at postures ``(n, S)``."""
         postures = self.chain.at_columns(q)
         pose, jacobian = postures.pose, postures.joint_jacobian * self.units[:, None]
         shift = wanted[:3, 3] - pose[:3, 3]
@@ -244,10 +243,7 @@ class SolutionSearch:
 
 
 def spread_points(dimensions: int, count: int) -> Array:
-    """Return points ``(dimensions, count)`` that fill the unit cube evenly.
-
-    Multiples of powers of 1/x with x^(d + 1) = x + 1 (Roberts 2018, R-sequence): irrational, far from small fractions.
-    """
+    """Return points ``(dimensions, count)`` that fill the unit cube evenly (Roberts 2018, R-sequence)."""
     ratio = 2.0
     for _ in range(64):
         ratio = float((1.0 + ratio) ** (1.0 / (dimensions + 1)))
@@ -270,7 +266,7 @@ def _turn_between(along: Array, wanted: Array) -> tuple[Array, Array]:
     across = np.cross(along, wanted, axis=0)
     sine = np.sqrt((across * across).sum(axis=0))
     cosine = (along * wanted).sum(axis=0)
-    # opposite directions have no smallest rotation: any about an axis across them
+    # opposite directions have no unique smallest rotation: any perpendicular axis will do
     opposite = (sine < 1e-12) & (cosine < 0)
     least = np.eye(3)[np.argmin(np.abs(along), axis=0)].T
     across = np.where(opposite, np.cross(along, least, axis=0), across)
@@ -279,14 +275,14 @@ def _turn_between(along: Array, wanted: Array) -> tuple[Array, Array]:
 
 
 def _solve_damped(matrix: Array, gradient: Array, damping: Array) -> Array:
-    """Return the solutions ``(n, S)`` of (M + damping) x = gradient for symmetric M ``(n, n, S)``, by Cholesky's factors."""
+    """Return the solutions ``(n, S)`` of (M + damping) x = gradient for symmetric M ``(n, n, S)``, by Cholesky."""
     count = len(gradient)
     factor = np.zeros_like(matrix)
     step = gradient.copy()
     for i in range(count):
         for k in range(i):
             factor[i, k] = (matrix[i, k] - (factor[i, :k] * factor[k, :k]).sum(axis=0)) / factor[k, k]
-        # rounding can leave less than the damping
+        # rounding can make the pivot smaller than the damping
         square = matrix[i, i] + damping - (factor[i, :i] * factor[i, :i]).sum(axis=0)
         factor[i, i] = np.sqrt(np.maximum(square, damping))
         step[i] = (step[i] - (factor[i, :i] * step[:i]).sum(axis=0)) / factor[i, i]
@@ -300,11 +296,12 @@ def _solve_damped(matrix: Array, gradient: Array, damping: Array) -> Array:
 class Solutions(Fixed):
     """Joint values that lead to N wanted poses ``(4, 4, N)``, M solutions within the joint limits in all.
 
-    ``q`` ``(n, M)`` is in the order of the wanted poses, rad and m; ``node`` ``(M,)`` is the rank of the pose to which each
-    leads, ``branch`` ``(M,)`` its number among the solutions of that pose, the nearest to the reference posture 0.
+    ``q`` ``(n, M)`` is in the order of the wanted poses, rad and m; ``node`` ``(M,)`` is the rank of the pose of each,
+    ``branch`` ``(M,)`` its number among that pose's solutions, the nearest to the reference posture 0.
     ``singular_values`` ``(M,)`` are the smallest of the scaled Jacobian, see
-    :func:`precision_pin.robot.pose_set.smallest_singular_values`. ``is_outside`` ``(N,)``: has solutions outside the limits only.
-    ``hit``: of each solution whether the arm hits itself or is kept out there, empty text where not; empty if not checked.
+    :func:`precision_pin.robot.pose_set.smallest_singular_values`. ``is_outside`` ``(N,)``: all solutions are outside
+    the limits. ``hit``: whether the arm hits itself or is kept out at each solution, empty text if not; empty if not
+    checked.
     """
 
     wanted: Array
@@ -326,7 +323,7 @@ class Solutions(Fixed):
         Args:
             names: A name for each wanted pose; with all solutions the number of the solution is added.
             branches: Which solutions: ``nearest`` to the reference posture; ``best``, farthest from a singularity, with
-                the largest smallest singular value; ``all``. One at which the arm hits something is chosen only where
+                the largest smallest singular value; ``all``. One at which the arm hits something is chosen only if
                 there is no other, and left without joint values.
 
         Raises:
@@ -343,7 +340,7 @@ class Solutions(Fixed):
             own = self._choose(begin, end, branches) or [-1]
             nodes += [node] * len(own)
             columns += own
-        # the last column stands for no solution
+        # the last column means no solution
         values = np.column_stack([self.q, np.full(len(self.q), np.nan)])
         values[:, [column for column, what in enumerate(self.hit) if what]] = np.nan
         numbers = np.append(self.branch, -1)[columns]
@@ -386,21 +383,21 @@ def inverse_kinematics(
 ) -> Solutions:
     """Return the joint values found within the joint limits that bring the tip to wanted poses.
 
-    Where the task has as many constraints as there are joints, these are all solutions, at most 16 of a pose; a solution to
-    which few starts lead can be missed. Where there are more joints, infinitely many lead there: then they are what the
-    search finds from fixed starts. Angles that differ by whole turns are one solution, given by the turn within the limits
+    If the task has as many constraints as there are joints, these are all solutions, at most 16 of a pose; a solution
+    to which few starts lead can be missed. With more joints there are infinitely many, and the search returns those
+    found from fixed starts. Angles that differ by whole turns are one solution, given by the turn within the limits
     that is nearest to the reference posture. Each solution is checked: its tip is within 1e-10 m and 1e-10 rad.
 
     Args:
         chain: The arm.
         wanted: Tip in the base, ``(4, 4)`` or ``(4, 4, N)``.
-        task: What must agree: ``pose``; ``axis``, position and direction of the tool axis; ``position``.
+        task: What must match: ``pose``; ``axis``, position and direction of the tool axis; ``position``.
         tool_axis: The tool axis in the tip's frame, for ``axis``.
-        reference: Joint values, rad and m, ``(n,)``; zero, or the limit nearest to it, if left out.
+        reference: Joint values, rad and m, ``(n,)``; by default zero, or the limit nearest to it.
         progress: Function called with the number of poses solved since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: A wrong shape, a number that is not finite, a rotation that is none, an axis of length zero.
+        InputError: A wrong shape, a number that is not finite, an invalid rotation, an axis of length zero.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_choice("task", task, tuple(CONSTRAINTS))

@@ -21,9 +21,9 @@ Factors = tuple[Expression, ...]
 
 
 Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]]]
-"""A load in the base: the origin of its frame, and for each of its moments factors, mass and first moment in base axes.
+"""A load in the base: origin of its frame; for each moment, factors, mass and first moment in base axes.
 
-The numbers are Python floats, which are faster than arrays for sums of three numbers, or arrays over P postures.
+The numbers are Python floats, faster than arrays for sums of three, or arrays over P postures.
 """
 _NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 
@@ -33,10 +33,10 @@ _NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 class Load:
     """A weight on the chain.
 
-    Carried by chain link ``link``; ``frame`` ``(4, 4)``, that of its moments, ``attachment`` ``(3,)``, where it acts, and
-    ``stretch`` ``(2, 3)`` are in the link's axes. ``along``: the weight of the link's own body, spread evenly along it.
-    ``moments``: mass (kg) and first moment (kg·m) ``(4,)`` with the parameters that multiply them; these add. ``stretch``: ends
-    of the part of the link that it is the weight of; ``None``: the whole link for a weight ``along`` it, a point for any other.
+    Carried by chain link ``link``; ``frame`` ``(4, 4)``, that of its moments, ``attachment`` ``(3,)``, where it acts,
+    and ``stretch`` ``(2, 3)`` are in the link's axes. ``along``: the weight of the link's own body, spread evenly along
+    it. ``moments``: mass (kg) and first moment (kg·m) ``(4,)`` with the parameters that multiply them, to be added.
+    ``stretch``: ends of its part of the link; ``None``: the whole link for a weight ``along`` it, else a point.
     """
 
     link: int
@@ -86,7 +86,8 @@ def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]
 def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:
     """Return force and moment ``(6, 4)`` about a point per unit of a load's mass and first moments, base axes.
 
-    ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's frame (rotation R, origin o), g gravity.
+    ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's frame (rotation R, origin o), g
+    gravity.
     """
     basis = np.zeros((6, 4))
     basis[:3, 0] = gravity
@@ -113,7 +114,7 @@ def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
 
 
 def _weigh_at_many(load: Load, link_poses: Array) -> Weight:
-    """Return a load in the base at P postures, its link's axes being ``(4, 4, P)``."""
+    """Return a load in the base at P postures with its link's axes ``(4, 4, P)``."""
     frame = se3.compose(link_poses, load.frame)
     pieces = []
     for moments, factors in load.moments:
@@ -125,7 +126,7 @@ def _weigh_at_many(load: Load, link_poses: Array) -> Weight:
 def wrench_on(
     weights: Iterable[Weight], gravity: Array, tilts: Sequence[tuple[Array, Factors]], point: ArrayLike
 ) -> dict[Factors, Array]:
-    """Return the wrench ``(6[, P])`` of weights about a point ``(3[, P])``, base axes, by the parameters that multiply it.
+    """Return the wrench ``(6[, P])`` of weights about a point ``(3[, P])``, base axes, by the parameters.
 
     ``tilts`` are contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with their parameters.
     """

@@ -44,9 +44,9 @@ Z_AXIS = (0.0, 0.0, 1.0)
 RIGID = 1e-9
 """Largest deviation of a given displacement from a rigid motion."""
 PARALLEL = 1e-9
-"""Axes closer than this (rad) count as parallel when a joint offset is chosen."""
+"""Angle (rad) below which axes count as parallel when a joint offset is chosen."""
 COINCIDENT = 1e-9
-"""Parallel axes closer than this (m) count as coincident when a joint offset is chosen."""
+"""Distance (m) below which parallel axes count as coincident when a joint offset is chosen."""
 NEARLY_SINGULAR = 0.1
 """Smallest |cos β_0| at which the base frame is not turned."""
 TIE = 1e-12
@@ -60,9 +60,9 @@ SAME_CHAIN = 1e-9
 class McpcRow:
     """One row of the parameter table, in the form of the paper's Table 1.
 
-    Row ``link`` i, 0..n, describes ``T_i``; ``joint`` is the one before this link, None for link 0. ``turn`` is the constant
-    turn about z before α (rad): the base turn for link 0, θ_off,i after joint i; ``shift`` that along z (m), zero unless a
-    prismatic joint has an error. α, β in rad, x, y in m; γ (rad) and z (m) of the last link, None elsewhere.
+    Row ``link`` i, 0..n, describes ``T_i``; ``joint`` is the one before this link, None for link 0. ``turn`` is the
+    constant turn about z before α (rad): the base turn for link 0, θ_off,i after joint i; ``shift`` that along z (m),
+    zero unless a prismatic joint has an error. α, β in rad, x, y in m; γ (rad) and z (m) of the last link, else None.
     """
 
     link: int
@@ -136,8 +136,8 @@ class Mcpc:
     def parameter_names(self) -> tuple[str, ...]:
         """The 5n+6 names in the order of J_E's columns (eq 16).
 
-        ``theta_1..theta_n`` (``d_i`` where joint i is prismatic), ``alpha_0..alpha_n``,
-        ``beta_0..beta_n``, ``gamma_n``, ``x_0..x_n``, ``y_0..y_n``, ``z_n``.
+        ``theta_1..theta_n`` (``d_i`` where joint i is prismatic), ``alpha_0..alpha_n``, ``beta_0..beta_n``,
+        ``gamma_n``, ``x_0..x_n``, ``y_0..y_n``, ``z_n``.
         """
         n = self.joint_count
         links = range(n + 1)
@@ -208,9 +208,9 @@ class Mcpc:
     def link_matrix(self, link: int) -> Array:
         """Return the columns of eq 8 (link i < n) or eq 11 (link n), ``(6, m)``.
 
-        They map parameter errors to the displacement ``[d; δ]`` of frame i+1 in its own axes. Order: θ_i (d_i
-        for a prismatic joint; absent for link 0), α_i, β_i, [γ_n,] x_i, y_i[, z_n]. The product of their
-        exponentials ``Exp(k_j Δ_j)`` in this order reproduces the perturbed ``T_i`` at any size of Δ.
+        They map parameter errors to the displacement ``[d; δ]`` of frame i+1 in its own axes. Order: θ_i (d_i for a
+        prismatic joint; absent for link 0), α_i, β_i, [γ_n,] x_i, y_i[, z_n]. The product of their exponentials
+        ``Exp(k_j Δ_j)`` in this order reproduces the perturbed ``T_i`` at any size of Δ.
         """
         self._check_link(link)
         last = link == self.joint_count
@@ -233,8 +233,8 @@ class Mcpc:
     def propagation(self, q: ArrayLike) -> Array:
         """Return ``Ad(U_{i+1}⁻¹)`` for i = 0..n, ``(n+1, 6, 6)``: the matrices of eq 15.
 
-        Each maps the displacement of frame i+1, in its own axes, to that of the tip in tip axes:
-        ``D_e = Σ Ad(U_{i+1}⁻¹) D_i``.
+        Each maps the displacement of frame i+1, in its own axes, to the tip's in tip axes: ``D_e = Σ Ad(U_{i+1}⁻¹)
+        D_i``.
         """
         poses = self._links(self._joint_values(q))
         to_tip = np.eye(4)
@@ -257,8 +257,8 @@ class Mcpc:
     def jacobian_base(self, q: ArrayLike) -> Array:
         """Return J_I ``(6, 5n+6)``: parameter errors to the tip's ``[d; δ]`` in base-link axes (eq 17).
 
-        ``J_I = T_s J_E`` with ``T_s = blockdiag(R, R)``, R the tip's rotation. (Not the adjoint of T, which
-        would refer d to the base's origin.)
+        ``J_I = T_s J_E`` with ``T_s = blockdiag(R, R)``, R the tip's rotation (not the adjoint of T, which refers d to
+        the base's origin).
         """
         rotation = self.forward_kinematics(q)[:3, :3]
         in_tip = self.jacobian(q)
@@ -295,7 +295,7 @@ class Mcpc:
         return f"<Mcpc of {self.joint_count} joints: {', '.join(map(repr, self.joint_names))}>"
 
     def _repr_html_(self) -> str:
-        """Return the HTML for a notebook: the table in the form of the paper's Table 1, in degrees and mm."""
+        """Return the notebook view: the table in the form of the paper's Table 1, in degrees and mm."""
         rows = []
         for row in self.table:
             joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
@@ -309,7 +309,6 @@ class Mcpc:
         return finite_array("mcpc joint values q", q, (self.joint_count,))
 
     def _links(self, q: Array) -> list[Array]:
-        """Return T_0 … T_n at checked joint values."""
         values = (0.0, *q)
         return [self.joint_pose(i, value) @ self.link_pose(i) for i, value in enumerate(values)]
 
@@ -340,10 +339,7 @@ def axial_motion(turn: float, shift: float) -> Array:
 
 
 def tilt_angles(direction: Array) -> tuple[float, float]:
-    """Return (α, β) whose ``Rot(x, α)·Rot(y, β)`` brings z onto a direction ``(3,)`` of any length.
-
-    α in (-π, π], β in [-π/2, π/2].
-    """
+    """Return α in (-π, π], β in [-π/2, π/2] whose ``Rot(x, α)·Rot(y, β)`` brings z onto a direction ``(3,)``."""
     alpha = half_open(math.atan2(-direction[1], direction[2]))
     return alpha, math.atan2(direction[0], math.hypot(direction[1], direction[2])) + 0.0
 
@@ -365,10 +361,10 @@ def _shift(direction: Array) -> Array:
 def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["complete", "offsets"] = "complete") -> Array:
     """Return the parameter errors ΔΩ ``(5n+6,)`` that move the tip as the given displacements do.
 
-    ``mcpc.perturbed(ΔΩ)`` has the tip of ``Q_0 V_0 E_0 Q_1 V_1 E_1 ⋯ Q_n V_n E_n`` at every q, exactly at
-    any size. For each displaced link (α, β, x, y) are solved. The remainder ``Trans(z)·Rot(z, γ)``, along and
-    about the next joint's axis, is passed through that joint to the next link; the last link absorbs the rest
-    in its six parameters. Replaces eqs 20 and 22.
+    ``mcpc.perturbed(ΔΩ)`` has the tip of ``Q_0 V_0 E_0 Q_1 V_1 E_1 ⋯ Q_n V_n E_n`` at every q, exactly at any size. For
+    each displaced link (α, β, x, y) are solved. The remainder ``Trans(z)·Rot(z, γ)``, along and about the next joint's
+    axis, is passed through that joint to the next link; the last link absorbs the rest in its six parameters. Replaces
+    eqs 20 and 22.
 
     Args:
         mcpc: The nominal arm.
@@ -416,9 +412,9 @@ def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
 
     ``E_i = V_i⁻¹·V_i'·S_{i+1}``, with ``S_{i+1}`` the rotation Δθ_{i+1} about (or shift Δd_{i+1} along) the next
     joint's axis: it commutes with that joint, so the error of joint i+1 is at the end of link i. ``S_{n+1} = I``.
-    Inserted after ``V_i`` they give the tip of ``mcpc.perturbed(parameter_errors)`` at every q, exactly;
-    the bodies between need not lie where the original sources put them. `parameter_errors` in chart
-    ``"offsets"`` gives the same errors back.
+    Inserted after ``V_i`` they give the tip of ``mcpc.perturbed(parameter_errors)`` at every q, exactly; the bodies
+    between need not lie where the original sources put them. `parameter_errors` in chart ``"offsets"`` gives the same
+    errors back.
     """
     n = check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain returns it").joint_count
     errors = mcpc.checked_errors(parameter_errors)
@@ -432,7 +428,6 @@ def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
 
 
 def _poses(displacements: ArrayLike, count: int) -> Array:
-    """Return the displacements as ``(count, 4, 4)`` rigid motions."""
     what = "mcpc displacements"
     given = check_numbers(what, displacements, needs=f"({count}, 6) or ({count}, 4, 4)")
     if given.shape == (count, 6):
@@ -461,9 +456,9 @@ def _nearest_tilt(direction: Array, alpha: float, beta: float) -> tuple[float, f
 class JointChain(Protocol):
     """The part of a chain's interface that the adapter uses.
 
-    ``placements[i]`` goes from joint i's frame after it turned (the base link for i = 0) to joint i+1's frame
-    before it turns (the tip for i = n); ``axes[i]`` is a unit vector in its joint's own frame. The tip's pose
-    is ``placements[0]·Q(axes[0], q_0)·placements[1]⋯placements[n]``.
+    ``placements[i]`` goes from joint i's frame after it turned (the base link for i = 0) to joint i+1's frame before it
+    turns (the tip for i = n); ``axes[i]`` is a unit vector in its joint's own frame. The tip's pose is
+    ``placements[0]·Q(axes[0], q_0)·placements[1]⋯placements[n]``.
     """
 
     @property
@@ -486,14 +481,12 @@ class JointChain(Protocol):
 def from_chain(chain: JointChain) -> Mcpc:
     """Return the MCPC parameters of a chain; forward kinematics agrees with the chain's to rounding.
 
-    Frame i+1 has its z axis along axis i+1 and its origin where that axis meets the plane through the origin
-    of frame i normal to it. Each joint, prismatic ones too, gets a constant turn θ_off about z that puts the
-    next axis (for the last joint: the tip's z) into the local y-z plane; then β_i = 0 for i ≥ 1 and the
-    parametrisation's singularity cos β = 0 does not occur. Where the next axis is parallel within 1e-9 rad
-    the turn makes y_i = 0; where it coincides, and for a parallel tip, it is 0. Link 0 has no joint
-    before it: if |cos β_0| < 0.1 the base frame is first turned by 90° about z (``base_turn``).
-
-    Sign choices: α in (-π, π], offset in (-π/2, π/2]; hence x_i may be negative.
+    Frame i+1 has its z axis along axis i+1 and its origin where that axis meets the plane through the origin of frame i
+    normal to it. Each joint, prismatic ones too, gets a constant turn θ_off about z that puts the next axis (for the
+    last joint: the tip's z) into the local y-z plane; then β_i = 0 for i ≥ 1 and the parametrisation's singularity cos
+    β = 0 does not occur. If the next axis is parallel within 1e-9 rad the turn makes y_i = 0; if it coincides, and for
+    a parallel tip, it is 0. Link 0 has no joint before it: if |cos β_0| < 0.1 the base frame is first turned by 90°
+    about z (``base_turn``). Sign choices: α in (-π, π], offset in (-π/2, π/2]; hence x_i may be negative.
 
     Args:
         chain: Any chain of revolute and prismatic joints.
@@ -550,7 +543,7 @@ def from_chain(chain: JointChain) -> Mcpc:
 def joint_placements(mcpc: Mcpc) -> tuple[Array, Array]:
     """Return placements ``(n+1, 4, 4)`` and axes ``(n, 3)`` of an equivalent chain, all axes z.
 
-    Its joint frames are the MCPC frames (after their constant turn); its forward kinematics is
+    Its joint frames are the MCPC frames (after their constant turn), its forward kinematics
     ``mcpc.forward_kinematics``. To keep a robot's own joint frames use `to_placements`.
     """
     n = check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain returns it").joint_count
@@ -562,10 +555,9 @@ def joint_placements(mcpc: Mcpc) -> tuple[Array, Array]:
 def to_placements(nominal: Mcpc, perturbed: Mcpc, chain: JointChain) -> Array:
     """Return the joint placements ``(n+1, 4, 4)`` of the as-built robot.
 
-    With the chain's own axes they reproduce ``perturbed.forward_kinematics(q)`` at every q. Each link keeps
-    its axes relative to the MCPC frame at its joint; an error Δθ or Δd of a joint goes into the
-    placement of that joint, so that the link beyond it moves too. A placement whose parameters did not
-    change is the chain's own, bit for bit.
+    With the chain's own axes they reproduce ``perturbed.forward_kinematics(q)`` at every q. Each link keeps its axes
+    relative to the MCPC frame at its joint; an error Δθ or Δd of a joint goes into that joint's placement, so that the
+    link beyond it moves too. A placement whose parameters did not change is the chain's own, bit for bit.
 
     Args:
         nominal: ``from_chain(chain)``.
@@ -621,9 +613,6 @@ def _offset(point: Array, direction: Array, *, last: bool) -> float:
 
 
 def _reduce_to_half_turn(angle: float) -> float:
-    """Return the angle modulo π, in (-π/2, π/2].
-
-    The signs of α, x and y absorb the half turn; β absorbs the rest of a tie.
-    """
+    """Return the angle modulo π, in (-π/2, π/2]; the signs of α, x and y absorb the half turn, β the rest of a tie."""
     folded = math.remainder(angle, math.pi)
     return math.pi / 2 if folded < -math.pi / 2 + TIE else folded + 0.0

@@ -1,4 +1,4 @@
-"""Mesh files as coloured triangles: checked first, read in Python only, and thinned out to a page's size."""
+"""Mesh files as coloured triangles: checked first, read in Python only, and thinned out to fit a page."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from precision_pin.robot.urdf.meshes import BrokenMeshError, MeshFile, MeshFiles
 from precision_pin.robot.urdf.xmltree import Findings
 
 MOST_FACES: Final = 120_000
-"""The most triangles a page holds, about 2.5 MB."""
+"""Most triangles of a page, about 2.5 MB."""
 
 # corners closer than this share of the arm's length are one; the share grows until all surfaces fit
 _FINEST: Final = 1e-5
@@ -38,13 +38,7 @@ class UnreadableMeshError(Exception):
 @final
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles of one colour.
-
-    Attributes:
-        vertices: Corners ``(V, 3)``, m.
-        faces: Their indices ``(F, 3)``.
-        colour: The file's own colour, None where it has none.
-    """
+    """Triangles of one colour (None if the file has none): corners ``(V, 3)``, m, and their indices ``(F, 3)``."""
 
     vertices: Array
     faces: NDArray[np.int64]
@@ -53,12 +47,7 @@ class Surface:
 
 @final
 class MeshReader:
-    """Reads a robot's meshes, each file once.
-
-    Args:
-        file: The URDF, beside which meshes and packages are looked for.
-        package_dirs: Further folders of packages.
-    """
+    """Reads a robot's meshes, each file once; searches beside the URDF and in ``package_dirs``."""
 
     def __init__(self, file: str, package_dirs: Sequence[Path]) -> None:
         self._file = file
@@ -66,7 +55,7 @@ class MeshReader:
         self._known: dict[str, tuple[Surface, ...] | str] = {}
 
     def surfaces(self, mesh: Mesh, owner: str) -> tuple[Surface, ...]:
-        """Return a mesh's triangles, scaled as the URDF says, one surface for each colour."""
+        """Return a mesh's triangles, scaled as in the URDF, one surface for each colour."""
         if mesh.filename not in self._known:
             try:
                 self._known[mesh.filename] = self._read(mesh.filename, owner)
@@ -101,12 +90,9 @@ class MeshReader:
 def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_FACES) -> tuple[Surface, ...]:
     """Return the surfaces with near corners joined, coarser until all have ``most_faces`` triangles or fewer.
 
-    Corners in one cell of a grid become their mean, triangles that shrink to a line go. Where that leaves much less than
-    there is room for, as with triangles that do not hang together, every so manieth triangle is taken instead.
-
-    Args:
-        surfaces: As read.
-        length: The arm's length, m: cells are at least a hundred-thousandth of it.
+    Corners in one cell of a grid, at least a hundred-thousandth of the arm's length (m), become their mean, and
+    triangles that shrink to a line are dropped. If much less than the allowed number is left, as with disconnected
+    triangles, triangles are taken at regular intervals instead.
     """
     finest = _FINEST * length
     whole = result = tuple(_joined(one, finest) for one in surfaces)
@@ -129,7 +115,6 @@ def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_F
 
 
 def _with_faces(surface: Surface, faces: NDArray[np.int64]) -> Surface:
-    """Return some of a surface's triangles, with the corners they have."""
     used, renumbered = np.unique(faces, return_inverse=True)
     return replace(surface, vertices=surface.vertices[used], faces=renumbered.reshape(-1, 3))
 
@@ -159,7 +144,7 @@ def _joined(surface: Surface, cell: float) -> Surface:
 
 
 class _Companions:
-    """Hands trimesh the files that were read beside a mesh, and no others: images are not looked at."""
+    """Gives trimesh the files read beside a mesh, and no others: images are not opened."""
 
     def __init__(self, files: Mapping[str, bytes]) -> None:
         self._files = files
@@ -178,10 +163,10 @@ class _Companions:
 def _load(file: MeshFile) -> tuple[Surface, ...]:
     import trimesh
 
-    # without a resolver of ours trimesh opens whatever a file names: pipes, devices, addresses
+    # without our resolver trimesh opens whatever a file names: pipes, devices, addresses
     resolver: Any = _Companions(file.companions)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what the libraries say of themselves
+        warnings.simplefilter("ignore")  # warnings about the libraries themselves
         scene = trimesh.load_scene(BytesIO(file.data), file_type=file.kind[1:], resolver=resolver, process=False)
     by_colour: dict[Colour | None, list[tuple[Array, NDArray[np.int64]]]] = {}
     for node in sorted(scene.graph.nodes_geometry):
@@ -207,5 +192,5 @@ def _own_colour(geometry: Any) -> Colour | None:
         return None
     source = visual.material if visual.kind == "texture" else visual
     red, green, blue, opacity = (float(part) / 255 for part in source.main_color)
-    # an exporter's mistake that hides the part (opacity 0, COLLADA's two conventions) helps nobody
+    # ignore opacity 0, an exporter's mistake (COLLADA has two conventions) that would hide the part
     return (red, green, blue, opacity if opacity > 0 else 1.0)

@@ -1,7 +1,7 @@
-"""The only module that calls Pinocchio: the models it loads, checked against our own reader, and their kinematics and statics.
+"""The only module that calls Pinocchio: the models it loads, checked against our own reader; kinematics and statics.
 
-All calls are here, because a wrong call ends the process by a signal instead of an exception. Pinocchio gets no names
-from the file: it keeps links and joints in one list of frames and refuses a name that occurs twice in it.
+A wrong call ends the process by a signal instead of an exception. Pinocchio gets no names from the file, because it
+keeps links and joints in one list of frames and refuses a name that occurs twice.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from precision_pin.base.errors import InputError, InternalError
 from precision_pin.robot.urdf import Robot, canonical
 
 AGREEMENT = 1e-9
-"""Largest difference allowed between Pinocchio and our own reader, relative to the robot's reach and mass."""
+"""Largest difference of Pinocchio from our own reader, relative to the robot's reach and mass."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PinocchioModel:
-    """Pinocchio's reduced model of a robot: only the chain's joints; ``joints`` are its numbers of these, in chain order."""
+    """Pinocchio's reduced model with the chain's joints only; ``joints`` are their numbers, in chain order."""
 
     model: Any
     joints: tuple[int, ...]
@@ -36,7 +36,7 @@ class PinocchioModel:
     ) -> PinocchioModel:
         """Load a robot rooted at the chain's base, compare it with our own reading, and lock the joints off the chain.
 
-        `InternalError` where Pinocchio's model differs. Gravity in base axes, m/s².
+        Gravity is in base axes, m/s². Raises `InternalError` if Pinocchio's model differs.
         """
         renamed = _replace_names(robot)
         names = {old.name: new.name for old, new in zip(robot.joints, renamed.joints, strict=True)}
@@ -53,7 +53,8 @@ class PinocchioModel:
     def with_mass(self, joint: int, placement: Array, mass: float, centre: ArrayLike) -> PinocchioModel:
         """Return the model with a point mass (kg) added to the body of a chain joint (0-based; -1: the base).
 
-        ``placement`` is the pose of the mass's frame in that joint's frame, ``(4, 4)``; ``centre`` is in the mass's frame, m.
+        ``placement`` is the pose of the mass's frame in that joint's frame, ``(4, 4)``; ``centre`` is in the mass's
+        frame, m.
         """
         model = self.model.copy()
         inertia = pinocchio.Inertia(mass, np.asarray(centre, dtype=float), np.zeros((3, 3)))
@@ -88,10 +89,7 @@ class PinocchioModel:
 def model_poses(
     model: Any, joints: Collection[str], base: str, tip: str
 ) -> tuple[Array, list[tuple[dict[str, float], Array]]]:
-    """Return the gravity (3,) of a user's Pinocchio model in the base's axes, and the tip in the base at two configurations.
-
-    These are the neutral one and one near it, each as the values of the joints by name, rad or m, and a pose ``(4, 4)``.
-    """
+    """Return a Pinocchio model's gravity (3,), and its tip at the neutral configuration and one nearby, in the base."""
     if not isinstance(model, pinocchio.Model):
         raise InputError("the model must be a pinocchio.Model")
     for name in (base, tip):
@@ -118,10 +116,8 @@ def model_poses(
 
 
 def _replace_names(robot: Robot) -> Robot:
-    """Return the robot with names replaced by numbers: ``link000000``, ``joint000000`` … in the order of the names.
-
-    URDF readers sort by name, so Pinocchio's joints and its sums have the same order as with the file's own names.
-    """
+    """Return the robot with names replaced by numbers: ``link000000``, ``joint000000`` … in the order of the names."""
+    # URDF readers sort by name, so Pinocchio's joints and sums keep the order of the file's own names
     links = _numbers("link", (link.name for link in robot.links))
     joints = _numbers("joint", (joint.name for joint in robot.joints))
     renamed = (
@@ -137,10 +133,8 @@ def _numbers(kind: str, names: Iterable[str]) -> dict[str, str]:
 
 
 def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
-    """Compare names, masses, centres and forward kinematics; a difference is a bug in our canonical form.
-
-    ``written`` are the links' names in the file, for messages.
-    """
+    """Compare names, masses, centres and forward kinematics; a difference is a bug in our canonical form."""
+    # `written` are the links' names in the file, for messages
     names = {link.name: name for link, name in zip(robot.links, written, strict=True)}
     moving = [joint for joint in robot.joints if joint.kind != "fixed"]
     if sorted(model.names) != sorted(["universe", *(joint.name for joint in moving)]):

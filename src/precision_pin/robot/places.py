@@ -26,8 +26,8 @@ _SAME_POINT: Final = 1e-9
 class Place:
     """A point of the chain where a small rigid displacement ``E = Trans(d)·Exp(δ)`` is inserted.
 
-    Two places are the same if link, order and name are. Contributions to one place add; the displacements of different
-    places multiply in the order of ``(link, order)``: a link's start, frames along it, custom places, its end, the seat.
+    Places are the same if link, order and name are. Contributions to one place add; displacements of different places
+    multiply in the order of ``(link, order)``: a link's start, frames along it, custom places, its end, the seat.
     ``frame`` is its pose in the chain link's axes, ``(4, 4)``.
     """
 
@@ -53,13 +53,13 @@ class Place:
 
     @property
     def joint(self) -> int | None:
-        """The joint (0-based) whose mounting it displaces: the one after a seat, or before a link's start."""
+        """The joint (0-based) whose mounting it displaces: after a seat, or before a link's start."""
         if self.is_seat:
             return self.link
         return self.link - 1 if self.is_start else None
 
     def is_same(self, other: object) -> bool:
-        """Return whether another place is the same as this one, frame included."""
+        """Return whether another place is the same, including the frame."""
         return isinstance(other, Place) and self == other and np.array_equal(self.frame, other.frame)
 
     @classmethod
@@ -82,7 +82,7 @@ class Place:
 
     @classmethod
     def custom(cls, link: int, rank: int, name: str, frame: Array) -> Place:
-        """Return a place defined by a source, before the link's end; ``rank`` orders those of one source."""
+        """Return a source's own place, before the link's end; ``rank`` orders those of one source."""
         return cls(link, (ORDER_CUSTOM, rank), name, frame)
 
 
@@ -91,12 +91,12 @@ class Place:
 class LinkFrame(Fixed):
     """Position of a URDF link on the chain; branches and locked joints belong to the chain link that carries them.
 
-    ``frame`` ``(4, 4)``, ``attachment`` ``(3,)`` and ``stretch`` ``(2, 3)`` are in the chain link's axes. ``path_rank`` is its
-    position among the URDF links on the path within the chain link; ``None`` for a branch. ``attachment``: for a branch the
-    position on the path of the joint that holds it (its frame in the file, whatever the base is), else its own origin.
-    ``stretch``: the ends of its part of the path, from joint to joint, extended over the links without mass that it carries.
-    ``is_own`` is true for the chain link's own body: of the links on the path, the one nearest to the file's root, which is
-    the child of the joint that moves it; if that one has no mass, the next one with mass whose frame is at the same point.
+    ``frame`` ``(4, 4)``, ``attachment`` ``(3,)`` and ``stretch`` ``(2, 3)`` are in the chain link's axes. ``path_rank``
+    is its position among the URDF links on the path within the chain link; ``None`` for a branch. ``attachment``: for a
+    branch the position on the path of the joint that holds it (its frame in the file, whatever the base is), else its
+    own origin. ``stretch``: the ends of its part of the path, from joint to joint, extended over massless links that it
+    carries. ``is_own`` marks the chain link's own body: of the links on the path, the one nearest to the file's root,
+    the child of the joint that moves it; if that is massless, the next one with mass whose frame is at the same point.
     """
 
     link: int
@@ -107,7 +107,7 @@ class LinkFrame(Fixed):
     is_own: bool = False
 
     def entry(self, centre: ArrayLike) -> Array:
-        """Return the point of the chain link, in its axes, at which a weight acts whose centre is given in the URDF link's axes.
+        """Return where on the chain link, in its axes, a weight acts whose centre is in the URDF link's axes.
 
         The centre itself for a link on the path; for a branch the point where it leaves the path.
         """
@@ -117,7 +117,7 @@ class LinkFrame(Fixed):
 
 
 def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the value of every joint that moves but is not on the chain."""
+    """Return the value of every moving joint that is not on the chain."""
     on_chain = {joint.name for joint in joints}
     still = {joint.name: joint for joint in robot.joints if joint.kind != "fixed" and joint.name not in on_chain}
     for name in locked:
@@ -189,7 +189,7 @@ class _Row:
     joints: list[Joint]
 
     def ends(self, frames: Mapping[str, LinkFrame], placements: Array) -> Array:
-        """Return the begin of the first link, the joints' positions and the end of the last link, ``(len(names) + 1, 3)``."""
+        """Return start of the first link, the joints' positions and end of the last link, ``(len(names) + 1, 3)``."""
         # in the file, the joint that holds a link is at the frame of this link
         holds = [self.names[k] if joint.reversed else self.names[k + 1] for k, joint in enumerate(self.joints)]
         points = [np.zeros(3), *(frames[name].frame[:3, 3] for name in holds)]
@@ -204,7 +204,7 @@ class _Row:
         return min(with_mass, key=lambda k: abs(k - first), default=first)
 
     def weight_ends(self, robot: Robot, number: int) -> list[int]:
-        """Return the two ends of a link's weight, extended over links without mass that it carries in the file."""
+        """Return the ends of a link's weight, extended over massless links that it carries in the file."""
 
         def weightless(k: int) -> bool:
             return not robot.link(self.names[k]).mass
@@ -218,7 +218,6 @@ class _Row:
 
 
 def _rows(root: str, way: Sequence[Joint], moving: Mapping[str, int]) -> list[_Row]:
-    """Return the row of every chain link."""
     rows = [_Row([root], [])]
     for joint in way:
         if joint.name in moving:

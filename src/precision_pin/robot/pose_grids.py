@@ -1,4 +1,4 @@
-"""Grids over joint values, and over places that are reached by inverse kinematics with given orientations of the tool."""
+"""Grids over joint values, and over places reached by inverse kinematics with given tool orientations."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.postures import alignment
 
 _DECIMALS: Final = 9
-"""Of values in names, mm and degrees."""
+"""Decimals of values in names, mm and degrees."""
 MOST_POSES: Final = 2**20 - 1
-"""The most poses of a grid: draws of pose scope can be made at no more."""
+"""Most poses of a grid: draws of pose scope allow no more."""
 
 
 MOST_ANGLES: Final = 3600
@@ -47,7 +47,7 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
 
     Args:
         chain: The arm.
-        values: For each joint by name its values, rad or m, one or several, or text such as ``"0 30 60 deg"``.
+        values: Values of each joint by name, rad or m, one or several, or text such as ``"0 30 60 deg"``.
 
     Raises:
         InputError: A joint is missing or has no values, a number is not finite, or there are more than 1,048,575 poses.
@@ -66,7 +66,7 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
 
 
 def check_grid_size(counts: list[int]) -> None:
-    """Refuse a grid of more than 1,048,575 poses: the product of the counts."""
+    """Raise if the product of the counts exceeds 1,048,575 poses."""
     total = math.prod(counts)
     if total > MOST_POSES:
         message = f"the grid has {' × '.join(map(str, counts))} = {total:,} poses; at most {MOST_POSES:,} are allowed"
@@ -81,11 +81,10 @@ def _row(name: str, given: ArrayLike, quantity: Quantity) -> Array:
 
 
 def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
-    """Return the values of the joints that vary, as the name of each pose."""
     varied = [joint for joint, row in enumerate(rows) if len(row) > 1] or list(range(len(rows)))
 
     def word(joint: int, value: float) -> str:
-        # a grid may reach zero up to a last digit
+        # a grid may miss zero by a last digit
         shown = round(float(1e3 * value if chain.prismatic[joint] else np.degrees(value)), _DECIMALS) + 0.0
         return f"{shown:.6g}{' mm' if chain.prismatic[joint] else '°'}"
 
@@ -96,14 +95,13 @@ def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
 @final
 @dataclass(frozen=True, eq=False)
 class Orientation(Fixed):
-    """What the attitude of the tool must be at a place; made by :meth:`given`, :meth:`along` or :meth:`free`.
+    """Required attitude of the tool at a place; made by :meth:`given`, :meth:`along` or :meth:`free`.
 
     Attributes:
-        task: What must agree: ``pose``, ``axis`` or ``position``.
-        rotations: Attitudes of the tip in the base that are tried, ``(A, 3, 3)``; with ``axis`` and ``position`` a
-            single one.
+        task: What must match: ``pose``, ``axis`` or ``position``.
+        rotations: Attitudes of the tip in the base to try, ``(A, 3, 3)``; with ``axis`` and ``position`` a single one.
         tool_axis: The tool axis in the tip's frame.
-        label: Its name; empty where every attitude will do.
+        label: Its name; empty if any attitude will do.
     """
 
     task: Task
@@ -116,7 +114,7 @@ class Orientation(Fixed):
         """Return one attitude: a rotation matrix ``(3, 3)``, or roll, pitch and yaw ``(3,)`` in rad, in base axes.
 
         Raises:
-            InputError: Neither, or a matrix that is no rotation to 1e-9.
+            InputError: Neither, or a matrix that is not a rotation to 1e-9.
         """
         check_text("the label of an orientation", label)
         values = check_numbers("the orientation", rotation, needs="a rotation (3, 3), or roll, pitch and yaw (3,)")
@@ -137,9 +135,9 @@ class Orientation(Fixed):
         """Return a direction of the tool axis in the base, with any angle about it or with some.
 
         Args:
-            direction: Where the tool axis points, ``(3,)``; its length does not matter.
-            angles: How many angles about the tool axis are tried, in equal steps of a turn; ``None`` leaves the angle
-                to the inverse kinematics.
+            direction: Where the tool axis points, ``(3,)``, of any length.
+            angles: Number of angles about the tool axis to try, in equal steps of a turn; ``None`` leaves the angle to
+                the inverse kinematics.
             tool_axis: The tool axis in the tip's frame, ``(3,)``.
 
         Raises:
@@ -157,12 +155,12 @@ class Orientation(Fixed):
 
     @classmethod
     def free(cls) -> Orientation:
-        """Return that every attitude will do."""
+        """Return the orientation that allows any attitude."""
         return cls("position", np.eye(3)[None], np.array(Z))
 
     @property
     def angle_labels(self) -> tuple[str, ...]:
-        """A label for each attitude that is tried: its angle about the tool axis, empty where there is one."""
+        """A label for each attitude to try: its angle about the tool axis, empty if there is only one."""
         count = len(self.rotations)
         return ("",) if count == 1 else tuple(f"{360 * k / count:.6g}°" for k in range(count))
 
@@ -177,9 +175,9 @@ def _direction(name: str, value: ArrayLike) -> Array:
 
 
 def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
-    """Return the points ``(3, N)`` of a grid over a box, from the values of each coordinate in the base; z's change fastest.
+    """Return the points ``(3, N)`` of a grid over a box, from the values of each base coordinate; z changes fastest.
 
-    They are in m, or text with a unit, such as ``"0 100 200 mm"``.
+    Values are in m, or text with a unit, such as ``"0 100 200 mm"``.
 
     Raises:
         InputError: No values, or numbers that are not finite.
@@ -194,11 +192,11 @@ def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLi
 
     Args:
         origin: A point of the plane in the base, m, ``(3,)``, or text such as ``"400 0 300 mm"``.
-        u, v: Directions in the plane, in base axes, at right angles to each other; their lengths do not matter.
+        u, v: Perpendicular directions in the plane, in base axes, of any length.
         along_u, along_v: Distances from the origin along either, m, or text such as ``"0 50 100 mm"``.
 
     Raises:
-        InputError: Directions that are not at right angles, no values, or numbers that are not finite.
+        InputError: Directions that are not perpendicular, no values, or numbers that are not finite.
     """
     needs = "three finite numbers, in m or with a unit"
     point = check_quantities("the origin of the plane", origin, LENGTH, (3,), needs)
@@ -228,8 +226,8 @@ def place_grid(
 ) -> PoseSet:
     """Return the poses that bring the tip to places, by inverse kinematics.
 
-    The poses of one place and orientation have the same number in :attr:`PoseSet.node`: its branches, and its angles about the
-    tool axis. Where an angle is out of reach it is one pose without joint values. :meth:`PoseSet.best_and_worst` compares
+    The poses of one place and orientation, its branches and angles about the tool axis, have the same number in
+    :attr:`PoseSet.node`. An unreachable angle is one pose without joint values. :meth:`PoseSet.best_and_worst` compares
     them.
 
     Args:
@@ -239,7 +237,7 @@ def place_grid(
         orientations: Orientations of the tool at each, one or several.
         branches: Which solutions of the inverse kinematics: ``nearest`` to the reference posture; ``best``, farthest
             from a singularity; ``all``.
-        reference: Joint values, rad and m, ``(n,)``; zero, or the limit nearest to it, if left out.
+        reference: Joint values, rad and m, ``(n,)``; by default zero, or the limit nearest to it.
         progress: Function called with the number of poses solved since its last call; ``True`` shows a bar.
 
     Raises:
@@ -259,7 +257,7 @@ def place_grid(
 
 
 def check_orientations(given: Orientation | Sequence[Orientation]) -> tuple[Orientation, ...]:
-    """Return orientations, given one or several."""
+    """Return one or several orientations as a tuple."""
     kinds = check_items("orientations", [given] if isinstance(given, Orientation) else given, Orientation)
     if not kinds:
         raise InputError("no orientations; give at least one, such as Orientation.free()")
@@ -267,7 +265,7 @@ def check_orientations(given: Orientation | Sequence[Orientation]) -> tuple[Orie
 
 
 def count_wanted(places: int, orientations: Sequence[Orientation]) -> int:
-    """Return the number of poses that the inverse kinematics has to solve; refuse more than a grid may have."""
+    """Return the number of poses for the inverse kinematics; raise if it exceeds that of a grid."""
     angles = sum(len(kind.rotations) for kind in orientations)
     check_grid_size([places, angles])
     return places * angles

@@ -1,4 +1,4 @@
-"""Poses that are asked about together: a list, the nodes of a grid, or the points of a path."""
+"""Poses that are analysed together: a list, the nodes of a grid, or the points of a path."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.chain import Chain
 
 PoseStatus = Literal["reached", "unreachable", "limit", "singular", "collision", "kept out"]
-"""``reached``; ``unreachable``: no joint values lead there; ``limit``: a joint is outside its limits; ``singular``: joint values
-are known, but the arm is near a singularity; ``collision``: the arm hits itself; ``kept out``: it is where the sheet's
-``keep_out`` or the plate of its base are."""
+"""Reached; no joint values; a joint outside its limits; near a singularity; the arm hits itself, or is kept out.
+
+``kept out``: it is inside the sheet's ``keep_out`` or the plate of its base.
+"""
 
 SINGULAR_BELOW: Final = 0.01
 """Smallest singular value of the scaled Jacobian below which an arm is near a singularity."""
 OBSTRUCTED: Final[tuple[PoseStatus, ...]] = ("collision", "kept out")
 """Statuses of poses at which the arm hits something."""
 NO_BRANCH: Final = -1
-"""Branch of a pose given by its joint values."""
+"""Branch of a pose given by joint values."""
 _AT_ONCE: Final = 4096
-"""Poses whose statuses are found together."""
+"""Poses whose statuses are computed together."""
 
 
 @final
@@ -38,18 +39,16 @@ class PoseSet:
     """P poses in order.
 
     Attributes:
-        q: Joint values in chain order, rad and m, ``(n, P)``; a column of NaN where none are known.
-        names: A name for each pose, empty for a pose without one.
-        status: A status for each pose.
-        branch: Number of the solution of the inverse kinematics, ``(P,)``; -1 where joint values were given.
-        position: Tip in the base where it is known, else where it was wanted, m, ``(3, P)``.
-        times: Time of each point of a path, s, ``(P,)``; ``None`` where the poses are not passed in time.
-        node: Rank of the place or wanted pose to which each pose belongs, ``(P,)``: poses of one node are its branches
-            and wrist angles. ``None`` where each pose is its own.
+        q: Joint values in chain order, rad and m, ``(n, P)``; NaN if unknown.
+        names: A name or an empty text for each pose.
+        branch: Number of the inverse kinematics solution, ``(P,)``; -1 where joint values were given.
+        position: Tip in the base, or if unknown its wanted position, m, ``(3, P)``.
+        times: Time of each point of a path, s, ``(P,)``; ``None`` without times.
+        node: Rank of the place or wanted pose of each pose, ``(P,)``: poses of one node are its branches and wrist
+            angles. ``None`` if each pose is its own.
         approaches: Direction in which each joint moved last, 1, -1 or 0, ``(n, P)``; see
-            :mod:`precision_pin.robot.approach`. ``None`` where no pose has one.
-        left_out: Of a random design, how many draws were left out since the arm hits something there, by what their
-            status would be.
+            :mod:`precision_pin.robot.approach`. ``None`` if no pose has one.
+        left_out: For a random design, the number of dropped draws at which the arm hits something, by status.
 
     Raises:
         InputError: The fields have different numbers of poses, or there are none.
@@ -85,7 +84,7 @@ class PoseSet:
         times: Array | None = None,
         step: Callable[[int], object] = lambda _: None,
     ) -> PoseSet:
-        """Return the poses of joint values ``(n, P)``, as :meth:`Chain.configurations.many` reads them, with their statuses.
+        """Return the poses of joint values ``(n, P)``, as from :meth:`Chain.configurations.many`, with their statuses.
 
         ``step`` is called with the number of poses done since the last call.
         """
@@ -114,7 +113,7 @@ class PoseSet:
         return len(self.names)
 
     def entries(self, joints: Sequence[str]) -> list[dict[str, Any]]:
-        """Return each pose as results have it in their JSON: name, joint values, approach and time as far as known."""
+        """Return each pose as in the JSON of results: name, joint values, approach and time as far as known."""
         approaches = np.zeros(self.q.shape, dtype=np.int8) if self.approaches is None else self.approaches
         return [
             {
@@ -128,7 +127,7 @@ class PoseSet:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Mask ``(P,)`` of the poses whose joint values are known."""
+        """Mask ``(P,)`` of the poses with known joint values."""
         return np.asarray(np.isfinite(self.q[0]))
 
     @classmethod
@@ -144,7 +143,7 @@ class PoseSet:
 
     @property
     def labels(self) -> list[str]:
-        """A label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
+        """A unique label for each pose: its name, or ``pose 1``, ``pose 2``, …."""
         return list(self._labels)
 
     @cached_property
@@ -152,7 +151,7 @@ class PoseSet:
         return tuple(pose_labels(self.names))
 
     def unobstructed(self, chain: Chain) -> PoseSet:
-        """Return the poses without the joint values at which the arm hits something, and with a status that says so."""
+        """Return the poses with joint values at which the arm hits something removed, and the status to match."""
         known = np.flatnonzero(self.known)
         if chain.collision_check is None or not known.size:
             return self
@@ -168,7 +167,7 @@ class PoseSet:
 
     @property
     def obstructed(self) -> dict[str, int]:
-        """How many poses have no joint values since the arm hits something there, with those left out, by status."""
+        """Number of poses, dropped ones included, without joint values because the arm hits something, by status."""
         counts = {what: self.status.count(what) + self.left_out.get(what, 0) for what in OBSTRUCTED}
         return {what: count for what, count in counts.items() if count}
 
@@ -177,15 +176,12 @@ class PoseSet:
         return self.take(np.flatnonzero(mask))
 
     def best_and_worst(self, values: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the pose with the least and the pose with the greatest value of each node.
+        """Return the positions ``(N,)`` of the poses with the least and the greatest value of each node, in order.
 
-        They are its best and worst branch and angle about the tool axis. A value that is not a number is passed over.
+        They are its best and worst branch and angle about the tool axis. NaN is ignored; -1 for a node without a value.
 
         Args:
             values: A value for each pose, such as a spread or a quantile, ``(P,)``.
-
-        Returns:
-            Positions of the best and of the worst poses, ``(N,)`` for nodes in order; -1 where a node has no value.
         """
         given = np.asarray(values, dtype=np.float64)
         if given.shape != (len(self),):
@@ -205,11 +201,7 @@ class PoseSet:
         return found[0], found[1]
 
     def with_singular_below(self, chain: Chain, value: float) -> PoseSet:
-        """Return the poses with another smallest singular value below which one within the limits counts as singular.
-
-        Raises:
-            InputError: The value is negative or not finite.
-        """
+        """Return the poses with another threshold, not negative, below which one within the limits is singular."""
         below = check_number("the smallest singular value", value, "zero or more and finite", lambda least: least >= 0)
         near = np.zeros(len(self), dtype=bool)
         near[self.known] = smallest_singular_values(chain, self.q[:, self.known]) < below
@@ -235,16 +227,16 @@ class PoseSet:
 
 
 def chain_length(chain: Chain) -> float:
-    """Return the sum of the distances between a chain's joints and its tip, m; 1 m where they are all zero."""
+    """Return the sum of the distances between a chain's joints and its tip, m; 1 m if all are zero."""
     return float(np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum()) or 1.0
 
 
 def smallest_singular_values(chain: Chain, q: Array) -> Array:
     """Return the smallest singular value of the scaled Jacobian at configurations ``(n, P)``, ``(P,)``.
 
-    Lengths count in units of the chain's own, the sum of the distances between its joints, so that the value has no unit and
-    does not change with the robot's size: rows of the position are divided by it, and a prismatic joint moves in units of it.
-    Of a chain of fewer than six joints it is the smallest of as many values as it has joints.
+    Lengths count in chain lengths, the sum of the distances between joints, so that the value has no unit and does not
+    depend on the robot's size: position rows are divided by it, and a prismatic joint moves in units of it. A chain of
+    fewer than six joints has as many values as joints.
     """
     length = chain_length(chain)
     scaled = np.moveaxis(chain.at_columns(q).joint_jacobian, -1, 0).copy()

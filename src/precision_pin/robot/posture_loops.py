@@ -1,14 +1,14 @@
 """The compiled loops over poses: joint frames, the tip's Jacobian, and the loads of gravity on joints and links.
 
-All compiled code for postures is in this one file, because numba does not notice that a cached function is stale when a
-function it calls changes in another file. It works on arrays only; :mod:`precision_pin.robot.postures` makes them from a chain.
+All compiled code for postures is in this file, because numba does not notice that a cached function is stale when a
+function it calls changes in another file. It works on arrays, which :mod:`precision_pin.robot.postures` makes from a
+chain.
 
-Poses are computed in *tiles* of `TILE`. One *row* of a workspace holds one number for each pose of a tile. LLVM computes
-several poses at once if it can tell that the rows of a loop do not overlap. In each workspace their distances are
-constants of the code; data that changes along the chain therefore has its own workspace, which a loop addresses by one
-offset. Offsets are unsigned: signed ones make numba test for negative indices, which also prevents this.
-
-Every joint's frame is rotated beforehand so that its z is the joint's axis. A joint then mixes two columns only.
+Poses are computed in *tiles* of `TILE`. One *row* of a workspace holds one number for each pose of a tile. LLVM
+computes several poses at once if it can tell that the rows of a loop do not overlap. So distances of rows are constants
+of the code, and data that changes along the chain has its own workspace, addressed by one offset. Offsets are unsigned:
+signed ones make numba test for negative indices, which prevents this too. Every joint's frame is rotated beforehand so
+that its z is the joint's axis; a joint then mixes two columns only.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Scalar = Any
 TILE: Final = 128
 """Poses computed together."""
 FARTHEST_TURN: Final = 1e6
-"""Largest joint angle (rad) whose sine and cosine are right to rounding here."""
+"""Largest joint angle (rad) with sine and cosine right to rounding here."""
 
 _U = np.uint64
 _TILE = _U(TILE)
@@ -94,7 +94,6 @@ def _go_to_end(f: Array, w: Array, end: Scalar, turns: Array, arms: Array, link:
 
 @fma
 def _turn(f: Array, w: Array, end: Scalar) -> None:
-    """Turn the joint at an end: the frame beyond it."""
     for i in range(_TILE):
         s, c = f[_SINE + i], f[_COSINE + i]
         e = end + i
@@ -132,7 +131,6 @@ def _weigh(f: Array, w: Array, end: Scalar, mass: Scalar, moments: Array, joint:
 
 @fma
 def _copy_row(rows: Array, row: Scalar, out: Array, at: Scalar, size: Scalar) -> None:
-    """Copy one row of a tile to its place in a result."""
     for i in range(size):
         out[at + i] = rows[row + i]
 
@@ -235,7 +233,6 @@ def run(
     """Compute all poses, tile by tile. Results are flat: rows of P numbers, one for each pose.
 
     Args:
-        f, w: Scratch, see `allocate_scratch`.
         q: ``(n, P)`` joint values; angles not above `FARTHEST_TURN`.
         slides, slanted: ``(n,)`` masks of the prismatic joints, and of those with another axis than z.
         aligned: ``(n + 1, 3, 3)`` from axes whose z is the joint's to those of the URDF; the identity for the tip.

@@ -1,9 +1,7 @@
 """A chain at many configurations at once: poses, Jacobians, load torques and link wrenches by compiled loops.
 
-They give the results of :class:`precision_pin.robot.chain.Posture` for thousands of configurations, in about 0.1 µs each,
-without Pinocchio. Axes and signs are the same; the dimension of the configurations comes last.
-
-The compiled code is in numba's cache on disk; a damaged or unusable cache only costs time.
+They give the results of :class:`precision_pin.robot.chain.Posture`, in about 0.1 µs each, without Pinocchio. Axes and
+signs are the same; configurations are the last dimension. A damaged or unusable numba cache only costs time.
 """
 
 from __future__ import annotations
@@ -32,10 +30,7 @@ def alignment(axis: Array) -> Array:
 
 
 class ChainConstants(NamedTuple):
-    """Constants of a chain for the compiled loops: the arguments of `posture_loops.run`, and the joints' unit axes.
-
-    The axes are in each joint's own frame, ``(n, 3)``; the other shapes are given there.
-    """
+    """Constants of a chain: unit axes in each joint's frame, ``(n, 3)``, and arguments of `posture_loops.run`."""
 
     axes: Array
     slides: NDArray[np.bool_]
@@ -57,7 +52,7 @@ class ChainConstants(NamedTuple):
         gravity: Array,
         loads: Sequence[Load],
     ) -> ChainConstants:
-        """Return a chain's constants from what `Chain` has and each joint's `alignment`; moments of loads have no factors."""
+        """Return a chain's constants; ``alignments`` are each joint's `alignment`; moments have no factors."""
         aligned = np.array([*alignments, np.eye(3)])
         before = np.concatenate([np.eye(3)[None], aligned[:-1]]).swapaxes(1, 2)
         carried = np.zeros((len(placements), 4))
@@ -83,8 +78,8 @@ class ChainConstants(NamedTuple):
 class Postures:
     """A chain at P configurations, undisplaced; made by :meth:`precision_pin.robot.chain.Chain.at_many`.
 
-    Results are computed on first use: Jacobians, torques and wrenches together, poses together. Column k of each equals
-    what :class:`precision_pin.robot.chain.Posture` gives at ``q[:, k]``, to rounding.
+    Results are computed on first use: Jacobians, torques and wrenches together, poses together. Column k of each is, to
+    rounding, that of :class:`precision_pin.robot.chain.Posture` at ``q[:, k]``.
 
     Attributes:
         q: Joint values in chain order, rad and m, ``(n, P)``.
@@ -117,7 +112,7 @@ class Postures:
 
     @property
     def joint_jacobian(self) -> Array:
-        """Derivative of the tip's pose to the joint values, base axes at the tip, position first, ``(6, n, P)``."""
+        """Derivative of the tip's pose by the joint values, base axes at the tip, position first, ``(6, n, P)``."""
         return self._rates[0]
 
     @property
@@ -129,8 +124,7 @@ class Postures:
     def link_wrench(self) -> Array:
         """Force and moment of everything beyond it on each chain link's far end, ``(n + 1, 6, P)``.
 
-        At and in the axes of the link's end, which is the next joint's origin frame before its motion; zero for the last
-        link.
+        At and in the axes of the link's end, the next joint's origin frame before its motion; zero for the last link.
         """
         return self._rates[2]
 
@@ -172,7 +166,7 @@ _FEWER: Final = "give fewer at a time"
 
 
 def _within_reach(q: Array, slides: NDArray[np.bool_]) -> Array:
-    """Return the values with angles of many turns reduced to one turn, as a contiguous array."""
+    """Return the values with angles of many turns reduced to one, as a contiguous array."""
     from precision_pin.robot.posture_loops import FARTHEST_TURN
 
     far = ~slides[:, None] & (np.abs(q) > FARTHEST_TURN)

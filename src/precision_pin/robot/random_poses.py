@@ -25,10 +25,10 @@ from precision_pin.robot.pose_set import OBSTRUCTED, PoseSet, chain_length
 
 _FEWEST: Final = 32
 _MOST: Final = 256
-"""Draws that are tried together; how many does not change the poses."""
+"""Draws tried together; their number does not change the poses."""
 _TRIES: Final = 100
 _LEAST_TRIES: Final = 10_000
-"""Draws for each pose wanted, and at least, after which too few are within reach and the box."""
+"""Draws for each wanted pose, and in all at least, after which too few are within reach and box."""
 _PLACE_STREAMS: Final = tuple(f"place {axis}" for axis in "xyz")
 _CHOICE: Final = "orientation"
 _BRANCH: Final = "branch"
@@ -43,25 +43,25 @@ def random_poses(
     orientations: Orientation | Sequence[Orientation] | None = None,
     progress: Callable[[int], None] | bool | None = None,
 ) -> PoseSet:
-    """Return poses drawn at random, the same for a seed; a smaller number of them is the begin of a larger one.
+    """Return poses drawn at random, reproducible for a seed; a smaller number is the start of a larger one.
 
-    Without ``orientations`` joint values are drawn evenly between their limits, over a whole turn where a joint has none, and
-    with a box those are kept whose tip is in it. With ``orientations`` places are drawn evenly over the box, each with one of
-    the orientations and of its angles about the tool axis, and with one of the branches that lead there; places out of reach
-    are drawn again, so that those that are left lie evenly over what the arm reaches. So are poses at which the arm of a sheet
-    hits itself or what it is kept out of; :attr:`PoseSet.left_out` counts them.
+    Without ``orientations`` joint values are drawn evenly between their limits, over a whole turn for a joint without
+    limits; with a box those with the tip in it are kept. With ``orientations`` places are drawn evenly over the box,
+    each with one of the orientations and of its angles about the tool axis, and with one of the branches that lead
+    there. Unreachable places are drawn again, so that the rest lie evenly over what the arm reaches. So are poses at
+    which the arm of a sheet hits itself or what it is kept out of; :attr:`PoseSet.left_out` counts them.
 
     Args:
         chain: The arm.
         count: Number of poses.
         seed: 64-bit seed.
-        box: Lowest and highest x, y and z of the tip in the base, m, ``(3, 2)``; with orientations, if left out, the
-            cube about the first joint that holds every place within reach.
+        box: Lowest and highest x, y and z of the tip in the base, m, ``(3, 2)``; with orientations, by default the cube
+            about the first joint that holds every place within reach.
         orientations: Orientations of the tool, one or several.
         progress: Function called with the number of poses found since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: A wrong number or box, a joint that slides without limits, or too few poses within the box or reach.
+        InputError: A wrong number or box, a sliding joint without limits, or too few poses within the box or reach.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_whole("the number of poses", count, 1, MOST_POSES)
@@ -100,7 +100,7 @@ def random_poses(
 
 @dataclass(frozen=True, eq=False)
 class _JointDraws:
-    """Draws of joint values between ``low`` and ``high``, kept where the tip is in the box."""
+    """Draws of joint values between ``low`` and ``high``, kept if the tip is in the box."""
 
     chain: Chain
     low: Array
@@ -131,7 +131,7 @@ class _JointDraws:
 
 @dataclass(frozen=True, eq=False)
 class _PlaceDraws:
-    """Draws of places in a box with one of some orientations; without joint values where the arm does not reach them."""
+    """Draws of places in a box with one of some orientations; unreachable ones have no joint values."""
 
     chain: Chain
     box: Array

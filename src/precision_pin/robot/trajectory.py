@@ -1,4 +1,4 @@
-"""A trajectory out of a CSV file: joint values, one pose a row, with times if there are any."""
+"""A trajectory in a CSV file: joint values, one pose a row, perhaps with times."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ _TIMES: Final = ("t", "time")
 _LONGEST: Final = 40
 _LARGEST_FILE: Final = 256 * 2**20
 _AT_ONCE: Final = 2**13
-"""Lines that are read together."""
+"""Lines read together."""
 _Wrong = Callable[[str, int], InputError]
-"""Makes the error of a line."""
+"""Makes the error for a line."""
 _ROUNDING: Final = 1e-9
-"""Share of a step by which an interval may be longer than a whole number of steps, for rounding."""
+"""Fraction of a step by which an interval may exceed a whole number of steps, for rounding."""
 
 
 @final
 @dataclass(frozen=True)
 class Column:
-    """A column of a trajectory file: its heading, its joint (empty for the times), and its unit in s, rad or m."""
+    """A column of a trajectory file: its heading, its joint (empty for times), and its unit in s, rad or m."""
 
     heading: str
     joint: str
@@ -46,7 +46,7 @@ class Column:
 
 
 def joint_columns(names: Iterable[str], slides: Iterable[bool]) -> list[Column]:
-    """Return the columns in which joint values are written: degrees, and mm of joints that slide."""
+    """Return the columns for writing joint values: degrees, or mm for sliding joints."""
     return [
         Column(f"{name} [mm]", name, 1e-3) if is_slide else Column(f"{name} [deg]", name, math.pi / 180)
         for name, is_slide in zip(names, slides, strict=True)
@@ -58,7 +58,7 @@ def joint_columns(names: Iterable[str], slides: Iterable[bool]) -> list[Column]:
 class Trajectory(Fixed):
     """Poses in order: joint values in chain order ``(P, n)``, rad or m, and times ``(P,)``, s, if the file has them.
 
-    ``rows`` are the rows of the file, from 1, ``(P,)``; between two rows a fraction. ``columns`` are in the file's order.
+    ``rows`` are the file's rows, from 1, ``(P,)``, fractions between two rows. ``columns`` are in the file's order.
     """
 
     chain: Chain
@@ -69,7 +69,7 @@ class Trajectory(Fixed):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """A name for each pose: its time, or its row."""
+        """A name for each pose: its time, or else its row."""
         if self.times is None:
             return tuple(f"row {row:.10g}" for row in self.rows.tolist())
         return tuple(f"t = {time:g} s" for time in self.times.tolist())
@@ -80,7 +80,7 @@ class Trajectory(Fixed):
         return self.pose_set()
 
     def pose_set(self, step: Callable[[int], object] = lambda _: None) -> PoseSet:
-        """Return the poses with the status of each; ``step`` is called with the number of poses done since the last call."""
+        """Return the poses with their statuses; ``step`` takes the number of poses done since its last call."""
         return PoseSet.at(self.chain, np.ascontiguousarray(self.values.T), self.names, self.times, step)
 
     def refined(
@@ -93,17 +93,17 @@ class Trajectory(Fixed):
     ) -> Trajectory:
         """Return the trajectory with poses between its rows, by linear interpolation of joint values and times.
 
-        The interval between two rows is divided into equal parts, as few as keep all given steps. The rows themselves stay.
+        Each interval between rows is divided into the fewest equal parts that keep all given steps; the rows stay.
 
         Args:
             time_step: Largest time between two poses, s.
             angle_step: Largest turn of a joint between two poses, rad.
             length_step: Largest travel of a prismatic joint between two poses, m.
-            most: The most poses there may be.
+            most: Most poses allowed.
 
         Raises:
-            InputError: A step that is not positive; one in time of a trajectory without times, or of joints of which
-                there are none; more poses than allowed.
+            InputError: A step that is not positive; a time step without times, or a step of joints that the chain
+                lacks; more poses than allowed.
         """
         check_whole("the most poses", most, 1, MOST_POSES)
         if time_step is angle_step is length_step is None:
@@ -145,17 +145,17 @@ def read_trajectory(
     """Read a trajectory: a row of joint names in any order, then a row of values for each pose.
 
     A unit may follow a name, as in ``joint1 [deg]``; without one values are in rad or m. A first column named ``t`` or
-    ``time`` holds times, in s if no unit follows, which increase, unless a joint of the chain has that name.
+    ``time`` holds increasing times, by default in s, unless a joint of the chain has that name.
 
     Args:
         path: The file, UTF-8, with commas.
         chain: Whose joints the columns are.
-        most: The most poses there may be.
+        most: Most poses allowed.
         progress: Function called with the number of characters read since its last call.
 
     Raises:
         InputError: The file cannot be read, is larger than 256 MiB, names other joints, has a wrong unit, or holds a
-            value that is not a finite number; one line that says where.
+            value that is not finite; one line that says where.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_whole("the most poses", most, 1, MOST_POSES)
@@ -167,8 +167,8 @@ def read_trajectory(
     try:
         data = read_regular_file(file, _LARGEST_FILE)
         if not data.isascii():
-            decode(data)  # what is not UTF-8 is refused
-        # a line at a time, since decoding and dividing a large file takes a part of a second in which nothing is seen
+            decode(data)  # raises if not UTF-8
+        # a line at a time: decoding and splitting a large file at once would stall the progress bar
         lines = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig")
         line, header = next(_rows(lines, 0), (0, []))
         if not line:
@@ -177,7 +177,7 @@ def read_trajectory(
             columns = _columns(header, chain)
         except InputError as error:
             raise wrong(error.findings[0].message, line) from None
-        # what is in quotes may go on over several lines
+        # quoted text may span several lines
         together = None if b'"' in data else _AT_ONCE
         parts: list[Array] = []
         count, before, first = 0, -math.inf, line
@@ -203,7 +203,7 @@ def read_trajectory(
 
 
 def _rows(lines: Iterable[str], first: int) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows that are not blank, each with the line on which it ends, of lines that follow the line ``first``."""
+    """Yield the non-blank rows, each with the line on which it ends; the lines follow the line ``first``."""
     reader = csv.reader(lines)
     for row in reader:
         cells = [cell.strip() for cell in row]
@@ -212,7 +212,7 @@ def _rows(lines: Iterable[str], first: int) -> Iterator[tuple[int, list[str]]]:
 
 
 def _plain(lines: Sequence[str], columns: Sequence[Column], before: float) -> Array | None:
-    """Return the values of lines of plain numbers, all at once; ``None`` where reading row by row finds what is wrong."""
+    """Return the values of lines of plain numbers at once; ``None`` if anything is wrong, to be found row by row."""
     part = numbers(lines, len(columns))
     if part is None:
         return None
@@ -224,7 +224,7 @@ def _plain(lines: Sequence[str], columns: Sequence[Column], before: float) -> Ar
 def _row_by_row(
     rows: Iterable[tuple[int, list[str]]], columns: Sequence[Column], before: float, count: int, most: int, wrong: _Wrong
 ) -> Array:  # fmt: skip
-    """Return the values of rows after ``count`` others, the last of them at the time ``before``; refuse the first wrong one."""
+    """Return the values of rows after ``count`` others ending at the time ``before``; raise at a wrong one."""
     found: list[list[float]] = []
     for line, cells in rows:
         if count + len(found) == most:
@@ -282,7 +282,7 @@ def _factor(heading: str, unit: str | None, quantity: units.Quantity) -> float:
 
 
 def _between(values: Array, firsts: NDArray[np.intp], shares: Array) -> Array:
-    """Return the rows that lie some shares of the way from a row to the next, and the last row."""
+    """Return the rows at some fractions of the way from a row to the next, and the last row."""
     left, right = values[firsts], values[np.minimum(firsts + 1, len(values) - 1)]
     # a row itself stays as it is, bit by bit
     return np.concatenate([np.where(shares > 0, left + shares * (right - left), left), values[-1:]])

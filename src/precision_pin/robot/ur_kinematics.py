@@ -1,12 +1,12 @@
-"""Factory calibration of a UR robot as its files have it: frames of the joints at zero.
+"""Factory calibration of a UR robot as in its files: frames of the joints at zero.
 
 A controller's ``calibration.conf`` has differences to the nominal Denavit-Hartenberg parameters,
 
     T_i = Rz(q_i + θ_i + Δθ_i) · Tz(d_i + Δd_i) · Tx(a_i + Δa_i) · Rx(α_i + Δα_i),
 
-where the Δd of the nearly parallel axes 2, 3 and 4 are as large as hundreds of metres and cancel. The YAML that the ROS driver
-reads has the frame of each joint in that of the joint before, as the origin of a URDF joint: fixed-axis roll, pitch, yaw.
-Only the axes at zero and the flange matter, so both are turned into these.
+where the Δd of the nearly parallel axes 2, 3 and 4 can be hundreds of metres and cancel. The YAML of the ROS driver has
+the frame of each joint in that of the joint before, as the origin of a URDF joint: fixed-axis roll, pitch, yaw. Only
+the axes at zero and the flange matter, so both are converted to these.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MODELS: Final = {
     "UR20": (0.2363, -0.862, -0.7287, 0.201, 0.1593, 0.1543),
     "UR30": (0.2363, -0.637, -0.5037, 0.201, 0.1593, 0.1543),
 }
-"""Nominal d1, a2, a3, d4, d5 and d6 of each model, m, as its maker publishes them; a UR7e is a UR5e, a UR12e a UR10e."""
+"""Nominal d1, a2, a3, d4, d5 and d6 of each model, m, as published by its maker; a UR7e is a UR5e, a UR12e a UR10e."""
 _ALPHA: Final = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 _LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _NUMBERS: Final = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -51,9 +51,9 @@ _LARGEST: Final = 2**20
 @final
 @dataclass(frozen=True, eq=False)
 class UrKinematics:
-    """A six-joint arm at zero: frames of its joints ``(6, 4, 4)``, z along the axes, and of its flange ``(4, 4)``, in the base.
+    """A six-joint arm at zero: frames of joints ``(6, 4, 4)``, z along the axes, and flange ``(4, 4)``, in the base.
 
-    ``checksum`` is what the file has as ``hash``. ``is_whole``: the file has the arm itself and not differences to a model.
+    ``checksum`` is the file's ``hash``. ``is_whole``: the file has the arm itself, not differences to a model.
     ``was_folded``: the file has the forearm turned back, which was undone.
     """
 
@@ -88,7 +88,7 @@ class UrKinematics:
 
 
 def nominal_ur(name: str) -> UrKinematics:
-    """Return a model of :data:`MODELS` as its maker publishes it."""
+    """Return a model of :data:`MODELS` as published by its maker."""
     return UrKinematics.of_dh(*_nominal(name))
 
 
@@ -100,8 +100,8 @@ def _nominal(name: str) -> tuple[Array, Array, Array, Array]:
 def read_ur_calibration(path: str | os.PathLike[str], name: str, *, x_y_z: bool = False) -> UrKinematics:
     """Return the arm of a factory calibration: a controller's ``calibration.conf``, or the YAML of the ROS driver.
 
-    The differences of a ``calibration.conf`` are added to the model ``name``. ``x_y_z`` reads the angles of a YAML as turns about
-    x, the new y and the new z, as the tool that extracts it means them, and not as URDF readers do.
+    The differences of a ``calibration.conf`` are added to the model ``name``. ``x_y_z`` reads a YAML's angles as turns
+    about x, the new y and the new z, as meant by the tool that extracts it, unlike URDF readers.
     """
     file = os.fspath(path)
     try:
@@ -117,8 +117,7 @@ def read_ur_calibration(path: str | os.PathLike[str], name: str, *, x_y_z: bool 
 
 
 def _assigned(text: str, key: str) -> re.Match[str] | None:
-    """Return where a line assigns a key."""
-    # blanks within the line only: blank lines would be gone through again from each of them
+    # blanks within the line only: the search would restart at each of many blank lines
     return re.search(rf"^[^\S\n]*{key}[^\S\n]*=", text, re.MULTILINE)
 
 
@@ -162,7 +161,6 @@ def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
 
 
 def _placed(steps: list[list[float]], *, x_y_z: bool) -> Array:
-    """Return the frame of each joint in that of the joint before, ``(6, 4, 4)``."""
     frames = []
     for x, y, z, *angles in steps:
         about_x, about_y, about_z = map(se3.exp_rotation, np.diag(angles))
@@ -178,13 +176,11 @@ def _is_folded(placed: Array) -> bool:
 
 
 def _unfolded(placed: Array) -> Array:
-    """Return the frames without the half turns of elbow and wrist 1 that older tools give a robot.
-
-    ``ur_calibration`` before June 2024 takes the arctangent of y/x for the direction from the elbow to the axis of wrist 1. Where
-    |θ_2 + Δθ_2| is beyond π/2 that is the opposite one. The elbow is then turned by π about its axis, wrist 1 turned back, and
-    the axis of wrist 1 lies on the other side of the elbow. Wrist 1 is d along its axis from where this meets the elbow's plane;
-    turning that part with it gives the robot that the controller has.
-    """
+    """Return the frames without the half turns of elbow and wrist 1 added by older tools."""
+    # `ur_calibration` before June 2024 uses the arctangent of y/x for the direction from the elbow to the axis of
+    # wrist 1, which is the opposite one if |θ_2 + Δθ_2| exceeds π/2. The elbow is then turned by π about its axis,
+    # wrist 1 turned back, and the axis of wrist 1 lies on the other side of the elbow. Wrist 1 is d along its axis from
+    # where this meets the elbow's plane; turning that part with it gives the controller's robot.
     half = _turn(np.pi)
     elbow, wrist = placed[2] @ half, placed[3].copy()
     axis = wrist[:3, 2]

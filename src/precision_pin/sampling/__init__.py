@@ -1,9 +1,8 @@
 """Sampling at a pose: tasks of blocks on threads, processes or a cluster, merged in block order, saved in a journal.
 
 A block is a fixed range of robot indices. Its statistics depend on error model, seed and block number only, and blocks
-are added in order. A result therefore has the same bits whichever worker computed a block, in any order of completion,
-and however often the run was stopped and resumed. Names are imported on first use, so that displaying a result does not
-load the compiler.
+are added in order, so the result has the same bits for any workers, any order of completion and any stops and
+resumptions. Names are imported on first use, so that displaying a result does not load the compiler.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The same built robots at one pose under several approaches: what visits repeat, and how far the approaches lie apart."""
+"""The same built robots at one pose under several approaches: repeatability, and distance between the approaches."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class ApproachErrors(Fixed):
 
     @property
     def variation(self) -> Array:
-        """Largest distance between the barycentres of two approaches for each robot, m, ``(N,)``: vAP of ISO 9283."""
+        """Largest distance between the barycentres of two approaches, m, ``(N,)``: vAP of ISO 9283."""
         apart = self.barycentres[:, None] - self.barycentres[None]
         return np.sqrt((apart**2).sum(axis=2)).max(axis=(0, 1))
 
@@ -57,7 +57,7 @@ class ApproachErrors(Fixed):
 
     @property
     def bidirectional(self) -> Array:
-        """Position repeatability of each robot over the visits under all approaches together, m, ``(N,)``."""
+        """Position repeatability of each robot over all visits together, m, ``(N,)``."""
         return _repeatability(self.shifts.reshape(-1, 3, self.shifts.shape[-1]))
 
 
@@ -80,8 +80,7 @@ def sample_approaches(
 
     Args:
         error_model: Chain, draws and sources.
-        pose: The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's first
-            pose.
+        pose: The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's first.
         approaches: Two or more approaches, each as in :class:`precision_pin.ApproachedPose`. ISO 9283 takes three.
         robots, cycles: Number of built robots, and of visits under each approach, two or more.
         seed: 64-bit seed.
@@ -91,8 +90,7 @@ def sample_approaches(
         first: Number of the first robot.
 
     Raises:
-        InputError: Fewer than two approaches, wrong directions, a wrong pose or number, or more visits than there are
-            numbers for.
+        InputError: Fewer than two approaches, wrong directions, a wrong pose or number, or too many visits.
         UnknownNameError: No such pose or joint.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")

@@ -1,4 +1,4 @@
-"""Description of the work of a run, which can be sent to another process or machine."""
+"""The work of a run, in a form that can be sent to another process or machine."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ MOST_SAMPLES: Final = 10**12
 
 
 def check_samples(samples: int) -> None:
-    """Check that the number of samples is a whole number from 1 to 10¹²."""
+    """Raise unless the number of samples is a whole number from 1 to 10¹²."""
     check_whole("the number of samples", samples, 1, MOST_SAMPLES, f"from 1 to {MOST_SAMPLES:.0e}")
 
 
 @lru_cache(maxsize=1)
 def packages() -> tuple[tuple[str, str], ...]:
-    """Return name and version of the packages of this process that determine the bits of a block."""
+    """Return name and version of the packages that determine the bits of a block."""
     found = versions()
     return tuple((name, found[name]) for name in ("precision-pin", "numpy", "numba"))
 
 
 def check_packages(started_with: Sequence[tuple[str, str]]) -> None:
-    """Check that this process has the packages of the process that started a run."""
+    """Raise unless this process has the package versions of the process that started the run."""
     here = dict(packages())
     for name, version in started_with:
         if here[name] != version:
@@ -51,7 +51,7 @@ def check_packages(started_with: Sequence[tuple[str, str]]) -> None:
 
 
 class Sent:
-    """Data class that is pickled with its read-only arrays read-only."""
+    """Data class whose read-only arrays stay read-only when pickled."""
 
     def __reduce__(self) -> tuple[Callable[[bytes], Any], tuple[bytes]]:
         buffer = io.BytesIO()
@@ -70,13 +70,9 @@ class Work(Sent):
     """All inputs of a block's statistics except the block number. Can be pickled.
 
     Attributes:
-        layout: The error model at the pose.
-        plan: Centres, bins and specifications.
         model: ``"exact"`` or ``"linear"``.
-        seed: 64-bit seed.
-        samples: Number of samples of the whole run, at which its last block ends.
-        keep_errors: Return the errors as well.
-        packages: Versions in the process that started the run; a worker with other versions is an error.
+        samples: Samples of the whole run, at which its last block ends.
+        packages: Versions in the process that started the run; other versions in a worker are an error.
     """
 
     layout: SamplerArrays
@@ -102,7 +98,7 @@ class Work(Sent):
 
 
 class _Pickler(pickle.Pickler):
-    """Pickler that keeps read-only arrays read-only: numba compiles separately for writeable ones."""
+    """Pickler that keeps arrays read-only: numba compiles separately for writeable ones."""
 
     def reducer_override(self, thing: Any) -> Any:
         """Return the reconstruction of a read-only array; the default for all other objects."""
@@ -117,7 +113,7 @@ def _make_read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 PILOT: Final = 512
-"""Number of samples for planning: the first of the seed, even in a shorter run."""
+"""Samples for planning: the first of the seed, even in a shorter run."""
 
 _FARTHEST: Final = 1e100
 """Largest error planned for, m or rad."""
@@ -130,13 +126,13 @@ def planned(
     seed: int,
     specifications: Sequence[Specification] = (),
 ) -> Plan:
-    """Return the plan of a run at a pose."""
+    """Return the plan of a run at a pose, from a pilot."""
     _, slopes = at.tangent
     skewness = first_order_skewness(at.space.draws, slopes)
     try:
         pilot = quantity_values(sampler.errors(layout, model, seed, 0, PILOT))
     except InputError:
-        # the run reports the invalid sample itself, unless it ends before it
+        # the run itself reports the invalid sample, if it gets that far
         return replace(Plan.from_moments(at.error_at_means, at.covariance, tuple(specifications)), skewness=skewness)
     plan = Plan.from_pilot(pilot, reach(at, layout, slopes), tuple(specifications))
     return replace(plan, skewness=skewness)
@@ -151,7 +147,7 @@ def reach(at: PoseModel, layout: SamplerArrays, slopes: Array) -> Array:
 
 
 _NO_SLOPE = 1e-3
-"""Share of its vector's first-order spread below which a component is dominated by higher orders."""
+"""Fraction of its vector's first-order spread below which higher orders dominate a component."""
 _NORMAL_SQUARE = math.sqrt(8)
 """Skewness of the square of a normal variable."""
 
@@ -163,13 +159,13 @@ def first_order_skewness(draws: Sequence[Draw], slopes: Array) -> Array:
         draws: The draws, independent of each other.
         slopes: ``(6, d)`` slopes of the error's components.
 
-    The skewness of a norm, and of a component that the draws do not move to first order, is taken from the squares of the
-    components of its vector, minus the skewness of a normal variable's square.
+    For a norm, and for a component without first-order slopes, it is that of the sum of squares of its vector's
+    components, minus the skewness of a normal variable's square.
     """
     found = np.zeros((8, 2))
     skewed = [_cumulants(draw.law) for draw in draws]
     if all(cumulants is None for cumulants in skewed):
-        # only normal-like laws: components are not skewed, their squares as those of normal variables
+        # only normal-like laws: components are not skewed, and squares are as skewed as those of normal variables
         found[:, 1] = _NORMAL_SQUARE
         found[list(COMPONENTS), 1] *= (slopes != 0).any(axis=1)
         return found

@@ -1,9 +1,8 @@
-"""Pictures of the pose error's distribution: histograms and cumulative curves.
+"""Figures of the pose error's distribution: histograms and cumulative curves.
 
-Functions take a `Summary` or a `Distribution` of one and return matplotlib objects made without pyplot,
-so no global state is touched. Text is 7 pt or larger when a figure is printed at its own size (85 mm wide
-for one quantity, 174 mm for the six components), colours are those of Okabe and Ito (2008), which stay apart
-for colour-blind readers, and every line differs in its dashes as well.
+They take a `Summary` or a `Distribution` and return matplotlib objects made without pyplot, so no global state is
+touched. Text is at least 7 pt at the figure's own size (85 mm wide for one quantity, 174 mm for six components).
+Colours are those of Okabe and Ito (2008), safe for colour-blind readers, and lines also differ in dashes.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ def figures_of(summary: Summary, seed: int, arm: str) -> dict[str, Figure]:
 
 
 def plot(summary: Summary, seed: int, arm: str, quantity: str, axes: Axes | None) -> Axes | Figure:
-    """Return what :meth:`precision_pin.sampling.result.MonteCarloResult.plot` does."""
+    """Implement :meth:`precision_pin.sampling.result.MonteCarloResult.plot`."""
     names = ("position", "attitude", "components", *QUANTITIES)
     if quantity not in names:
         raise UnknownNameError("quantity", quantity, names)
@@ -74,7 +73,7 @@ def histogram(
     axes: Axes | None = None,
     draw: _Draw = draw_distribution.draw_histogram,
 ) -> Axes:
-    """Draw the probability density with mean, quantiles (and their intervals) and limits marked."""
+    """Draw the probability density with mean, quantiles (and their intervals) and limits."""
     with figure_style.style():
         own = axes if axes is not None else figure_style.new_figure(figure_style.SINGLE_COLUMN).subplots()
         draw(own, distribution, unit or draw_distribution.display_unit(distribution), specifications)
@@ -86,20 +85,20 @@ def histogram(
 
 
 cumulative = partial(histogram, draw=draw_distribution.draw_cumulative)
-"""Draw the cumulative distribution, marked as the histogram is; arguments as in `histogram`."""
+"""Draw the cumulative distribution; arguments and marks as for `histogram`."""
 
 
 def figure_position(
     summary: Summary, *, title: str = "Position error", seed: int | None = None, unit: WrittenUnit | None = None
 ) -> Figure:
-    """Return the distribution of |d|, density above and cumulative below (the paper's figure 5), 85 mm wide."""
+    """Return the figure of |d|, 85 mm wide: density above, cumulative below (the paper's figure 5)."""
     return _figure_of_norm(summary, summary.position.norm, title, seed, unit)
 
 
 def figure_attitude(
     summary: Summary, *, title: str = "Attitude error", seed: int | None = None, unit: WrittenUnit | None = None
 ) -> Figure:
-    """Return the distribution of |δ| (the paper's figure 6); arguments as in `figure_position`."""
+    """Return the figure of |δ|, as `figure_position` (the paper's figure 6)."""
     return _figure_of_norm(summary, summary.attitude.norm, title, seed, unit)
 
 
@@ -134,10 +133,7 @@ def figure_components(
 
 
 def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[Path, Path]:
-    """Write a figure as PNG (200 dpi) and SVG, the same bytes for the same figure, and return both paths.
-
-    Both are written or neither, and neither is ever seen half-written.
-    """
+    """Write a figure as PNG (200 dpi) and SVG, both or neither, reproducibly to the byte, and return both paths."""
     base = Path(path_without_suffix)
     metadata: dict[str, dict[str, str | None]] = {
         "png": {"Software": None},
@@ -184,7 +180,6 @@ def _finish(
     *,
     columns: int,
 ) -> None:
-    """Add title, legend and caption outside the axes, where they cover nothing, and set the height (mm)."""
     caption = f"N = {counted.samples:,}" + ("" if seed is None else f", seed {seed}")
     caption += f"; intervals at {100 * counted.confidence:g} % confidence"
     above, below = figure_style.wrapped(title, figure), figure_style.wrapped(caption, figure)
@@ -196,10 +191,10 @@ def _finish(
 
 
 _MOST_NAMED: Final = 24
-"""Most poses named below the axis; more are numbered."""
+"""Most poses named below the axis; beyond, they are numbered."""
 _MOST_LETTERS: Final = 18
 _MOST_LEVEL: Final = 80
-"""Most letters of all names together without turning them."""
+"""Most letters of all names together without turning the labels."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
 _STYLES: Final = ((draw_distribution.SKY, ":"), (draw_distribution.BLUE, "-"), (draw_distribution.PURPLE, "--"))
 """Colour and dashes of each quantile."""
@@ -207,16 +202,13 @@ _STYLES: Final = ((draw_distribution.SKY, ":"), (draw_distribution.BLUE, "-"), (
 
 @dataclass(frozen=True, eq=False)
 class ErrorAtPoses:
-    """What a figure shows of |d| or |δ| at P poses.
+    """Contents of a figure of |d| or |δ| at P poses.
 
     Attributes:
         quantity: ``"position.norm"`` or ``"attitude.norm"``.
         title, caption: Lines above and below the figure.
-        labels: Names of the poses.
-        largest: Largest sampled value.
         quantiles: Intervals ``(2, P)`` and quantiles ``(P,)`` by level.
-        specifications: Verdict over all poses and result at each, of the specifications of this quantity or its
-            components.
+        specifications: For each specification of this quantity or its components, the overall verdict and the results.
     """
 
     quantity: str
@@ -239,7 +231,7 @@ def figure_of_poses(shown: ErrorAtPoses) -> Figure:
 
 
 def plot_poses(shown: ErrorAtPoses, axes: Axes | None) -> Axes | Figure:
-    """Return what :meth:`precision_pin.sampling.poses_result.PosesResult.plot` does."""
+    """Implement :meth:`precision_pin.sampling.poses_result.PosesResult.plot`."""
     if axes is None:
         return figure_of_poses(shown)
     with figure_style.style():
@@ -256,7 +248,7 @@ def _draw_poses(axes: Axes, shown: ErrorAtPoses) -> None:
         zip(shown.quantiles.items(), _STYLES, strict=True)
     ):
         value = quantiles * unit.per_si
-        # a sketch's bin may reach no farther than its quantile: never a negative bar
+        # a sketch's bin may end at its quantile: bars are never negative
         bars = np.maximum(np.abs(ends * unit.per_si - value), 0.0)
         axes.errorbar(
             places, value, yerr=bars, color=colour, linestyle=dashes, marker="o", markersize=2.5,

@@ -1,10 +1,9 @@
 """Journal of a run: the file from which a stopped run is resumed.
 
-The file starts with a line that names the format. Records follow, each a length, a digest of length and payload, and the
-payload. The first payload is the identity of the run as JSON; the others are states, each of all blocks up to some block.
-Records are only appended and then flushed to disk, so that a run stopped at any moment leaves complete records and at
-most one incomplete one, which the digest reveals. One state is enough to resume from: after `MOST_RECORDS` of them the
-file is replaced atomically by one with the last state only.
+A first line names the format. Records follow, each a length, a digest of length and payload, and the payload. The first
+payload is the identity of the run as JSON; the others are states, each of all blocks up to some block. Records are
+appended and flushed to disk, so a stopped run leaves at most one incomplete record, which the digest reveals. One state
+suffices to resume: after `MOST_RECORDS` the file is replaced atomically by one with the last state only.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ _PLAN: Final = "the planned centres and scales"
 
 
 def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:
-    """Return all inputs that determine the bits of a run, keyed by their names in messages."""
+    """Return all inputs that determine the bits of a run, by their names in messages."""
     # the processor that numba compiles for, as detected or configured
     triple, processor, features = cpu_target.target_context.codegen().magic_tuple()
     joints = zip(posture.chain.joint_names, posture.q, strict=True)
@@ -80,7 +79,7 @@ def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike
 def differences(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     """Return one text for each difference between two runs.
 
-    The plan follows from the other inputs and is listed only where nothing else differs.
+    The plan follows from the other inputs and is listed only if nothing else differs.
     """
     found = [name for name in dict.fromkeys([*now, *then]) if then.get(name) != now.get(name)]
     return [
@@ -125,7 +124,7 @@ def _update(hasher: hashlib.blake2b, value: Any) -> None:
 
 
 def _say(hasher: hashlib.blake2b, *words: str) -> None:
-    """Hash words with their lengths, so that different lists of words never hash the same bytes."""
+    """Hash words with their lengths, so that different lists of words give different bytes."""
     for word in words:
         data = word.encode("utf-8", "surrogatepass")
         hasher.update(len(data).to_bytes(8, "little") + data)
@@ -146,10 +145,10 @@ LARGEST_IDENTITY: Final = 2**20
 
 SHORTEST_PAUSE: Final = 2.0
 LONGEST_PAUSE: Final = 60.0
-"""Limits of the pause between two records, in seconds; within them it is a hundredth of the run time so far."""
+"""Limits of the pause between records, in seconds; within them it is a hundredth of the run time so far."""
 
 COST_OF_WRITING: Final = 20
-"""Smallest ratio of a pause to the time that writing the last record took."""
+"""Least ratio of a pause to the time taken to write the last record."""
 
 _HEAD: Final = struct.Struct("<Q16s")
 
@@ -168,17 +167,17 @@ S = TypeVar("S")
 
 
 _OVERHEAD: Final = 1000
-"""Generous bound of the bytes that an array takes beyond its numbers."""
+"""Generous bound of an array's bytes beyond its numbers."""
 
 
 @final
 @dataclass(frozen=True)
 class Codec(Generic[S]):
-    """What a journal must know of the states that it holds.
+    """What a journal must know of its states.
 
     Attributes:
-        count: Function that returns how much of the run a state holds.
-        check: Function that raises ValueError if no run could give a state.
+        count: Returns how much of the run a state holds.
+        check: Raises ValueError if no run could give a state.
         unit: What is counted, for messages.
     """
 
@@ -195,14 +194,14 @@ def packed(state: Any) -> bytes:
 
 
 def largest(pattern: Any) -> int:
-    """Return an upper bound of the bytes of a state with the pattern's plan, packed or not."""
+    """Return an upper bound of the bytes, packed or not, of a state like the pattern."""
     return sum(np.asarray(leaf).nbytes * 101 // 100 + _OVERHEAD for leaf in _leaves(pattern, "").values())
 
 
 def unpacked(data: bytes, pattern: S, check: Callable[[S], None]) -> S:
-    """Return the state from its packed bytes; ``pattern`` is a state of the same run with the types and shapes to read.
+    """Return the state from its packed bytes; ``pattern`` is a state of the same run, for types and shapes.
 
-    No more bytes are read than a state takes, whatever the input.
+    At most the bytes of a state are read, whatever the input.
     """
     most = largest(pattern)
     try:
@@ -219,7 +218,7 @@ def unpacked(data: bytes, pattern: S, check: Callable[[S], None]) -> S:
 
 
 def _read(members: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[Any]:
-    """Return an array with the type and shape of another; a different header, which could claim any size, is an error."""
+    """Return an array of the type and shape of another; any other header, which could claim any size, is an error."""
     pattern = io.BytesIO()
     np.save(pattern, like)
     size = pattern.tell()
@@ -232,7 +231,7 @@ def _read(members: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[An
 
 
 def _check_samples(state: State) -> None:
-    """Check that samples could give this state: a correct digest does not prove that a run wrote the record."""
+    """Check that samples could give this state: a correct digest does not prove that a run wrote it."""
     sketched, inside = state.sketch.sum(axis=1), state.inside
     sums = (state.sums, state.products, state.norm_squares)
     if state.count < 0 or state.sketch.min() < 0 or (sketched != state.count).any():
@@ -259,7 +258,6 @@ SAMPLES: Final = Codec[State](lambda state: state.count, _check_samples, "sample
 
 
 def _leaves(value: Any, name: str) -> dict[str, Any]:
-    """Return arrays and numbers keyed by their path in data classes and tuples."""
     leaves: dict[str, Any] = {}
     for key, entry in _parts(value):
         below = f"{name}{key}"
@@ -289,16 +287,15 @@ def _parts(value: Any) -> list[tuple[str, Any]]:
 
 
 _ALWAYS: Final = ("mean", "norm_mean", "norm_max", "probability", "probability_interval")
-"""Those that any number of samples gives."""
+"""Arrays without NaN for any number of samples."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PosesDone:
-    """Arrays over all poses of a run, of which the first ones are filled.
+    """Arrays over all poses of a run, of which the first ``count`` are filled.
 
     Attributes:
-        count: Number of poses that are finished.
         values: The arrays of `POSE_ARRAYS`; the last axis is the pose.
     """
 
@@ -310,7 +307,7 @@ class PosesDone:
         return dict(zip(POSE_ARRAYS, self.values, strict=True))
 
     def with_part(self, part: Mapping[str, Array]) -> PosesDone:
-        """Return the state with the next poses filled, in place."""
+        """Return the state with the next poses filled in place."""
         end = self.count
         for name, array in self.arrays().items():
             end = self.count + part[name].shape[-1]
@@ -319,17 +316,16 @@ class PosesDone:
 
 
 def start_of_poses(part: Mapping[str, Array], poses: int) -> PosesDone:
-    """Return the state before any of P poses, with the types and shapes of the part of a pose."""
+    """Return the empty state of P poses, with the types and shapes of one pose's part."""
     return PosesDone(0, tuple(np.zeros((*part[name].shape[:-1], poses), part[name].dtype) for name in POSE_ARRAYS))
 
 
 def _check_poses(state: PosesDone) -> None:
-    """Check that samples could give this state."""
     if not 0 <= state.count <= state.values[0].shape[-1]:
         raise ValueError("its counts are inconsistent")
     for name, array in state.arrays().items():
         done = array[..., : state.count]
-        # few samples leave the others without a number
+        # with few samples, the others may be NaN
         if np.isinf(done).any() or (name in _ALWAYS and np.isnan(done).any()):
             raise ValueError(f"its {name} is not finite")
 
@@ -350,7 +346,7 @@ def opened(
     resume: bool,
     tell: Callable[[str], None],
 ) -> Iterator[tuple[Journal[S], S]]:
-    """Yield an open journal and the state to resume from; the file is locked against other processes."""
+    """Yield an open journal, locked against other processes, and the state to resume from."""
     name = os.fspath(path)
     journal = Journal(name, _open_locked(name, resume=resume), identity, codec)
     try:
@@ -360,7 +356,7 @@ def opened(
 
 
 def _open_locked(name: str, *, resume: bool) -> int:
-    """Return the descriptor of the file, created if necessary and locked against other processes."""
+    """Return the descriptor of the file, created if necessary and locked."""
     while True:
         try:
             descriptor = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK | (0 if resume else os.O_EXCL), 0o666)
@@ -414,7 +410,7 @@ class Journal(Generic[S]):
 
     @property
     def saved(self) -> int:
-        """Number of samples, or of whatever the states count, in the last record."""
+        """Number of samples, or of other counted things, in the last record."""
         return self._saved
 
     def begin(self, start: S, *, resume: bool, tell: Callable[[str], None]) -> S:
@@ -439,7 +435,7 @@ class Journal(Generic[S]):
             self.save(state)
 
     def save(self, state: S) -> None:
-        """Add a record, unless the last one has the same samples."""
+        """Add a record, unless the last one has the same count."""
         if self._codec.count(state) == self._saved:
             return
         begun = time.monotonic()
@@ -459,7 +455,7 @@ class Journal(Generic[S]):
         os.close(self._descriptor)
 
     def _last_state(self, start: S, size: int, tell: Callable[[str], None]) -> S:
-        """Return the state of the last record before the first incomplete one; the next record overwrites the rest."""
+        """Return the last complete state; the next record overwrites what follows it."""
         if self._read(0, len(MAGIC)) != MAGIC:
             raise InputError(f"{self._name} is not a journal of this version of precision-pin; the file is unchanged")
         header = next(self._records(len(MAGIC), size, 1, LARGEST_IDENTITY), None)
@@ -484,7 +480,7 @@ class Journal(Generic[S]):
         return state
 
     def _records(self, offset: int, size: int, most: int, largest: int) -> Iterator[bytes]:
-        """Yield records up to the first incomplete one, within the largest number and size that a run writes."""
+        """Yield records up to the first incomplete one, within the number and size that a run can write."""
         for _ in range(most):
             if offset + _HEAD.size > size:
                 return
@@ -542,7 +538,7 @@ class Journal(Generic[S]):
         self._flush_folder()
 
     def _flush_folder(self) -> None:
-        """Flush the file's folder entry to disk, on systems that support it."""
+        """Flush the file's folder entry to disk, if the system supports it."""
         with suppress(OSError):
             folder = os.open(os.path.dirname(self._place), os.O_RDONLY)
             try:
@@ -560,7 +556,6 @@ class Journal(Generic[S]):
 
 
 def _identity(header: bytes) -> dict[str, str] | None:
-    """Return the identity of a run from the first record; None where the record is no identity."""
     try:
         found = json.loads(header)
     except (ValueError, RecursionError):

@@ -1,7 +1,7 @@
 """Distribution of the pose error at many poses, by sampling the same built robots at all of them.
 
-The poses are processed in groups, each group in tasks of some blocks. The sums of a block depend on error model, seed,
-pose and block number only and are added in block order. The result therefore has the same bits for any number of threads.
+Poses are processed in groups, each group in tasks of some blocks. The sums of a block depend on error model, seed, pose
+and block number only and are added in block order, so that the bits do not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ MOST_SAMPLES: Final = 2**32 - 1
 Model = Literal["exact", "linear"]
 
 _STRAINS: Final = ("W_STATICS", "W_DEFLECTION", "W_TURNOVER")
-"""Warnings about statics, which a caller may have looked for at every pose."""
+"""Warnings about statics, which a caller may have checked at every pose."""
 _NUMBERS: Final = 73
 """Numbers in the result of a pose, including its name, without the specifications."""
 _TASK: Final = 256
-"""Blocks times poses in a task, which takes a fraction of a second."""
+"""Blocks times poses in a task of a fraction of a second."""
 _ROBOTS: Final = 4 * BLOCK
-"""Robots of a task that counts them everywhere."""
+"""Robots of a task that counts them at all poses."""
 
 
 @warns_at_end
@@ -94,8 +94,8 @@ def sample_poses(
     """Sample the pose error of the same built robots at many poses.
 
     Draws of unit scope are made once for a robot and apply at all poses; those of pose and visit scope are made at each
-    pose. Where all draws have unit scope, the samples at every pose are those of :func:`precision_pin.monte_carlo` with
-    the same seed. Draws of other scopes depend on the number of the pose, counted from 0.
+    pose. If all draws have unit scope, the samples at every pose are those of :func:`precision_pin.monte_carlo` with
+    the same seed. Other draws depend on the number of the pose, counted from 0.
 
     Args:
         error_model: Chain, draws and sources.
@@ -114,11 +114,11 @@ def sample_poses(
             of them; this samples every pose once more.
         confidence: Confidence of every interval.
         findings: Warnings to include in the result, such as those of the sheet.
-        threads, processes, executor, tasks_under_way: What samples, as in :func:`precision_pin.monte_carlo`; by default
-            a thread for each core. It does not change the result. Robots are counted ``everywhere`` on threads of this
+        threads, processes, executor, tasks_under_way: Workers, as in :func:`precision_pin.monte_carlo`; by default a
+            thread for each core. They do not change the result. Robots are counted ``everywhere`` on threads of this
             process in any case.
-        journal, resume, files, tell: File in which finished poses are saved, up to 64 at a time, and what is resumed
-            from it, as in :func:`precision_pin.monte_carlo`.
+        journal, resume, files, tell: File in which finished poses are saved, up to 64 at a time, and resuming from it,
+            as in :func:`precision_pin.monte_carlo`.
         progress: Function called with the number of samples, of all poses together, added since its last call; ``True``
             shows a bar.
 
@@ -193,7 +193,7 @@ def sample_poses(
 @final
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """The model at poses ``(n, P)``, how their joints moved last, and the settings that are the same for all of them."""
+    """The model at poses ``(n, P)`` with their approaches, and the settings common to all of them."""
 
     error_model: ErrorModel
     values: Array
@@ -208,7 +208,7 @@ class _Run:
         journal: Journal[PosesDone] | None,
         step: Callable[[int], object],
     ) -> PosesDone:
-        """Return the statistics of all poses; ``state`` holds those of the first ones, if there are any."""
+        """Return the statistics of all poses, after those of the first ones in ``state``, if any."""
         under_way: deque[tuple[PoseGroup, Any]] = deque()
 
         def add_oldest() -> None:
@@ -227,7 +227,7 @@ class _Run:
         try:
             for group, first_block, blocks in self._tasks(state.count if state else 0):
                 under_way.append((group, workers.submit(group.work, first_block, blocks)))
-                # finished tasks are added at once: with few robots, preparing further groups takes longer than sampling
+                # finished tasks are added at once: with few robots, preparing groups takes longer than sampling
                 while under_way and (len(under_way) >= workers.most or workers.is_done(under_way[0][1])):
                     add_oldest()
             while under_way:
@@ -248,7 +248,7 @@ class _Run:
         return state
 
     def first_part(self) -> dict[str, Array]:
-        """Return the arrays of the first pose from the first samples alone, which have the types and shapes of a result."""
+        """Return the arrays of the first pose from a few samples, for their types and shapes."""
         few = replace(self.work, samples=min(self.work.samples, PILOTS[0]))
         own = None if self.approaches is None else self.approaches[:, :1]
         first = replace(self, values=self.values[:, :1], approaches=own, work=few)
@@ -277,13 +277,13 @@ class _Run:
         return self.error_model.at_columns(self.values[:, columns], own)
 
     def _tasks(self, first_pose: int) -> Iterator[tuple[PoseGroup, int, int]]:
-        """Yield each group of poses from a first one on with the blocks to observe; groups are prepared one at a time."""
+        """Yield each group of poses from a first one on with its blocks; groups are prepared one at a time."""
         models = self._models(slice(first_pose, None))
         blocks = -(-self.work.samples // BLOCK)
         while together := list(islice(models, MOST_TOGETHER)):
             layouts = sampler.to_arrays_at_poses(together)
             while layouts:
-                # one group needs the same formulas at all its poses, which may change from pose to pose but rarely do
+                # a group needs the same formulas at all its poses; they rarely change from pose to pose
                 alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))
                 group = PoseGroup.with_plans(JoinedTables.of(layouts[:alike]), first_pose, self.work)
                 # at least 16 tasks, so that a single group occupies all threads
@@ -294,10 +294,8 @@ class _Run:
                 layouts = layouts[alike:]
 
     def count_everywhere(self, pool: Executor, step: Callable[[int], object]) -> tuple[int, ...]:
-        """Return how many robots keep each specification at all poses.
-
-        Robot k has the draws that it has where each pose is sampled alone, so the counts are the same for any pool.
-        """
+        """Return how many robots keep each specification at all poses."""
+        # a robot has the draws that it has where each pose is sampled alone, so the counts do not depend on the pool
         work, specifications = self.work, self.work.specifications
         if not specifications:
             return ()
@@ -328,7 +326,6 @@ def _poses(
     q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | ApproachedPose,
     specifications: Sequence[Specification],
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return joint values ``(n, P)`` and the poses' names."""
     poses = q.pose if isinstance(q, ApproachedPose) else q
     given, specified = error_model.chain.configurations.count(poses), len(specifications)
     # joint values, and the results twice: once in groups and once concatenated
@@ -357,13 +354,13 @@ def _inside(errors: Array, specifications: Sequence[Specification]) -> NDArray[n
 Counts = NDArray[np.int64]
 
 PILOTS: Final = (256, 1024)
-"""Numbers of samples from which first the centres, then the spreads are planned: the first samples of the run."""
+"""Samples, the first of the run, for planning first the centres, then the spreads."""
 
 
 @final
 @dataclass(frozen=True)
 class PosesWork:
-    """Settings of a run that are the same for all poses."""
+    """Settings of a run common to all poses."""
 
     model: Model
     seed: int
@@ -374,7 +371,7 @@ class PosesWork:
 @final
 @dataclass(frozen=True, eq=False)
 class GroupWork(Sent):
-    """Poses that are sampled together. Can be pickled."""
+    """Poses sampled together. Can be pickled."""
 
     tables: JoinedTables
     first_pose: int
@@ -394,7 +391,7 @@ class GroupWork(Sent):
 
 @final
 class PoseGroup:
-    """Poses that are sampled together, and their accumulated statistics."""
+    """Poses sampled together, and their accumulated statistics."""
 
     def __init__(self, tables: JoinedTables, first_pose: int, work: PosesWork, plans: Sequence[Plan]) -> None:
         self.poses = len(tables.layouts)
@@ -464,7 +461,7 @@ class PoseGroup:
         }
 
     def _moments(self) -> tuple[Array, Array]:
-        """Return mean and standard deviation of the eight quantities, ``(P, 8)``; the deviation of one sample is zero."""
+        """Return mean and standard deviation (0 for one sample) of the eight quantities, ``(P, 8)``."""
         centre = np.array([plan.centre for plan in self._plans])
         sums, squares = self._sums[:, :8], np.empty((self.poses, 8))
         squares[:, COMPONENTS] = self._sums[:, 8 + np.flatnonzero(_UPPER[0] == _UPPER[1])]
@@ -473,11 +470,9 @@ class PoseGroup:
         return centre + sums / self.count, np.sqrt(variance)
 
     def _quantile(self, cumulative: Counts, level: float, confidence: float) -> tuple[Array, Array, Array]:
-        """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins.
-
-        As in :meth:`precision_pin.statistics.Distribution.quantile`, the order statistics at rank 1 + (N - 1) p are
-        interpolated linearly, each placed inside its bin by its rank in the bin.
-        """
+        """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins."""
+        # as :meth:`precision_pin.statistics.Distribution.quantile`: linear between the order statistics at rank 1 + (N
+        # - 1) p, each placed in its bin by its rank
         ranks = quantile_ranks(self.count, level, confidence)
         if ranks is None:
             nothing = np.full((2, self.poses), np.nan)

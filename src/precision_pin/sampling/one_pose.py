@@ -32,7 +32,7 @@ from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
 _LARGEST_SQUARE: Final = 1e75
-"""Largest square of errors accepted, m² or rad²: beyond, the sums of fourth powers for the intervals overflow."""
+"""Largest square of errors accepted, m² or rad²: beyond, sums of fourth powers overflow."""
 
 Progress = Callable[[int], None]
 """Function called with the number of samples added since its last call."""
@@ -66,9 +66,10 @@ def monte_carlo(
 ) -> MonteCarloResult:
     """Sample the pose error at one pose (section 4 of Wei, Jia and Chen, 2015).
 
-    On machines of one type the result has the same bits for any workers, and however often the run is stopped and resumed.
-    Conditions that strain an assumption, such as joint values outside their limits, are listed in the result's ``warnings``
-    and issued as :class:`precision_pin.base.errors.PrecisionPinWarning`; ``findings`` are not issued again.
+    On machines of one type the result has the same bits for any workers, and however often the run is stopped and
+    resumed. Conditions that strain an assumption, such as joint values outside their limits, are listed in the result's
+    ``warnings`` and issued as :class:`precision_pin.base.errors.PrecisionPinWarning`; ``findings`` are not issued
+    again.
 
     Args:
         error_model: Chain, draws and sources.
@@ -88,18 +89,17 @@ def monte_carlo(
         confidence: Confidence of every interval.
         findings: Warnings to include in the result, such as those of the sheet.
         threads: Number of threads, by default one for each core.
-        processes: Number of processes to use instead of threads, started for this run. They end with this process,
-            however it ends.
+        processes: Number of processes, started for this run, to use instead of threads. They end with this process.
         executor: Executor to use instead of threads: any object with ``submit(function, *arguments)`` that returns a
             future, such as the executors of :mod:`concurrent.futures`, loky, mpi4py and Dask. It is not shut down. See
             also :func:`dask_cluster`.
         tasks_under_way: Number of tasks given to the executor at a time. The default is twice its number of workers, or
-            twice the number of cores of this machine where the executor does not state it.
+            twice the number of cores of this machine if the executor does not state it.
         journal: File in which the state of the run is saved every two seconds to a minute, to resume from. Ctrl-C then
             finishes the running tasks before it ends the run.
         resume: Resume from the journal, if the file exists.
-        files: Files that the model was read from besides the URDF, keyed by their names in messages, such as
-            ``{"sheet": "arm.errors.yaml"}``. A run is not resumed after one of them has changed.
+        files: Files that the model was read from besides the URDF, by their names in messages, such as ``{"sheet":
+            "arm.errors.yaml"}``. A run is not resumed after one of them has changed.
         progress: Function called after every few blocks; ``True`` shows a bar.
         tell: Function called with one line about the contents of the journal, and about the progress towards ``until``.
 
@@ -204,7 +204,7 @@ def result_at(
     model: str,
     **found: Any,
 ) -> MonteCarloResult:
-    """Return the result at a pose, with what its model tells of it."""
+    """Return the result at a pose, completed from the model."""
     chain, draws = error_model.chain, at.space.draws
     return MonteCarloResult(
         robot=os.path.basename(chain.robot.file),
@@ -228,7 +228,7 @@ def result_at(
 
 
 def check_progress(progress: object) -> None:
-    """Check that progress is a function of a number of samples, a flag or None."""
+    """Check that progress is a function, a flag or None."""
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
         raise InputError(f"progress must be a function, or True for a bar, got {arguments.shown(progress)}")
 
@@ -236,7 +236,7 @@ def check_progress(progress: object) -> None:
 def _enough(
     targets: Sequence[Target], plan: Plan, confidence: float, tell: Callable[[str], None]
 ) -> Callable[[State], bool]:
-    """Return a function that checks whether all targets are reached, and reports the samples needed where they are not."""
+    """Return a function that checks whether all targets are reached, and otherwise reports the samples needed."""
 
     def enough(state: State) -> bool:
         summary = finish(plan, state, confidence)
@@ -254,7 +254,7 @@ def _enough(
 
 
 def _check_resolved(wanted: Target, found: Precision, summary: Summary) -> None:
-    """Reject a tolerance below the error of the sketch, which no number of samples reduces."""
+    """Reject a tolerance below the error of the sketch, which more samples do not reduce."""
     if isinstance(wanted.statistic, str):
         return
     error = summary.distribution(wanted.quantity).quantile_error(wanted.statistic)
@@ -296,17 +296,17 @@ def model_at_pose(
 
 
 def do_nothing(_: object) -> None:
-    """Do nothing."""
+    """Ignore the argument."""
 
 
 _COARSE: Final = 0.05
-"""Share of the standard deviation above which the bin error of a quantile gives a warning."""
+"""Ratio of a quantile's bin error to the standard deviation above which a warning is given."""
 _ROUNDING: Final = 1e-14
 """Errors below this value, m or rad, count as rounding."""
 
 
 def find_constant_error(summary: Summary, known: Sequence[Finding], where: str) -> list[Finding]:
-    """Return a warning where the error does not vary, unless the sheet's findings include it."""
+    """Return a warning if the error does not vary, unless the sheet's findings include it."""
     if any(summary.varying) or any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in known):
         return []
     message = f"no source makes the error vary {where}, and no specification can be judged"
@@ -314,7 +314,7 @@ def find_constant_error(summary: Summary, known: Sequence[Finding], where: str) 
 
 
 def find_coarse_bins(summary: Summary) -> list[Finding]:
-    """Return a warning for each quantity with a quantile in a bin that is too wide for the sampled spread."""
+    """Return a warning for each quantity with a quantile in too wide a bin for the sampled spread."""
     found = []
     for quantity in QUANTITIES:
         distribution = summary.distribution(quantity)
@@ -337,13 +337,13 @@ def find_coarse_bins(summary: Summary) -> list[Finding]:
 
 
 def task_size(blocks: int, most: int) -> int:
-    """Return the number of blocks in a task: enough to keep a worker busy, few enough for regular progress."""
+    """Return the blocks in a task: enough to keep a worker busy, few enough for regular progress."""
     return min(most, max(1, blocks // 8))
 
 
 @final
 class Stream:
-    """Tasks submitted ahead of the one being awaited, at most as many as the workers accept."""
+    """Tasks submitted ahead of the awaited one, at most as many as the workers accept."""
 
     def __init__(self, work: Work, workers: Workers, first_block: int, end_block: int, size: int) -> None:
         self._work = work
@@ -354,10 +354,7 @@ class Stream:
         self._futures: dict[int, Any] = {}
 
     def result(self, block: int) -> Blocks:
-        """Wait for the task that begins with a block, and submit further tasks.
-
-        The block must be the one after the last of the task before.
-        """
+        """Wait for the task that begins with a block, the one after the previous task, and submit further tasks."""
         self._forget_before(block)
         while len(self._futures) < self._workers.most and self._next < self._end:
             length = min(self._size, self._end - self._next)
@@ -366,7 +363,7 @@ class Stream:
         return self._workers.result(self._futures[block])
 
     def result_under_way(self, block: int) -> Blocks | None:
-        """Wait for the task that begins with a block, None if it was not submitted; submit no further tasks."""
+        """Wait for the task that begins with a block, None if not submitted; submit no further tasks."""
         self._forget_before(block)
         return self._workers.result(self._futures[block]) if block in self._futures else None
 
@@ -391,10 +388,7 @@ class Sampling:
     def run(
         self, workers: Workers, blocks_in_a_task: int | None = None, enough: Callable[[State], bool] | None = None
     ) -> None:
-        """Sample to the end, or to the first check that is passed: after 1, 2, 4, 8 … blocks.
-
-        The checks do not depend on the workers, and so neither does the result.
-        """
+        """Sample to the end, or to the first passed check, after 1, 2, 4, 8 … blocks whatever the workers."""
         for end in self._check_blocks() if enough is not None else [self._work.blocks]:
             if self._next_block() < end and self.state.count < self._work.samples:
                 self._run_to(end, workers, blocks_in_a_task)
@@ -404,7 +398,6 @@ class Sampling:
             self._journal.save(self.state)
 
     def _check_blocks(self) -> list[int]:
-        """Return the numbers of blocks after which to check."""
         blocks = self._work.blocks
         return [*(2**k for k in range((blocks - 1).bit_length())), blocks]
 

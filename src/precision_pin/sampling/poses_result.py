@@ -50,12 +50,9 @@ class PosesSpecification(Record):
     """Result of a specification over several poses.
 
     Attributes:
-        results: At each pose.
         labels: Of the poses, no two alike.
-        largest: The mean at each pose of the norm that the quantity belongs to, which orders poses with the same share
-            inside.
-        everywhere: The share of robots that keep it at all poses, each robot at every one; ``None`` where that was not
-            asked.
+        largest: Mean of the quantity's norm at each pose, which orders poses with the same fraction inside.
+        everywhere: Fraction of robots that keep it at all poses; ``None`` if not requested.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -70,7 +67,7 @@ class PosesSpecification(Record):
 
     @cached_property
     def worst_first(self) -> list[int]:
-        """Numbers of the poses, from 0, the worst first: by verdict, then by the share inside, then by ``largest``."""
+        """Numbers of the poses, from 0, the worst first: by verdict, fraction inside, then ``largest``."""
 
         def order(pose: int) -> tuple[int, float, float]:
             result = self.results[pose]
@@ -85,7 +82,7 @@ class PosesSpecification(Record):
 
     @property
     def verdict(self) -> Verdict:
-        """That of the worst pose or, if that is worse, of the robots that keep it at all poses."""
+        """That of the worst pose or, if worse, of the robots that keep it at all poses."""
         verdicts = [self.results[self.worst].verdict, *([self.everywhere.verdict] if self.everywhere else [])]
         return min(verdicts, key=_WORST_FIRST.index)
 
@@ -96,12 +93,12 @@ class PosesSpecification(Record):
 
     @property
     def said(self) -> str:
-        """The verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        """The verdict in capitals, with the reason for not judging or with what it takes as exact."""
         return self.grounds.said(self.verdict)
 
     @property
     def met(self) -> bool:
-        """Whether the specification is met at every pose and, where asked, by enough robots at all of them."""
+        """Whether it is met at every pose and, if requested, by enough robots at all of them."""
         return self.verdict == "met"
 
     @property
@@ -139,7 +136,7 @@ POSE_ARRAYS: Final = (
     "mean", "covariance", "norm_mean", "norm_std", "norm_max", "quantile", "quantile_interval", "quantile_resolution",
     "probability", "probability_interval",
 )  # fmt: skip
-"""Arrays of a result whose last axis is the pose, in the order of the JSON and of a journal."""
+"""Arrays of a result whose last axis is the pose, in the order of JSON and journal."""
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 
@@ -155,23 +152,23 @@ class PosesResult(Record, JsonResult):
         robot, base, tip: The URDF and the ends of the chain.
         names: Names of the poses, empty for a pose without one.
         joints, q: Joints in chain order, and their values ``(n, P)``, rad or m.
-        approaches: Direction in which each joint moved last, ``(n, P)``: 1, -1, or 0 where it is not known; ``None`` if
-            no pose has an approach.
+        approaches: Direction in which each joint moved last, ``(n, P)``: 1, -1, or 0 if unknown; ``None`` if no pose
+            has an approach.
         samples, seed, model, statics: Settings of the run: built robots, 64-bit seed, ``"exact"`` or ``"linear"``,
             ``"nominal"`` or ``"equilibrium"``.
         confidence: Confidence of every interval.
         mean: ``(6, P)`` mean of ``[d; δ]``.
         covariance: ``(6, 6, P)`` sample covariance, divisor N - 1; NaN for one sample.
         norm_mean, norm_std, norm_max: ``(2, P)`` mean, standard deviation and largest sampled value of |d| and |δ|.
-        quantile, quantile_interval: ``(3, 2, P)`` and ``(3, 2, 2, P)``, the lower ends first: quantiles of |d| and |δ|
-            at `LEVELS`, and distribution-free intervals, widened by the resolution of the sketch. NaN where the samples
-            are too few for an interval.
+        quantile, quantile_interval: ``(3, 2, P)`` and ``(3, 2, 2, P)``, lower ends first: quantiles of |d| and |δ| at
+            `LEVELS`, and distribution-free intervals, widened by the resolution of the sketch. NaN if there are too few
+            samples for an interval.
         quantile_resolution: ``(3, 2, P)`` width of the sketch's bin at the quantile: the largest difference from the
-            quantile of the samples themselves.
+            samples' own quantile.
         specifications: Specifications whose samples are counted.
-        probability, probability_interval: ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its
+        probability, probability_interval: ``(S, P)`` and ``(S, 2, P)``: fraction of the samples inside, and its
             Clopper-Pearson interval.
-        kept_everywhere: How many robots keep each specification at all poses; ``None`` where that was not asked.
+        kept_everywhere: How many robots keep each specification at all poses; ``None`` if not requested.
         warnings: One line each: the findings, then the warnings of the analysis.
         findings: Findings passed in, such as those of the sheet.
         versions: Versions of Python and the libraries that computed the result.
@@ -228,15 +225,15 @@ class PosesResult(Record, JsonResult):
 
     @property
     def met(self) -> bool:
-        """Whether every specification is met, at every pose and, where asked, by one robot at all; true without any."""
+        """Whether all specifications are met, at every pose and, if requested, by enough robots at all poses."""
         return all(result.met for result in self.specification_results)
 
     @property
     def worst_first(self) -> list[int]:
         """Numbers of the poses, from 0, the worst first.
 
-        By the first specification that is not met, or the first if all are; without specifications by the 95 % quantile of
-        |d|, or by its mean where the samples are too few for that.
+        By the first specification that is not met, or the first if all are; without specifications by the 95 % quantile
+        of |d|, or by its mean if there are too few samples.
         """
         results = self.specification_results
         if results:
@@ -252,7 +249,7 @@ class PosesResult(Record, JsonResult):
 
     @cached_property
     def specification_results(self) -> tuple[PosesSpecification, ...]:
-        """Each specification over all poses, judged at each pose as the result of one pose judges it."""
+        """Each specification over all poses, judged at each as for a single pose."""
         labels, varying = tuple(pose_labels(self.names)), self._varying()
         grounds = grounds_at_each(self.error_model, self.q, labels)
         of_all = next((one for one in grounds if one.not_judged), grounds[0])
@@ -278,7 +275,7 @@ class PosesResult(Record, JsonResult):
         return tuple(found)
 
     def _varying(self) -> NDArray[np.bool_]:
-        """Return which of the eight quantities vary at each pose, ``(8, P)``: in the samples or, where not, to first order."""
+        """Return which of the eight quantities vary at each pose, ``(8, P)``, in the samples or to first order."""
         components = np.nan_to_num(self.std) > NO_SPREAD
         specified = [spec.row for spec in self.specifications]
         alike = np.flatnonzero(~_with_norms(components)[specified].all(axis=0))
@@ -288,11 +285,11 @@ class PosesResult(Record, JsonResult):
         return _with_norms(components)
 
     def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
-        """Draw the median and the 95 and 99.73 % quantiles over the poses, with the limits that are asked about.
+        """Draw the median and the 95 and 99.73 % quantiles over the poses, with the specified limits.
 
         Args:
             quantity: ``"position"`` or ``"attitude"``, for |d| or |δ|.
-            axes: Axes of matplotlib to draw on; ``None`` makes a figure with title, legend and caption.
+            axes: Matplotlib axes to draw on; ``None`` makes a figure with title, legend and caption.
 
         Returns:
             The axes given, or the new figure, which a notebook shows and ``savefig`` writes.
@@ -322,10 +319,10 @@ class PosesResult(Record, JsonResult):
         return figures.plot_poses(shown, axes)
 
     def between(self, one: int, other: int) -> Array:
-        """Return the covariance ``(6, 6)`` between a robot's errors at two poses, in closed form from the tangent model.
+        """Return the covariance ``(6, 6)`` between a robot's errors at two poses, from the tangent model.
 
-        ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope alone: a robot's draws of pose and
-        visit scope at different poses are independent. For a pose with itself it is ``J Σ Jᵀ`` of all draws.
+        ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope alone: other draws are
+        independent at different poses. For a pose with itself it is ``J Σ Jᵀ`` of all draws.
 
         Args:
             one, other: Numbers of the poses, from 0.
@@ -347,7 +344,6 @@ class PosesResult(Record, JsonResult):
         return covariance.between(here, there)
 
     def _approach(self, pose: int) -> tuple[int, ...]:
-        """Return the approach of a pose; empty if no pose has one."""
         return () if self.approaches is None else tuple(self.approaches[:, pose].tolist())
 
     def pose(self, name: str) -> int:
@@ -375,8 +371,8 @@ class PosesResult(Record, JsonResult):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and quantity.
 
-        Components have the columns ``mean`` and ``std``. Norms have these, ``max``, and ``quantile_0.5``, … with ``…_lower``
-        and ``…_upper``.
+        Components have the columns ``mean`` and ``std``. Norms have these, ``max``, and ``quantile_0.5``, … with
+        ``…_lower`` and ``…_upper``.
 
         Raises:
             InputError: pandas is not installed.
@@ -404,13 +400,12 @@ class PosesResult(Record, JsonResult):
     def to_xarray(self) -> xarray.Dataset:
         """Return the result as a dataset, m and rad, NaN where not resolved.
 
-        All variables have the dimension ``pose``, numbered from 0, with the coordinate ``pose_name``. Further dimensions:
-        ``joint`` for ``q``, and for ``approach`` where a pose has one; ``component`` (dx … rz) for ``mean`` and ``std``, and
-        ``component_2`` as well for ``covariance``;
-        ``norm`` (position, attitude) for ``norm_mean``, ``norm_std`` and ``norm_max``; ``probability`` and ``norm`` for
-        ``quantile`` and ``quantile_resolution``, and ``end`` (lower, upper) as well for ``quantile_interval``;
-        ``specification`` for ``inside``, and ``end`` as well for ``inside_interval``. The attributes give the settings of the
-        run.
+        All variables have the dimension ``pose``, numbered from 0, with the coordinate ``pose_name``. Further
+        dimensions: ``joint`` for ``q``, and for ``approach`` where a pose has one; ``component`` (dx … rz) for ``mean``
+        and ``std``, and ``component_2`` as well for ``covariance``; ``norm`` (position, attitude) for ``norm_mean``,
+        ``norm_std`` and ``norm_max``; ``probability`` and ``norm`` for ``quantile`` and ``quantile_resolution``, and
+        ``end`` (lower, upper) as well for ``quantile_interval``; ``specification`` for ``inside``, and ``end`` as well
+        for ``inside_interval``. The attributes give the settings of the run.
 
         Raises:
             InputError: xarray is not installed.
@@ -476,7 +471,7 @@ class PosesResult(Record, JsonResult):
 
 
 def _with_norms(components: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of the eight quantities vary, ``(8, P)``, where these components do: a norm where one of its three does."""
+    """Return which of the eight quantities vary, ``(8, P)``, given the components: a norm if one of its three does."""
     varying = np.zeros((8, components.shape[1]), dtype=np.bool_)
     varying[list(COMPONENTS)] = components
     varying[list(NORMS)] = components.reshape(2, 3, -1).any(axis=1)

@@ -1,4 +1,4 @@
-"""Distribution of a robot's error at a pose relative to its error at another, by sampling: taught there, worked here."""
+"""Distribution of a robot's error at a pose relative to its error at another: taught there, working here."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def relative(
 ) -> MonteCarloResult:
     """Sample the error of robots at a pose relative to the error of the same robots at another.
 
-    A robot that is taught at ``other``, where its error is taken up into the program, works at ``pose`` with e_p - e_q.
+    A robot that is taught at ``other``, where its error enters the program, works at ``pose`` with e_p - e_q.
 
     Args:
         error_model: Chain, draws and sources.
@@ -80,13 +80,13 @@ def relative(
             with; more samples to keep than fit into memory.
         UnknownNameError: No such pose or joint.
 
-    The components of e_p - e_q are d_p - d_q, the difference of the tip's displacements, and δ_p - δ_q, the difference of
-    the rotation vectors; each error is that of the displaced chain against the nominal one at its own pose. Both are in
-    the axes of the base, also where the tool is turned between the poses: neither is expressed in the tool.
+    The components of e_p - e_q are d_p - d_q, the difference of the tip's displacements, and δ_p - δ_q, the difference
+    of the rotation vectors; each error is that of the displaced chain against the nominal one at its own pose. Both are
+    in base axes, even if the tool turns between the poses.
 
-    Draws of unit scope are those of one robot at both poses, the same numbers as in :func:`precision_pin.monte_carlo` with
-    the same seed. Draws of visit scope are independent. Draws of pose scope are independent too, unless both poses have the
-    same joint values: then they are shared, and what is left is what two visits differ by.
+    Draws of unit scope are those of one robot at both poses, the same numbers as in :func:`precision_pin.monte_carlo`
+    with the same seed. Draws of visit scope are independent. So are those of pose scope, unless both poses have the
+    same joint values: then they are shared, and what remains is the difference between two visits.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     listed = one_pose.check_run(samples, seed, model, confidence, specifications)
@@ -150,13 +150,6 @@ def relative(
 @final
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """The error model at a pose and at another, for the same robots.
-
-    Attributes:
-        at, other: The models.
-        model, seed: ``"exact"`` or ``"linear"``; 64-bit seed.
-    """
-
     at: PoseModel
     other: PoseModel
     model: Literal["exact", "linear"]
@@ -193,7 +186,7 @@ class _Pair:
 
     @property
     def _shared(self) -> NDArray[np.bool_]:
-        """Mask ``(d,)`` of the numbers that a robot has in common at both poses."""
+        """Mask ``(d,)`` of the numbers that a robot shares between the poses."""
         draws = self.at.space.draws
         is_shared = np.array([draw.scope in self._shared_scopes for draw in draws], dtype=np.bool_)
         return np.repeat(is_shared, [draw.law.size for draw in draws])
@@ -209,7 +202,7 @@ class _Pair:
         try:
             pilot = quantity_values(self.errors(0, PILOT))
         except InputError:
-            # the run reports the invalid robot itself, unless it ends before it
+            # the run itself reports the invalid robot, if it gets that far
             mean = self.at.error_at_means - self.other.error_at_means
             return replace(Plan.from_moments(mean, self.covariance), skewness=skewness)
         here, there = (at.tangent[1] for at in (self.at, self.other))
@@ -218,7 +211,7 @@ class _Pair:
         return replace(plan, skewness=skewness)
 
     def _skewness(self) -> Array:
-        """Return the skewness of the quantities, each draw that is not shared counted at either pose."""
+        """Return the skewness of the quantities; draws that are not shared count at either pose."""
         space, shared = self.at.space, self._shared
         here, there = (at.tangent[1] for at in (self.at, self.other))
         columns = np.where(shared, here - there, here)
@@ -227,6 +220,5 @@ class _Pair:
 
 
 def _named(findings: Sequence[Finding], label: str) -> list[Finding]:
-    """Return findings about the other pose that say so."""
     where = f"pose {label!r}, relative to which" if label else "the pose relative to which"
     return [replace(one, message=f"{where} errors are taken: {one.message}") for one in findings]

@@ -44,9 +44,8 @@ class Correlated(Record):
     """Group of correlated parameters.
 
     Attributes:
-        parameters: Names of the parameters.
         scores: Correlation matrix of their normal scores, as given, row by row.
-        pearson: Correlation matrix of the parameters themselves, which follows from `scores` and the laws.
+        pearson: Correlation matrix of the parameters themselves, from `scores` and the laws.
     """
 
     parameters: tuple[str, ...]
@@ -55,7 +54,7 @@ class Correlated(Record):
 
     @property
     def pairs(self) -> Iterator[str]:
-        """A line for each two parameters, as text."""
+        """A line of text for each pair of parameters."""
         for i, j in itertools.combinations(range(len(self.parameters)), 2):
             yield (
                 f"{self.parameters[i]} and {self.parameters[j]}: {self.scores[i][j]:.4g} of their normal scores, "
@@ -91,12 +90,7 @@ class Until(Record):
 @final
 @dataclass(frozen=True)
 class RelativeTo(Record):
-    """Pose whose errors are subtracted from those of the same robots.
-
-    Attributes:
-        name, q, approach: Its name, empty for a pose without one, each joint's value (rad, m), and ``+`` or ``-`` where
-            an approach is given.
-    """
+    """Pose whose errors are subtracted: its name or empty, joint values (rad, m), and ``+`` or ``-`` approaches."""
 
     KEYS: ClassVar[Keys] = ("name", "q", "*_approach")
 
@@ -116,8 +110,8 @@ class MonteCarloResult(Record, JsonResult):
 
     Attributes:
         robot, base, tip: The URDF and the ends of the chain.
-        pose_name, q, approach: The pose: its name, empty for one without, each joint's value (rad, m), and ``+`` or
-            ``-`` where an approach is given.
+        pose_name, q, approach: The pose: its name or empty, each joint's value (rad, m), and ``+`` or ``-`` where an
+            approach is given.
         seed, model, statics: Settings of the run: 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or
             ``"equilibrium"``.
         scopes: Number of random numbers drawn once for each unit, pose and visit.
@@ -126,17 +120,17 @@ class MonteCarloResult(Record, JsonResult):
         sliding_joints: Sliding joints of ``q``: their values are in m, all others in rad.
         correlations: Correlations of the space.
         makers: Parameters, by name, of the units with the largest errors (``summary.largest_position`` and
-            ``largest_attitude``), keyed by unit. ``space.sample(seed, unit, 1)`` draws a unit again.
+            ``largest_attitude``), by unit. ``space.sample(seed, unit, 1)`` draws a unit again.
         assumed: Labels of the sources that the sheet marks as assumptions.
         sources: Number of sources.
-        origins: Share in the first-order variance of position and attitude by provenance; empty where the sheet states
+        origins: Fraction of the first-order variance of position and attitude by provenance; empty if the sheet states
             none.
         versions: Versions of Python and the libraries that computed the result.
         until: Targets at which sampling was to end.
         findings: Findings passed in, such as those of the sheet.
         warnings: One line each: the findings, then the warnings of the analysis.
         errors: ``(6, N)`` every sample, if they were kept.
-        relative_to: The pose whose errors are subtracted (:func:`precision_pin.relative`); ``None`` where none are.
+        relative_to: The pose whose errors are subtracted (:func:`precision_pin.relative`), if any.
     """
 
     schema: ClassVar[str] = "precision-pin/analysis/1"
@@ -231,7 +225,7 @@ class MonteCarloResult(Record, JsonResult):
 
     @property
     def arm(self) -> str:
-        """Robot and pose, short and without marks that turn the text round."""
+        """Robot and pose, shortened, without marks that change the direction of text."""
         named = f" at pose {visible(self.pose_name, 40)}" if self.pose_name else ""
         other = self.relative_to
         relative = f" relative to {visible(other.name, 40) or 'another pose'}" if other else ""
@@ -243,10 +237,10 @@ class MonteCarloResult(Record, JsonResult):
         Args:
             quantity: ``"position"`` or ``"attitude"`` for |d| or |δ|, ``"components"`` for all six components, or one
                 component, such as ``"position.x"``.
-            axes: Matplotlib axes to draw the histogram on; ``None`` creates a figure with title, legend and caption.
+            axes: Matplotlib axes to draw the histogram on; ``None`` makes a figure with title, legend and caption.
 
         Returns:
-            The given axes, or the new figure, which a notebook shows and ``savefig`` writes.
+            The axes given, or the new figure, which a notebook shows and ``savefig`` writes.
 
         Raises:
             UnknownNameError: There is no such quantity.
@@ -258,8 +252,8 @@ class MonteCarloResult(Record, JsonResult):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not resolved: a row for each quantity.
 
-        The columns are ``mean``, ``std``, ``mode`` and ``quantile_0.95``, …, each with the ends ``…_lower`` and ``…_upper``
-        of its interval, and ``min`` and ``max``. ``attrs`` gives the settings of the run.
+        The columns are ``mean``, ``std``, ``mode`` and ``quantile_0.95``, …, each with the ends ``…_lower`` and
+        ``…_upper`` of its interval, and ``min`` and ``max``. ``attrs`` gives the settings of the run.
 
         Raises:
             InputError: pandas is not installed.
@@ -269,7 +263,7 @@ class MonteCarloResult(Record, JsonResult):
         return tables.data_frame(["quantity"], rows, {**self._attributes(), "warnings": list(self.warnings)})
 
     def samples_to_pandas(self) -> pandas.DataFrame:
-        """Return every sampled error as a data frame: a row for each built robot, dx, dy, dz in m and rx, ry, rz in rad.
+        """Return every sampled error as a data frame: a row a robot, dx, dy, dz in m and rx, ry, rz in rad.
 
         Raises:
             InputError: The samples were not kept, or pandas is not installed.
@@ -346,7 +340,7 @@ class MonteCarloResult(Record, JsonResult):
         )
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: mm and mrad, the half-width of each interval after ±."""
+        """Return the notebook view: mm and mrad, half-widths of intervals after ±."""
         pose = repr(self.pose_name) if self.pose_name else "without a name"
         statistics = Table(
             ("", "unit", "mean", "std", "50 %", "95 %", "99.73 %", "smallest seen", "largest seen"),
@@ -380,7 +374,7 @@ class MonteCarloResult(Record, JsonResult):
 
     @property
     def _other_pose(self) -> str:
-        """The other pose after that of the result; empty without one."""
+        """Text about the pose of ``relative_to``, or empty."""
         if self.relative_to is None:
             return ""
         return f" relative to {repr(self.relative_to.name) if self.relative_to.name else 'a pose without a name'}"
@@ -390,13 +384,12 @@ class MonteCarloResult(Record, JsonResult):
 
 
 def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:
-    """Return a row of :meth:`MonteCarloResult.to_pandas`."""
     row = tables.interval_columns("mean", distribution.mean, distribution.mean_interval())
     row |= tables.interval_columns("std", distribution.std, distribution.std_interval())
     row |= {"min": distribution.min, "max": distribution.max}
     row |= tables.interval_columns("mode", distribution.mode, distribution.mode_interval())
     for level in levels:
-        # the low quantiles of a norm are not reported, as in the JSON
+        # as in the JSON, low quantiles of a norm are not reported
         shown = level in distribution.levels
         quantile = distribution.quantile(level) if shown else None
         row |= tables.interval_columns(
@@ -406,7 +399,6 @@ def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, f
 
 
 def _cells(distribution: Distribution) -> list[str]:
-    """Return a row of the table in a notebook."""
     vanishes = max(abs(distribution.min), abs(distribution.max)) < tables.ROUNDING
     cells = []
     for statistic in ("mean", "std", 0.5, 0.95, 0.9973):
@@ -427,7 +419,6 @@ def _cells(distribution: Distribution) -> list[str]:
 
 
 def _share_cells(result: SpecificationResult) -> tuple[str, str]:
-    """Return the share inside a limit, and its interval, for a table."""
     share, low, high = format_share(result.probability, result.interval, result.required)
     return f"{share} %", f"{low} to {high} %"
 

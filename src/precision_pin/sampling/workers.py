@@ -1,4 +1,4 @@
-"""Workers that compute blocks: threads of this process, child processes, an executor passed in, a Dask cluster."""
+"""Workers that compute blocks: threads of this process, child processes, a given executor, a Dask cluster."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from precision_pin.base.errors import InputError, PrecisionPinError
 Found = TypeVar("Found")
 MOST_WORKERS: Final = 1024
 MOST_LOSSES: Final = 3
-"""Number of processes that may die during one task."""
+"""Processes that may die during one task."""
 
 
 class Submitter(Protocol):
@@ -33,7 +33,7 @@ class Submitter(Protocol):
 
 
 class Observing(Protocol):
-    """Work that is done in blocks and can be pickled, such as :class:`precision_pin.sampling.blocks.Work`."""
+    """Work done in blocks that can be pickled, such as :class:`precision_pin.sampling.blocks.Work`."""
 
     def observe(self, first_block: int, blocks: int, /) -> Any:
         """Return the statistics of blocks."""
@@ -48,8 +48,8 @@ class Workers(ABC):
     """Workers that compute tasks.
 
     Attributes:
-        most: Largest number of submitted tasks: twice the number of workers, so that no worker waits.
-        blocks_in_a_task: Largest number of blocks in a task, large enough that the cost of submitting a task is small.
+        most: Most submitted tasks: twice the number of workers, so that none waits.
+        blocks_in_a_task: Most blocks in a task, large enough that submitting it costs little.
     """
 
     most: int
@@ -60,7 +60,7 @@ class Workers(ABC):
         """Submit a task and return its future."""
 
     def is_done(self, future: Any) -> bool:
-        """Return whether a task has ended; False where its future cannot tell, as an executor's may not."""
+        """Return whether a task has ended; False if its future cannot tell."""
         done = getattr(future, "done", None)
         return bool(done()) if callable(done) else False
 
@@ -94,9 +94,8 @@ class Threads(Workers):
 class Processes(Workers):
     """Child processes, with a thread and a pipe for each.
 
-    They end with this process, however it ends, because that closes their pipes. A process that dies early is replaced
-    and its task repeated. (The pool of :mod:`concurrent.futures` shares one pipe and hangs if a process is killed while it
-    sends a result.)
+    They end with this process, which closes their pipes. A process that dies early is replaced and its task repeated.
+    (The pool of :mod:`concurrent.futures` shares one pipe and hangs if a process is killed while sending a result.)
     """
 
     blocks_in_a_task = 64
@@ -154,8 +153,6 @@ class Processes(Workers):
 
 @final
 class _Process:
-    """Child process that computes blocks, and the pipe to it."""
-
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, other_end = context.Pipe()
@@ -196,7 +193,7 @@ def _serve(pipe: Connection[Any, Any]) -> None:
 
 @final
 class Foreign(Workers):
-    """Executor passed in by the caller; it is not shut down."""
+    """Executor given by the caller; it is not shut down."""
 
     blocks_in_a_task = 64
 
@@ -276,19 +273,19 @@ PATIENCE: Final = 10
 """Seconds to wait for the scheduler, and again for its first worker."""
 
 _CHECK_INTERVAL: Final = 0.5
-"""Seconds between two checks that the scheduler is still connected."""
+"""Seconds between checks that the scheduler is still connected."""
 
 
 @final
 class _Task:
-    """Submitted task. Waiting for it ends with an error where the scheduler is lost; Dask's own wait never would."""
+    """Submitted task. Waiting ends with an error if the scheduler is lost; Dask's own wait never would."""
 
     def __init__(self, future: Any, client: Any) -> None:
         self._future = future
         self._client = client
 
     def result(self) -> Any:
-        """Return the task's value or raise its exception; raise ConnectionError where the scheduler is lost."""
+        """Return the task's value or raise its exception; raise ConnectionError if the scheduler is lost."""
         while True:
             done, _ = wait([self._future], timeout=_CHECK_INTERVAL)
             if done:
@@ -323,7 +320,7 @@ def _connect_client(connect: Callable[..., Any], address: str) -> Any:
 
 
 def in_order(tasks: Iterable[Callable[[], Found]], threads: int) -> Iterator[Found]:
-    """Yield the results of tasks in their order; threads run a few of them ahead."""
+    """Yield the results of tasks in order; threads run a few ahead."""
     with ExitStack() as stack:
         pool = ThreadPoolExecutor(threads)
         # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
@@ -341,8 +338,8 @@ def in_order(tasks: Iterable[Callable[[], Found]], threads: int) -> Iterator[Fou
 def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
     """Yield an executor on a running Dask cluster, and the number of tasks to keep under way.
 
-    The workers need the same version of this package. Other workers take over the tasks of a lost one; Dask gives up on a
-    task that has lost several workers.
+    The workers need the same version of this package. Other workers take over the tasks of a lost one; Dask gives up on
+    a task that has lost several workers.
 
     Args:
         address: Address of the scheduler, such as ``tcp://host:8786``.
@@ -362,7 +359,7 @@ def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     client: Any = None
     try:
-        # with an invalid address the client itself takes twenty seconds to close and prints a traceback
+        # with an invalid address the client takes twenty seconds to close and prints a traceback
         get_address_host_port(address)
         client = _connect_client(distributed.Client, address)
         client.wait_for_workers(1, timeout=PATIENCE)

@@ -26,7 +26,7 @@ from precision_pin.sheet.settings import SettingError, placed
 PlainPose = str | list[str] | Mapping[str, str]
 """Joint values as text: numbers with one unit, a list, or by joint."""
 PoseText = PlainPose | Mapping[str, str | list[str] | dict[str, str]]
-"""A pose of a sheet: joint values, or these with an approach."""
+"""A pose of a sheet: joint values, perhaps with an approach."""
 
 VALUES: Final = "q"
 APPROACH: Final = "approach"
@@ -35,7 +35,7 @@ APPROACH: Final = "approach"
 def parse_poses(
     given: Mapping[str, PoseText], findings: Findings, chain: Chain
 ) -> tuple[dict[str, Array], dict[str, Approach]]:
-    """Return joint values by the poses' names, and the approaches of those that have one; those that are wrong are left out."""
+    """Return joint values by pose name, and the approaches of poses that have one, without invalid poses."""
     poses: dict[str, Array] = {}
     approaches: dict[str, Approach] = {}
     following: list[str] = []
@@ -64,7 +64,7 @@ def parse_poses(
 
 
 def split_pose(value: PoseText, chain: Chain) -> tuple[PlainPose, Any]:
-    """Return the joint values of a pose as text, and its approach, which is empty where none is given.
+    """Return the joint values of a pose as text, and its approach or an empty one.
 
     A mapping with ``q`` and ``approach`` has both, unless these are names of joints.
     """
@@ -127,7 +127,7 @@ GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0
 @final
 @dataclass(frozen=True)
 class Overrides:
-    """Values from the command line in place of the sheet's; ``None`` keeps the sheet's."""
+    """Values from the command line that replace the sheet's; ``None`` keeps the sheet's."""
 
     robot: FilePath | None = None
     tip: str | None = None
@@ -138,7 +138,7 @@ class Overrides:
 
 
 def read_chain(document: Document, findings: Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
-    """Return the arm of a sheet; ``None`` where it could not be read, which the findings then say."""
+    """Return the arm of a sheet; ``None`` if it cannot be read, as the findings then say."""
     try:
         robot = read_urdf(overrides.robot or resolve_robot(document.robot, folder), package_dirs=overrides.package_dirs)
     except UrdfError as error:
@@ -168,7 +168,6 @@ def read_chain(document: Document, findings: Findings, overrides: Overrides, fol
 
 
 def _limited(document: Document, findings: Findings, chain: Chain) -> Chain:
-    """Return the arm with the sheet's narrower limits of joints."""
     joints = list(chain.joints)
     for name, text in document.limits.items():
         with findings.taking("limits", name):
@@ -182,14 +181,13 @@ def _limited(document: Document, findings: Findings, chain: Chain) -> Chain:
                 )
                 raise InputError(f"{message}; got {text!r}")
             far = joint.limit or Limit(low, high, np.inf, np.inf)
-            # a continuous joint that is limited is a revolute one
+            # a continuous joint with limits is a revolute one
             kind = "revolute" if joint.kind == "continuous" else joint.kind
             joints[number] = replace(joint, kind=kind, limit=replace(far, lower=low, upper=high))
     return replace(chain, joints=tuple(joints)) if document.limits else chain
 
 
 def _keep_out(document: Document, findings: Findings) -> tuple[KeepOut, ...] | None:
-    """Return the planes and boxes of a sheet; None where it has none."""
     if document.keep_out is None:
         return None
     found = []

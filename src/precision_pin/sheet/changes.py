@@ -1,4 +1,4 @@
-"""Changes of single values of a sheet: what ``--set PATH=VALUE`` and ``ErrorModel.with_`` ask for."""
+"""Changes of single values of a sheet, for ``--set PATH=VALUE`` and ``ErrorModel.with_``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from precision_pin.terms.source import Source
 
 _SINGLE: Final = ("gravity", "statics", "target", "calibrated", "measurement")
 _SECTIONS: Final = ("parameters", "poses", "locked", *_SINGLE)
-"""Keys of a sheet besides its sources whose values can be changed."""
+"""Keys of a sheet, besides its sources, with values that can be changed."""
 _SOURCE: Final = re.compile(r"(?P<label>[\w*]+(?:\[.*?\](?:#[\d*]+)?)?)(?:\.(?P<rest>.+))?")
 _STEP: Final = re.compile(r"[.\[]|$")
 _ENTRY: Final = re.compile(r"\.?\[?(?P<k>\d+|\*)\]?(?=[.\[]|$)(?P<rest>.*)")
@@ -33,11 +33,10 @@ class Change:
     """A value to set.
 
     Attributes:
-        path: Where: ``parameters.a1``, ``KIND[joint2].KEY``, ``payload.mass``; ``*`` stands for anything.
-            ``KIND[joint2]`` is the only number of the source, or the only one with a law where the units of no other
-            fit it.
+        path: ``parameters.a1``, ``KIND[joint2].KEY``, ``payload.mass``; ``*`` stands for anything. ``KIND[joint2]`` is
+            the source's only number, or its only one with a law if its unit fits no other.
         value: Text, or lists and mappings of it, as in a sheet.
-        origin: What messages call it.
+        origin: Its name in messages.
     """
 
     path: str
@@ -46,7 +45,7 @@ class Change:
 
 
 def parse_change(text: str) -> Change:
-    """Return the change that ``PATH=VALUE`` asks for."""
+    """Parse ``PATH=VALUE``."""
     path, equals, value = (part.strip() for part in text.partition("="))
     if not (path and equals and value):
         message = f"--set: 'PATH=VALUE' is expected, such as 'parameters.a1=±0.1 mm', got {text!r}"
@@ -55,7 +54,7 @@ def parse_change(text: str) -> Change:
 
 
 def parse_value(value: str, origin: str) -> Any:
-    """Return a value as a sheet has it: text, or the lists and mappings of YAML's flow style."""
+    """Return a value as in a sheet: text, or lists and mappings in YAML's flow style."""
     try:
         read = read_text(value, origin)
     except SheetError as error:
@@ -66,7 +65,7 @@ def parse_value(value: str, origin: str) -> Any:
 
 
 def plain_data(value: object, where: str = "") -> Any:
-    """Return numbers, texts, lists and mappings as a sheet has them: every number as text."""
+    """Return numbers, texts, lists and mappings as in a sheet: every number as text."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool | np.bool_):
@@ -87,7 +86,7 @@ def plain_data(value: object, where: str = "") -> Any:
 def change_text(
     text: Text, changes: Sequence[Change], sources: Sequence[Source], kinds: Mapping[str, type[Source]]
 ) -> Text:
-    """Return the contents of a sheet with some values changed, one change after another."""
+    """Return the contents of a sheet after some changes, applied in turn."""
     data = copy.deepcopy(text.data)
     changed: dict[Path, str] = {}
     known = labels(sources)
@@ -95,7 +94,7 @@ def change_text(
         paths = list(_paths(data, change, known, kinds))
         for path in paths:
             if path[0] == "parameters" and len(path) == 2 and _is_quantity(change.value):
-                # a setting of a source would be a constant, but a parameter is there for its law
+                # as a source's setting this would be a constant, but a parameter exists for its law
                 raise _wrong(
                     change,
                     f"{shown(change.value)} may be a tolerance or a constant; write '{change.path}=±{change.value}' or "
@@ -112,10 +111,7 @@ def change_text(
 
 
 def values_at(text: Text, path: str, sources: Sequence[Source], kinds: Mapping[str, type[Source]]) -> dict[str, Any]:
-    """Return the values of a sheet that the path of a change names, by their full paths.
-
-    The path of a source alone names all its numbers; other arguments and errors are as for :func:`change_text`.
-    """
+    """Return the values of a sheet that a path names, by their full paths; a source's path names all its numbers."""
     data = copy.deepcopy(text.data)
     known = labels(sources)
     values = {}
@@ -128,13 +124,12 @@ def values_at(text: Text, path: str, sources: Sequence[Source], kinds: Mapping[s
 
 
 def source_of(path: str) -> str:
-    """Return the part of a path that names sources, as far as a setting of theirs; empty for one that names none."""
+    """Return the part of a path that names sources, empty if it names none."""
     found = _SOURCE.fullmatch(path)
     return "" if found is None or path.partition(".")[0] in _SECTIONS else found["label"]
 
 
 def _written(keys: Path, known: Sequence[str]) -> str:
-    """Return the path of a change for keys of the contents."""
     first, *others = (known[int(keys[1])], *keys[3:]) if keys[0] == "sources" else keys
     return str(first) + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in others)
 
@@ -173,10 +168,8 @@ def _several(section: str, entries: object) -> str:
 
 
 def _only_number(change: Change, label: str, stated: Mapping[str, StatedNumber]) -> str:
-    """Return the path of the number that the path of a source alone means, below the source.
-
-    It is the only number, or the only one with a law where the units of no other fit it.
-    """
+    """Return the path, below the source, of the number that a source's path alone means."""
+    # it is the only number, or the only one with a law if its unit fits no other
     laws = [path for path, one in stated.items() if one.is_random]
     if len(laws) == 1:
         others = {unit for path, one in stated.items() if path != laws[0] for unit in one.units}
@@ -190,7 +183,7 @@ def _only_number(change: Change, label: str, stated: Mapping[str, StatedNumber])
 
 
 def _sources_of(data: Any, change: Change, pattern: str, known: Sequence[str]) -> list[int]:
-    """Return the positions of the sources that a pattern of labels names; without brackets it must name one source only."""
+    """Return the positions of the sources matching a pattern of labels; without brackets it must match only one."""
     is_kind = "[" not in pattern
     names = [next(iter(entry)) for entry in data["sources"]] if is_kind else list(known)
     chosen = [k for k, name in enumerate(names) if matches(pattern, name)]
@@ -209,12 +202,11 @@ def _sources_of(data: Any, change: Change, pattern: str, known: Sequence[str]) -
 def _source_paths(
     data: Any, change: Change, chosen: Sequence[int], rest: str, kinds: Mapping[str, type[Source]]
 ) -> Iterator[Path]:
-    """Yield the paths in some sources."""
     settings = [next(iter(data["sources"][k].items())) for k in chosen]
     field = rest[: _STEP.search(rest).start()]  # type: ignore[union-attr]
     has = [field in (ASSUMED, PROVENANCE) or field in source_model(kinds[kind]).model_fields for kind, _ in settings]
     if len({kind for kind, _ in settings}) > 1 and any(has):
-        # a pattern of several kinds means those that have the setting
+        # a pattern that matches several kinds means those with the setting
         settings = [entry for entry, is_one in zip(settings, has, strict=True) if is_one]
         chosen = [k for k, is_one in zip(chosen, has, strict=True) if is_one]
     for k, (kind, values) in zip(chosen, settings, strict=True):
@@ -222,7 +214,7 @@ def _source_paths(
 
 
 def _walk(value: Any, rest: str, path: Path, change: Change, *, may_add: bool) -> Iterator[Path]:
-    """Yield the paths below a value that the rest of a path names; a key that is not there may be added at the end."""
+    """Yield the paths below a value that the rest of a path names; a missing last key may be added."""
     if isinstance(value, dict):
         # the longest key first: names of parameters may hold dots and brackets
         for end in sorted({step.start() for step in _STEP.finditer(rest)} - {0}, reverse=True):
@@ -261,7 +253,7 @@ def _is_quantity(value: object) -> bool:
 
 
 def matches(pattern: str, name: str) -> bool:
-    """Return whether a name is that of a pattern, in which ``*`` stands for any characters."""
+    """Return whether a name matches a pattern, in which ``*`` stands for any characters."""
     first, *others = pattern.split("*")
     if not others:
         return pattern == name
@@ -270,7 +262,7 @@ def matches(pattern: str, name: str) -> bool:
     at = len(first)
     *middle, last = others
     for part in middle:
-        # the first place leaves the most room to the others, so that none has to be tried again
+        # the first match leaves the most room for the others, so no backtracking is needed
         found = name.find(part, at)
         if found < 0:
             return False

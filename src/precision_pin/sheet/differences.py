@@ -1,4 +1,4 @@
-"""What differs between two sheets."""
+"""Differences between two sheets."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _LEFT_OUT = ("precision-pin", "allocate", "measurement")
 @final
 @dataclass(frozen=True)
 class SheetDifference:
-    """A value that two sheets have otherwise.
+    """A value that differs between two sheets.
 
     Attributes:
-        path: As ``--set`` names it: ``parameters.a1``, ``axis_install[joint2].radius``; a whole source by its label.
-        before, after: As written; ``None`` where a sheet does not have it.
+        path: As in ``--set``: ``parameters.a1``, ``axis_install[joint2].radius``; a whole source by its label.
+        before, after: As written; ``None`` if a sheet does not have it.
     """
 
     path: str
@@ -29,10 +29,10 @@ class SheetDifference:
 
 
 def sheet_differences(first: Sheet, other: Sheet) -> tuple[SheetDifference, ...]:
-    """Return the differences from one sheet to another, those of the first in its order, then what is new.
+    """Return the differences from one sheet to another, in the order of the first, then what is new.
 
-    Values are compared as they are written: ``0.1 mm`` and ``100 um`` differ. A source that only one sheet has is one difference.
-    Sheets that were not read from a file or a dictionary have none.
+    Values are compared as written: ``0.1 mm`` and ``100 um`` differ. A source in only one sheet is one difference.
+    Sheets not read from a file or a dictionary have none.
     """
     if first.contents is None or other.contents is None:
         return ()
@@ -58,7 +58,7 @@ def _values(sheet: Sheet) -> Iterator[tuple[str, str]]:
 
 
 def _flat(path: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Yield every text below a value by its path; lists are one text."""
+    """Yield every text below a value by its path; a list is one text."""
     if isinstance(value, dict):
         for key, entry in value.items():
             yield from _flat(f"{path}.{key}", entry)

@@ -1,4 +1,4 @@
-"""Collector of the findings of a sheet, with their lines."""
+"""Collector of a sheet's findings, with their lines."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _MEANT: Final = {
     **dict.fromkeys(("round", "circle", "circular", "cylinder", "solid", "bar"), "; a solid round bar is a rod"),
     **dict.fromkeys(("pipe", "hollow"), "; a round pipe is a tube"),
 }
-"""What is meant by another word for one of a few."""
+"""Hints for other words for one of a few."""
 MOST_ERRORS: Final = 100
-"""Largest number of errors that are listed for a sheet; with more, reading stops."""
+"""Most errors listed for a sheet; reading stops at more."""
 
 POSE_VALUES: Final = "expected joint values in chain order with one unit, a list of values, or joint names with values"
 
@@ -54,7 +54,7 @@ class Findings:
         self.found.append(Finding("warning", code, message, *self._where(path)))
 
     def take(self, path: Path, error: InputError) -> None:
-        """Add an error raised for a path, at the line of the key or name that the message is about."""
+        """Add an error raised for a path, at the line of the key or name that it is about."""
         if isinstance(error, SettingError):
             path = (*path, *error.below)
         if isinstance(error, UnknownNameError):
@@ -66,7 +66,7 @@ class Findings:
 
     @contextmanager
     def taking(self, *path: str | int) -> Iterator[None]:
-        """Take an input error of the body, which ends there."""
+        """Turn an input error of the body, which it ends, into a finding."""
         try:
             yield
         except InputError as error:
@@ -78,7 +78,7 @@ class Findings:
         errors = error.errors()
         places = [self.walk(path, entry["loc"]) for entry in errors]
         for entry, where in zip(errors, places, strict=True):
-            # the word that a list could be instead, where an entry of the list is wrong
+            # pydantic also reports the word that a list could be instead; drop it if an entry is wrong
             if entry["type"] == "literal_error" and any(one[: len(where)] == where != one for one in places):
                 continue
             is_pose = path == () and entry["loc"][0] == "poses" and len(entry["loc"]) > 1
@@ -103,7 +103,7 @@ class Findings:
             seen.add(where)
 
     def walk(self, path: Path, location: Path) -> Path:
-        """Return pydantic's location as a path, without the type names that pydantic puts between the keys."""
+        """Return pydantic's location as a path, without pydantic's type names between the keys."""
         value = self._value(path)
         for key in location:
             known = value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
@@ -112,7 +112,7 @@ class Findings:
         return path
 
     def refuse(self) -> None:
-        """Raise the findings if there is an error among them."""
+        """Raise the findings if they include an error."""
         if not any(finding.severity == "error" for finding in self.found):
             return
         ordered = sorted(dict.fromkeys(self.found), key=lambda finding: (finding.file or "", finding.line or 0))
@@ -125,7 +125,7 @@ class Findings:
         raise SheetError(ordered)
 
     def _where(self, path: Path) -> tuple[str, int | None]:
-        """Return the file and line of a path; the change it comes from; or, where there are no lines, the path in words."""
+        """Return the file and line of a path; the change it comes from; or, without lines, the path in words."""
         change = self.text.change(path)
         if change is not None:
             return change, None
@@ -133,7 +133,6 @@ class Findings:
         return (self.file, line) if line is not None or not path else (".".join(map(str, path)), None)
 
     def _add(self, findings: Sequence[Finding]) -> None:
-        """Add findings, and refuse the sheet as soon as there are too many errors to be of use."""
         self.found += findings
         self._errors += sum(finding.severity == "error" for finding in findings)
         if self._errors > MOST_ERRORS:
@@ -147,7 +146,6 @@ class Findings:
 
 
 def _within(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
-    """Yield the value at a path and all values below it, in the order of the text."""
     yield path, value
     entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, entry in entries:
@@ -155,7 +153,7 @@ def _within(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
 
 
 def _meaning(model: type[BaseModel], location: Path) -> str:
-    """Return what a key at pydantic's location is, from its own description; empty where it has none."""
+    """Return the description of a key at pydantic's location, or empty."""
     for key in location[:-1]:
         if key in model.model_fields:
             model = _inner(model.model_fields[str(key)].annotation) or model
@@ -164,7 +162,7 @@ def _meaning(model: type[BaseModel], location: Path) -> str:
 
 
 def _keys(model: type[BaseModel], location: Path) -> list[str]:
-    """Return the keys that are allowed at pydantic's location below a model."""
+    """Return the keys allowed at pydantic's location below a model."""
     for key in location:
         if key in model.model_fields:
             model = _inner(model.model_fields[str(key)].annotation) or model
@@ -172,7 +170,7 @@ def _keys(model: type[BaseModel], location: Path) -> list[str]:
 
 
 def _inner(hint: object) -> type[BaseModel] | None:
-    """Return the model inside a type, such as that of the items of a list."""
+    """Return the model inside a type, such as that of list items."""
     if isinstance(hint, type) and issubclass(hint, BaseModel):
         return hint
     return next(filter(None, map(_inner, typing.get_args(hint))), None)

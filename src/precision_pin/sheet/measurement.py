@@ -1,19 +1,18 @@
-"""What an instrument reads at a pose: prediction and derivatives.
+"""Readings of an instrument at a pose: prediction and derivatives.
 
-With the tip's error ``e = [d; δ]`` in base axes at a pose (R, p), a target at t in tool axes, and a base that is displaced
-by ``Trans(c)·Exp(ω)`` as the instrument sees it, the target is at
+With the tip's error ``e = [d; δ]`` in base axes at a pose (R, p), a target at t in tool axes, and a base displaced by
+``Trans(c)·Exp(ω)`` as seen by the instrument, the target is at
 
     y = Exp(ω) (p + d + Exp(δ) R t) + c.
 
-A *position* is y; a *pose* is y and the attitude ``Exp(ω) Exp(δ) R Exp(τ)``. A *distance*, the height over a *plane* and the
-offset from a *socket* are read against a place, which moves in place of the base.
-Numbers of the set-up that are not known (c, ω, t, τ, those of the place) are called nuisances; they are estimated with the arm
-and have no prior law.
+A *position* is y; a *pose* is y and the attitude ``Exp(ω) Exp(δ) R Exp(τ)``. The other kinds are read against a place,
+which moves in place of the base: a *distance* is ``|y - a|`` from an anchor a; a *plane* reads the height ``n·(y - p)``
+over a plane with a point p and a unit normal n, zero at contact; a *socket* reads ``y - s`` from the place s of one of
+several sockets, zero when the target is in it.
 
-With the target at y, a *distance* is ``|y - a|`` from an anchor a; a *plane* reads the height ``n·(y - p)`` over a plane with a
-point p and a unit normal n, zero at contact; a *socket* reads ``y - s`` from the place s of one of several sockets, zero where
-the target is put into it. A place that is not known is estimated: a shift of a or s, and for a plane its offset along n and
-two tilts α, β: ``n ∝ n₀ + α t₁ + β t₂`` with unit vectors t in the plane.
+Unknown numbers of the set-up (c, ω, t, τ, those of the place) are called nuisances; they are estimated with the arm,
+without a prior. Those of a place are a shift of a or s, and for a plane its offset along n and two tilts α, β: ``n ∝ n₀
++ α t₁ + β t₂`` with unit vectors t in the plane.
 """
 
 from __future__ import annotations
@@ -52,14 +51,14 @@ _AXES = ("x", "y", "z")
 
 
 class Place(Protocol):
-    """What a target's place is read against; ``own`` are the unknown numbers of the place, zeros where it is known."""
+    """Reference of a reading; ``own`` are the unknown numbers of the place, zeros if known."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the numbers of the place, in m or without unit."""
 
     def read(self, point: Array, own: Array, near: Array) -> Array:
-        """Return readings ``(m, N)`` of points ``(3, N)`` with ``own`` ``(k, N)``; ``near`` ``(3,)`` is the nominal point."""
+        """Return readings ``(m, N)`` of points ``(3, N)``, ``own`` ``(k, N)``; ``near`` is the nominal point."""
 
     def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
         """Return the derivatives by point ``(m, 3)`` and by own numbers ``(m, k)`` at one point ``(3,)``."""
@@ -68,7 +67,7 @@ class Place(Protocol):
 @final
 @dataclass(frozen=True)
 class Anchor:
-    """A fixed point that distances are measured from, ``(3,)``."""
+    """A fixed point, ``(3,)``, from which distances are measured."""
 
     place: tuple[float, ...]
 
@@ -95,7 +94,7 @@ class Anchor:
 @final
 @dataclass(frozen=True)
 class Plane:
-    """A plane that a target touches: a point on it and its unit normal, ``(3,)`` each."""
+    """A plane that the target touches: a point on it and its unit normal, ``(3,)`` each."""
 
     place: tuple[float, ...]
     normal: tuple[float, ...]
@@ -114,7 +113,7 @@ class Plane:
         return np.array([normal, first, np.cross(normal, first)]).T
 
     def tilted(self, own: Array) -> tuple[Array, Array]:
-        """Return point and unit normal ``(3,)`` of the plane with its own numbers ``(3,)``."""
+        """Return point and unit normal ``(3,)`` of the plane with own numbers ``(3,)``."""
         normal = self.axes @ np.array([1.0, own[1], own[2]])
         normal /= np.linalg.norm(normal)
         return np.array(self.place) + own[0] * normal, normal
@@ -138,7 +137,7 @@ class Plane:
 @final
 @dataclass(frozen=True)
 class Sockets:
-    """Sockets that the tip is put into, ``(3,)`` each; a pose belongs to the one nearest to its nominal target."""
+    """Sockets for the tip, ``(3,)`` each; a pose uses the one nearest to its nominal target."""
 
     places: tuple[tuple[float, ...], ...]
 
@@ -148,7 +147,7 @@ class Sockets:
         return tuple(f"socket{k + 1}.{axis}" for k in range(len(self.places)) for axis in _AXES)
 
     def nearest(self, near: Array) -> int:
-        """Return the socket of a pose whose nominal target is ``(3,)``."""
+        """Return the socket of a pose with this nominal target ``(3,)``."""
         return int(np.argmin(np.linalg.norm(np.array(self.places) - near, axis=1)))
 
     def read(self, point: Array, own: Array, near: Array) -> Array:
@@ -167,13 +166,13 @@ class Sockets:
 Kind = Literal["position", "pose", "distance", "plane", "socket"]
 KINDS: Final[tuple[Kind, ...]] = ("position", "pose", "distance", "plane", "socket")
 _OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
-"""Settings that belong to one kind."""
+"""Settings of one kind only."""
 
 _NAME: Final = re.compile(r"\w*")
 ESTIMATE: Final = "estimate"
-"""The standard deviation that a calibration is to find."""
+"""A standard deviation for a calibration to find."""
 _LEVER: Final = 0.1
-"""Distance (m) between the targets from which an attitude is measured, where no attitude's deviation is given."""
+"""Distance (m) between the targets that measure an attitude, if its deviation is not given."""
 
 
 class Slopes(NamedTuple):
@@ -205,26 +204,26 @@ class Measurement:
         std: Standard deviation of each measured length, m; at contact, of the contact. ``"estimate"``: a calibration
             finds it.
         target: The target in tool axes from the tip, m, wherever the point is that results are about.
-        base: ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is not known
-            and is estimated; of a distance, a plane and sockets their place, of which a first guess is given.
-        target_known: Whether the target's place on the tool (of a pose, its attitude too) is known; it is estimated
-            otherwise.
-        attitude_std: Standard deviation of each measured angle of a pose, rad; std / 0.1 m if left out, as of three
+        base: ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is unknown
+            and estimated; for a distance, a plane and sockets their place, from the first guess given.
+        target_known: Whether the target's place on the tool (of a pose, its attitude too) is known; else it is
+            estimated.
+        attitude_std: Standard deviation of each measured angle of a pose, rad; by default std / 0.1 m, as of three
             targets 0.1 m apart.
-        anchor: Fixed point that a distance is measured from, in the base, m.
-        plane: A point on the plane and its normal, in the base, m; needed by ``"plane"``.
-        sockets: Places of the sockets, in the base, m; needed by ``"socket"``. A pose belongs to the socket nearest to
-            its nominal target.
-        visible_from: Place of the instrument in the base, m, where the target must be turned towards it to be seen.
-        facing: Direction in tool axes to which the target faces where it must be seen; z if left out.
+        anchor: Fixed point from which a distance is measured, in the base, m.
+        plane: A point on the plane and its normal, in the base, m; required by ``"plane"``.
+        sockets: Places of the sockets, in the base, m; required by ``"socket"``. A pose belongs to the socket nearest
+            to its nominal target.
+        visible_from: Place of the instrument in the base, m, if the target must face it to be seen.
+        facing: Direction in tool axes in which the target faces, if it must be seen; by default z.
         cone: Largest angle between that direction and the instrument, rad.
-        load: What the arm carries while it is measured, in place of the sheet's payloads; left out: these; ``()``:
-            nothing. Payloads of fixed numbers.
-        target_name, base_name: In a calibration with several measurements, what they share if it is estimated: the
-            target of one name, and the base (or place) of one name. ``target_name`` ``"2"`` reads the columns ``x2 y2
-            z2``.
-        columns: What the columns of a data file are, where its header does not say so: ``"q1=joint1 [deg], x1=x [m],
-            note=ignore"``; ``"*=[m rad]"`` gives the unit of all lengths and of all angles that have none.
+        load: Payloads of fixed numbers that the arm carries while measured, instead of the sheet's; by default these;
+            ``()``: none.
+        target_name, base_name: In a calibration with several measurements, the name of the target, and of the base (or
+            place): measurements with one name share what is estimated. ``target_name`` ``"2"`` reads the columns ``x2
+            y2 z2``.
+        columns: Names and units of a data file's columns where its header does not give them: ``"q1=joint1 [deg], x1=x
+            [m], note=ignore"``; ``"*=[m rad]"`` gives the unit of all lengths and of all angles without one.
 
     Raises:
         InputError: A setting is wrong.
@@ -308,7 +307,7 @@ class Measurement:
         object.__setattr__(self, name, value)
 
     def sees(self, pose: Array) -> bool:
-        """Return whether the instrument sees the nominal target, which only its direction may prevent."""
+        """Return whether the instrument sees the nominal target; only the target's direction may prevent it."""
         if self.visible_from is None or self.facing is None:
             return True
         sight = np.array(self.visible_from) - self._nominal(pose)
@@ -327,7 +326,7 @@ class Measurement:
 
     @cached_property
     def place(self) -> Place | None:
-        """What the target's place is read against; nothing of a position or pose."""
+        """Reference of the reading; none for a position or pose."""
         if self.kind == "distance":
             return Anchor(self.anchor)
         if self.plane is not None:
@@ -348,7 +347,7 @@ class Measurement:
 
     @property
     def unknown_deviations(self) -> dict[str, NDArray[np.bool_]]:
-        """Numbers of a reading ``(m,)`` whose deviation is to be estimated, by the name of that; none where it is known."""
+        """Numbers of a reading ``(m,)`` whose deviation is to be estimated, by its name; empty if known."""
         if self.std_known:
             return {}
         is_length = np.arange(self.size) < 3
@@ -357,7 +356,7 @@ class Measurement:
 
     @property
     def nuisances(self) -> tuple[str, ...]:
-        """Names of the unknown numbers of the set-up: m, and rad for those that begin with r."""
+        """Names of the unknown numbers of the set-up: m, or rad for names that begin with r."""
         turns = tuple(f"r{axis}" for axis in _AXES)
         names: tuple[str, ...] = ()
         if self.base == "free":
@@ -374,7 +373,7 @@ class Measurement:
         return self.base == "free" and self.place is None
 
     def predict(self, pose: Array, errors: Array, nuisances: Array) -> Array:
-        """Return readings ``(m, N)``: of a pose, its position and its turn from the nominal attitude.
+        """Return readings ``(m, N)``; a pose's are its position and its turn from the nominal attitude.
 
         Args:
             pose: The nominal tip in the base, ``(4, 4)``.
@@ -392,7 +391,7 @@ class Measurement:
         return np.asarray(pose[:3, 3] + pose[:3, :3] @ self.target)
 
     def away(self, pose: Array) -> float:
-        """Return how far the nominal target is from where it can touch, m: from the plane or the nearest socket, else zero."""
+        """Return the distance of the nominal target from contact with the plane or nearest socket, m; else zero."""
         if self.kind not in ("plane", "socket") or self.place is None:
             return 0.0
         own = np.zeros((len(self.place.names), 1))
@@ -400,7 +399,7 @@ class Measurement:
         return float(np.linalg.norm(self.place.read(near[:, None], own, near)))
 
     def _target(self, pose: Array, errors: Array, nuisances: Array) -> tuple[Array, Array]:
-        """Return position ``(3, N)`` and attitude ``(3, 3, N)`` of the target as the instrument sees them."""
+        """Return position ``(3, N)`` and attitude ``(3, 3, N)`` of the target as seen by the instrument."""
         shift, turn, offset, own_turn = self.split(nuisances)
         attitude = np.einsum("ijn,jk->ikn", se3.exp_rotation(errors[3:]), pose[:3, :3])
         point = pose[:3, 3, None] + errors[:3] + np.einsum("ijn,jn->in", attitude, offset)
@@ -412,7 +411,7 @@ class Measurement:
         return np.einsum("ijn,jn->in", rotation, point) + shift, _product(rotation, attitude)
 
     def split(self, nuisances: Array) -> tuple[Array, Array | None, Array, Array | None]:
-        """Return shift and turn of the base (or the numbers of the place), target ``(3, N)`` and the target's own turn."""
+        """Return the base's shift and turn (or the place's numbers), target ``(3, N)`` and the target's turn."""
         samples = nuisances.shape[1]
         first = 0 if self.place is None else len(self.place.names)
         shift, turn = np.zeros((first or 3, samples)), None
@@ -432,8 +431,7 @@ class Measurement:
     def slopes(self, pose: Array, error: Array, nuisances: Array) -> Slopes:
         """Return the derivatives of a reading at one error ``(6,)`` and nuisances ``(k,)``.
 
-        An attitude's are those of the turn of the reading: the rotation vector, in the axes of the reading, of a small
-        further turn.
+        An attitude's are those of the rotation vector, in the axes of the reading, of a small further turn.
         """
         columns = nuisances[:, None]
         own_place, turn, offset, own_turn = self.split(columns)
@@ -462,7 +460,7 @@ class Measurement:
         return Slopes(by_point @ by_error[:3], np.concatenate([*of_place, by_point @ by_nuisances[:3]], axis=1))
 
     def residual(self, reading: Array, predicted: Array) -> Array:
-        """Return reading less prediction, both ``(m, N)`` as :meth:`predict` returns them; an attitude's as a turn."""
+        """Return reading less prediction, both ``(m, N)`` as from :meth:`predict`; an attitude's as a turn."""
         if self.kind != "pose":
             return reading - predicted
         measured, expected = se3.exp_rotation(reading[3:]), se3.exp_rotation(predicted[3:])
@@ -495,7 +493,6 @@ def _point(what: str, value: object) -> tuple[float, ...]:
 
 
 def _direction(what: str, value: object) -> tuple[float, ...]:
-    """Return a unit vector."""
     direction = check_numbers(what, value, (3,), "three numbers")
     length = float(np.linalg.norm(direction))
     if length == 0:
@@ -573,13 +570,13 @@ _QUANTITIES: Final = {
     "mass": units.MASS,
     "com": units.LENGTH,
 }
-"""Quantity of each setting that is text, in the order in which they are read: the first mistake is reported."""
+"""Quantity of each text setting, in reading order: the first mistake is reported."""
 _SINGLE: Final = ("attitude_std", "std", "cone", "mass")
 """Settings of one number; all others have three."""
 
 
 def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
-    """Return the measurement of an entry; a :class:`SettingError` where one key is at fault."""
+    """Return the measurement of an entry; raise a :class:`SettingError` if one key is at fault."""
     plane = None
     if entry.plane is not None:
         plane = (_read(("plane", "point"), entry.plane.point), _read(("plane", "normal"), entry.plane.normal))
@@ -598,7 +595,7 @@ def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
 
 
 def only_one(measurements: tuple[Measurement, ...], file: str | None = None) -> Measurement:
-    """Return the only measurement of a sheet; an :class:`InputError` where there are several."""
+    """Return the only measurement of a sheet; raise an :class:`InputError` if there are several."""
     if len(measurements) == 1:
         return measurements[0]
     kinds = [one.kind for one in measurements]
@@ -625,7 +622,7 @@ def _read_load(entry: MeasurementEntry, chain: Chain) -> tuple[Payload, ...] | N
 
 
 def _read(below: tuple[str | int, ...], text: Any) -> Any:
-    """Return the numbers of a setting, in SI; of a list those of each entry."""
+    """Return the numbers of a setting in SI, or for a list those of each entry."""
     if text is None:
         return None
     if isinstance(text, list):

@@ -1,4 +1,4 @@
-"""Reader of a file of poses: a grid over joint values, or over the places of a box or a plane, or a random design."""
+"""Reader of a file of poses: a grid over joint values or over places of a box or plane, or a random design."""
 
 from __future__ import annotations
 
@@ -41,9 +41,6 @@ class GridEntry:
     """A value of a file.
 
     Attributes:
-        text: The file's contents.
-        file: Its name.
-        path: Keys and positions from the top of the file.
         data: The value there: text, a list, or keys with values.
     """
 
@@ -53,12 +50,12 @@ class GridEntry:
     data: Any
 
     def wrong(self, message: str) -> InputError:
-        """Return the error that says what is wrong with this value."""
+        """Return the error for this value."""
         return InputError.of("E_GRID", message, self.file, self.text.line(self.path))
 
     @contextmanager
     def naming(self) -> Iterator[None]:
-        """Give the errors of the body the place of this value, unless they have a place."""
+        """Give errors of the body without a place the place of this value."""
         try:
             yield
         except InputError as error:
@@ -81,11 +78,11 @@ class GridEntry:
         return {key: self._below(key) for key in self.data}
 
     def items(self) -> list[GridEntry]:
-        """Return the items of a list, or the value itself if it is none."""
+        """Return the items of a list, or the value itself if it is not one."""
         return [self._below(k) for k in range(len(self.data))] if isinstance(self.data, list) else [self]
 
     def word(self, allowed: tuple[str, ...]) -> str:
-        """Return the value, which is one of some words."""
+        """Return the value if it is one of the words."""
         if self.data not in allowed:
             raise self.wrong(f"{self._named}expected {' or '.join(allowed)}, got {self._shown}")
         return str(self.data)
@@ -104,7 +101,7 @@ class GridEntry:
         return self._parsed(self, quantity, count)
 
     def values(self, quantity: units.Quantity, example: str) -> Array:
-        """Return the values of a coordinate: one or several with one unit, a list, or so many from one to another."""
+        """Return the values of a coordinate: one or several with one unit, a list, or a range with a count."""
         if isinstance(self.data, dict):
             unit = example.split()[-1]
             ends = self.keys(
@@ -155,11 +152,11 @@ Progress = Callable[[int], None] | bool | None
 @final
 @dataclass(frozen=True)
 class PoseGrid:
-    """The poses that a file asks for.
+    """The poses of a file.
 
     Attributes:
-        count: Number of poses that are solved or drawn, of which progress speaks; zero for a grid over joint values.
-        solve: Function that returns the poses. Its argument is as ``progress`` of
+        count: Number of poses to solve or draw, for progress; zero for a grid over joint values.
+        solve: Returns the poses; its argument is ``progress`` of
             :func:`precision_pin.robot.inverse_kinematics.inverse_kinematics`.
         singular_below: Smallest singular value below which a pose counts as singular.
     """
@@ -170,13 +167,7 @@ class PoseGrid:
 
 
 def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[str, Array] | None = None) -> PoseGrid:
-    """Read a file of poses.
-
-    Args:
-        path: The YAML file.
-        chain: The arm.
-        poses: Named joint values that the file may refer to, such as those of a sheet.
-    """
+    """Read a YAML file of poses; ``poses`` are named joint values that it may refer to, such as a sheet's."""
     file = os.fspath(path)
     try:
         text = read_text(read_text_file(file, LARGEST_FILE), file)

@@ -1,4 +1,4 @@
-"""Provenance: where the numbers of a sheet come from."""
+"""Provenance of the numbers of a sheet."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from precision_pin.sheet.text import Path
 
 MEASURED: Final = "measured"
 ORIGINS: Final = ("assumed", "data sheet", MEASURED, "drawing")
-"""What a number can come from."""
+"""Possible origins of a number."""
 _EXAMPLE: Final = "such as 'provenance: drawing' or 'provenance: {data sheet: \"page 12\"}'"
 
 
@@ -25,7 +25,7 @@ class Origin:
 
     Attributes:
         kind: One of `ORIGINS`.
-        text: More about it, such as the page of a data sheet.
+        text: Details, such as the page of a data sheet.
     """
 
     kind: str
@@ -33,7 +33,7 @@ class Origin:
 
 
 def read_origin(value: Any) -> Origin:
-    """Return the origin that a sheet states: a word, or the word with a text."""
+    """Return the origin stated in a sheet: a word, or a word with a text."""
     word, text = value, ""
     if isinstance(value, dict):
         if len(value) != 1:
@@ -49,7 +49,7 @@ def read_origin(value: Any) -> Origin:
 def source_origins(
     settings: Mapping[str, Any], fields: Sequence[str], path: Path, findings: Findings
 ) -> dict[str, Origin]:
-    """Return the origins that a source states, by setting; for all of its numbers by an empty name."""
+    """Return the origins that a source states, by setting; under an empty name for all its numbers."""
     found: dict[str, Origin] = {}
     if ASSUMED in settings and ASSUMED not in fields:
         mark = settings[ASSUMED]
@@ -74,7 +74,7 @@ def source_origins(
 def origins_by_path(
     stated: Mapping[str, Any], names: Sequence[str], labels: Sequence[str], findings: Findings
 ) -> dict[str, Origin]:
-    """Return the origins of the key ``provenance`` of a sheet, by the paths that ``--set`` takes; ``*`` stands for anything."""
+    """Return the origins under the sheet's key ``provenance``, by paths as in ``--set``; ``*`` stands for anything."""
     found: dict[str, Origin] = {}
     known = [*(f"parameters.{name}" for name in names), *labels]
     for pattern, value in stated.items():

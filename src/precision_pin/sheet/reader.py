@@ -40,32 +40,27 @@ from precision_pin.terms.source import Source
 LARGEST_FILE: Final = 4 * 2**20
 _MOST_NAMED: Final = 4
 _ACCEPTABLE: Final = re.compile(r"(?!W_NO_REST$)W_[A-Z_]+")
-"""Codes of warnings that a sheet can accept: an arm that buckles is none of them."""
+"""Codes of warnings that a sheet can accept; buckling is not among them."""
 _ANY_COMPONENT: Final = ("", ".x", ".y", *(f".{k}" for k in range(6)))
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A sheet that was read without error.
+    """A sheet read without error.
 
     Attributes:
-        file: The sheet.
-        chain: The arm.
         space: The named draws.
-        sources: Error sources.
         poses: Named configurations, the first one the default.
-        approaches: Direction in which each joint moved last, of the poses that say so.
+        approaches: Direction in which each joint moved last, for poses that state it.
         statics: ``"nominal"``: loads at the undeflected pose; ``"equilibrium"``: on the arm at rest under them.
-        findings: Warnings about sheet and URDF.
-        assumed: Positions of the sources that the sheet marks as assumptions.
-        contents: What it was read from.
-        estimates: Those of a calibration, in place of tolerances.
+        assumed: Positions of the sources marked as assumptions.
+        estimates: Of a calibration, in place of tolerances.
         measurements: Instruments and set-ups of a calibration.
-        origins: Where numbers come from, by the label of a source, ``label.setting`` or ``parameters.name``.
+        origins: Where numbers come from, by source label, ``label.setting`` or ``parameters.name``.
         unchanged: The sheet before any :meth:`with_changes`; ``None`` for one without changes.
-        beyond_limits: Whether verdicts are given at joint values and speeds beyond the URDF's limits too.
-        accepted: Reasons for which warnings are accepted, by code.
+        beyond_limits: Whether verdicts are also given beyond the URDF's limits of joint values and speeds.
+        accepted: Reasons for accepting warnings, by code.
     """
 
     file: str
@@ -87,16 +82,16 @@ class Sheet:
 
     @property
     def measurement(self) -> Measurement | None:
-        """The only measurement, ``None`` without any; an :class:`InputError` where the sheet lists several."""
+        """The only measurement, or ``None``; raises :class:`InputError` if the sheet lists several."""
         return only_one(self.measurements, self.file) if self.measurements else None
 
     @property
     def whole_space(self) -> Space:
-        """The space with the draws of the sources, by the sheet's laws: before any calibration."""
+        """The space with the draws of the sources, by the sheet's laws, before any calibration."""
         return self.space.including(own_draws(self.sources, labels(self.sources)))
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
-        """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`."""
+        """Return the sheet with values changed, by the path of :class:`precision_pin.sheet.changes.Change`."""
         if self.contents is None:
             raise InputError("the sheet was not read from a file or a dictionary, so that nothing in it can be changed")
         asked = [Change(path, plain_data(value, path), path) for path, value in changes.items()]
@@ -109,10 +104,9 @@ class Contents:
     """The contents of a sheet, from which it can be read again.
 
     Attributes:
-        text: Keys and values.
         file: Name of the sheet in messages.
         folder: Folder that file names are relative to.
-        kinds, overrides: As :func:`read` takes them.
+        kinds, overrides: As for :func:`read`.
     """
 
     text: Text
@@ -122,7 +116,7 @@ class Contents:
     overrides: Overrides
 
     def written(self, folder: FilePath, **changed: Any) -> str:
-        """Return the sheet as it is, some of its keys changed, without comments; the robot's file is named from a folder."""
+        """Return the sheet's text without comments, some keys changed, the robot's path relative to a folder."""
         data = {**self.text.data, **changed}
         file = self.folder / data["robot"]
         if file.is_file():
@@ -130,11 +124,11 @@ class Contents:
         return written_yaml(data)
 
     def values_at(self, sheet: Sheet, path: str) -> dict[str, Any]:
-        """Return the values that a path of :meth:`read_changed` names, as they are written, by their full paths."""
+        """Return the values that a path of :meth:`read_changed` names, as written, by their full paths."""
         return values_at(self.text, path, sheet.sources, catalogue() | {kind.kind(): kind for kind in self.kinds})
 
     def read_changed(self, sheet: Sheet, changes: Sequence[Change]) -> Sheet:
-        """Return the sheet with some values changed; ``sheet`` is what was read from these contents."""
+        """Return ``sheet``, which was read from these contents, with some values changed."""
         if not changes:
             return sheet
         text = change_text(self.text, changes, sheet.sources, catalogue() | {kind.kind(): kind for kind in self.kinds})
@@ -152,7 +146,6 @@ def read(
     """Read a sheet and the robot it names.
 
     Args:
-        path: The YAML sheet.
         kinds: Source classes beyond those of the package.
         overrides: Robot, tip, base and target in place of the sheet's.
         changes: Values in place of the sheet's, which must be correct without them.
@@ -164,10 +157,9 @@ def read(
 
 
 def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> Sheet:
-    """Return the sheet that a dictionary holds: the keys and values of the YAML sheet, numbers as such or as text.
+    """Return the sheet given as a dictionary: keys and values of the YAML sheet, numbers as such or as text.
 
     Args:
-        data: Keys and values.
         folder: Folder that the names of the robot and of tables are relative to.
         kinds: Source classes beyond those of the package.
     """
@@ -236,7 +228,7 @@ def _measurements(document: Document, chain: Chain, findings: Findings) -> tuple
 def _estimates(
     calibrated: str, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
 ) -> Estimates | None:
-    """Return the estimates of a calibration that the sheet names; a number that was set is what it was set to."""
+    """Return the estimates of the sheet's calibration, except numbers that a change has set."""
     with findings.taking("calibrated"):
         estimates = read_estimates(calibrated, folder)
         before = space if unchanged is None else unchanged.whole_space
@@ -255,7 +247,6 @@ def _estimates(
 
 
 def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
-    """Return what is said of measured numbers in whose place others were set."""
     std = np.sqrt(np.diag(estimates.covariance))
     numbered = [(k, name) for k, name in enumerate(estimates.names) if name in names]
     measured = [f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in numbered]
@@ -267,7 +258,6 @@ def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
 
 
 def _edited(estimates: Estimates, now: Mapping[str, tuple[float, float]]) -> str:
-    """Return what is said of tolerances that are others in the sheet's text than when it was calibrated."""
     changes = [
         f"{name} {mean:.3g} ± {std:.2g}, then {estimates.stated[name][0]:.3g} ± {estimates.stated[name][1]:.2g}"
         for name, (mean, std) in now.items()
@@ -287,7 +277,7 @@ def _contents(file: str) -> str:
 
 
 def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
-    """Return the sheet's contents and the top-level keys that are wrong; these are left out, so that reading continues."""
+    """Return the sheet's contents and its wrong top-level keys; these are left out, so that reading continues."""
     if not isinstance(text.data, dict):
         findings.error((), "a sheet must begin with 'precision-pin: 1' and contain keys such as robot: and sources:")
         findings.refuse()
@@ -310,10 +300,8 @@ def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
 def _parameters(
     document: Document, findings: Findings, quantities: tuple[units.Quantity, ...], folder: FilePath
 ) -> tuple[dict[str, NamedParameter], tuple[str, ...]]:
-    """Return the named parameters by the names of their components, and the names of those that could not be read.
-
-    A placeholder replaces a parameter that could not be read, so that its uses are not reported as errors too.
-    """
+    """Return the named parameters by the names of their components, and the names of unreadable ones."""
+    # a placeholder replaces an unreadable parameter, so that its uses are not reported too
     named: dict[str, NamedParameter] = {}
     owners: dict[str, str] = {}
     unread: list[str] = []
@@ -343,7 +331,7 @@ def _parameters(
 def _sources(
     document: Document, findings: Findings, known: Mapping[str, type[Source]], context: Context
 ) -> tuple[dict[int, Source], dict[int, dict[str, Origin]], dict[Path, Mapping[str, Any]]]:
-    """Return the sources that could be read, where their numbers come from, by position, and the settings of the others."""
+    """Return readable sources and their numbers' origins by position, and the settings of the others by path."""
     sources: dict[int, Source] = {}
     broken: dict[Path, Mapping[str, Any]] = {}
     origins: dict[int, dict[str, Origin]] = {}
@@ -381,7 +369,7 @@ def _sources(
 
 
 def _check_joints(broken: Mapping[Path, Mapping[str, Any]], chain: Chain, findings: Findings) -> None:
-    """Report unknown joints of sources that could not be read for another reason, so that all errors are found at once."""
+    """Report unknown joints of sources with other errors too, so that all errors are found at once."""
     for path, settings in broken.items():
         name = settings.get("joint")
         if isinstance(name, str) and name not in chain.joint_names:
@@ -397,7 +385,7 @@ def _try_terms(
     approaches: Mapping[str, Approach],
     findings: Findings,
 ) -> tuple[Space, list[tuple[Path, Draw]]]:
-    """Report wrong joints and links by trying every pose; return the space with the sources' draws, and these by path."""
+    """Report wrong joints and links by trying all poses; return the space with the sources' draws, and these."""
     extension = Extension(space)
     usable: list[tuple[Path, Source, str]] = []
     own: list[tuple[Path, Draw]] = []
@@ -425,7 +413,7 @@ def _try_terms(
 def correlated_space(
     draws: Sequence[Draw], entries: Sequence[object], findings: Findings, unread: Sequence[str]
 ) -> Space:
-    """Return the space of the sheet's draws with its correlations; errors in these become findings."""
+    """Return the space of the sheet's draws with its correlations, whose errors become findings."""
     space = Space(tuple(draws))
     for k, entry in enumerate(entries):
         with findings.taking("correlations", k):
@@ -472,7 +460,7 @@ _LARGEST_RESULT: Final = 64 * 2**20
 
 
 def read_estimates(file: str, folder: FilePath) -> Estimates:
-    """Return the estimates in the JSON that ``calibrate`` writes."""
+    """Return the estimates in JSON written by ``calibrate``."""
     path = folder / file
     try:
         data = json.loads(read_text_file(path, _LARGEST_RESULT))
@@ -491,12 +479,12 @@ def read_estimates(file: str, folder: FilePath) -> Estimates:
 
 
 def _complete_estimates(data: dict[str, Any]) -> Estimates | None:
-    """Return the estimates of a result; ``None`` where something is missing or no number."""
+    """Return the estimates of a result; ``None`` if something is missing or not a number."""
     try:
         names = tuple(map(str, data["posterior"]["names"]))
         mean = np.array([data["posterior"]["mean"][name] for name in names], dtype=float)
         covariance = np.array(data["posterior"]["covariance"], dtype=float)
-        # results of older versions have none
+        # missing in results of older versions
         stated = {
             str(name): (float(one["mean"]), float(one["std"])) for name, one in (data.get("in_sheet") or {}).items()
         }

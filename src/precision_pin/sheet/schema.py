@@ -41,9 +41,9 @@ from precision_pin.sources import catalogue
 from precision_pin.terms.source import SettingField, Source, setting_fields, setting_meanings, takes_law
 
 ASSUMED: Final = "assumed"
-"""The key, allowed in every source, that marks its numbers as assumptions."""
+"""Key, allowed in every source, that marks its numbers as assumptions."""
 PROVENANCE: Final = "provenance"
-"""The key that says where numbers come from: in every source, and at the top level by path."""
+"""Key for the origin of numbers: in every source, and at the top level by path."""
 _LAW: Final = {"title": "law"}
 _FLAG: Final = [True, False, "true", "false"]
 """Values of a flag, as any YAML reader reads them."""
@@ -51,7 +51,7 @@ _FLAG: Final = [True, False, "true", "false"]
 
 _Measurements = Annotated[
     Annotated[MeasurementEntry, Tag("one")] | Annotated[list[MeasurementEntry], Tag("several")],
-    # the error of the one that was meant, not of both
+    # reports the error of the intended form, not of both
     Discriminator(lambda given: "several" if isinstance(given, list) else "one"),
 ]
 
@@ -63,8 +63,8 @@ class Context:
 
     Attributes:
         named: The sheet's parameters, by the name of each of their numbers.
-        prismatic: True for each prismatic joint of the chain, by name.
-        folder: Folder of the sheet, to which file names are relative.
+        prismatic: Whether each joint is prismatic, by name.
+        folder: Folder that file names are relative to.
     """
 
     named: Mapping[str, NamedParameter]
@@ -141,7 +141,7 @@ class Document(BaseModel):
 
 @cache
 def source_model(kind: type) -> type[BaseModel]:
-    """Return the pydantic model of a source's settings (or of a part of them), whose fields are those of the class."""
+    """Return the pydantic model of the settings of a source, or of a part of a setting."""
     meanings = setting_meanings(kind)
     entries: dict[str, Any] = {
         entry.name: (
@@ -224,7 +224,7 @@ Notes = tuple[Quantity | PerJoint | PerEntry, ...]
 
 @cache
 def used_quantities(kinds: tuple[type, ...]) -> tuple[Quantity, ...]:
-    """Return the quantities of all random settings of the kinds: those that a named parameter can have."""
+    """Return the quantities of all random settings of the kinds, which a named parameter can have."""
     found: dict[Quantity, None] = {}
     for kind in kinds:
         for entry in setting_fields(kind):
@@ -238,14 +238,14 @@ def used_quantities(kinds: tuple[type, ...]) -> tuple[Quantity, ...]:
 @final
 @dataclass(frozen=True)
 class StatedNumber:
-    """A number that the sheet gives for a setting: the units it may have, whether it has a law."""
+    """A number in a setting: its possible units, and whether it has a law."""
 
     units: frozenset[str]
     is_random: bool
 
 
 def stated_numbers(kind: type, settings: Mapping[str, Any]) -> dict[str, StatedNumber]:
-    """Return the numbers and laws that the settings of a source state, by their paths below it; entries of lists one by one."""
+    """Return the numbers and laws in the settings of a source, by path; entries of lists one by one."""
     found: dict[str, StatedNumber] = {}
     for entry in setting_fields(kind):
         stated = settings.get(entry.name)
@@ -277,7 +277,7 @@ def _context(info: ValidationInfo[Any]) -> Context:
 
 
 def _quantities(notes: Notes, info: ValidationInfo[Any]) -> tuple[Quantity, ...]:
-    """Return the quantities that a setting can have at the joint that the source names."""
+    """Return the quantities that a setting can have at the source's joint."""
     result: list[Quantity] = []
     for note in notes:
         if not isinstance(note, PerJoint):
@@ -290,7 +290,7 @@ def _quantities(notes: Notes, info: ValidationInfo[Any]) -> tuple[Quantity, ...]
 
 
 def _reader(read: Callable[[Any, ValidationInfo[Any]], object]) -> BeforeValidator:
-    """Return the validator of a function whose input errors pydantic is to carry."""
+    """Return the validator of a function, with its input errors carried through pydantic."""
 
     def reading(value: object, info: ValidationInfo[Any]) -> object:
         try:
@@ -350,11 +350,7 @@ def _numbers(
 
 @final
 class SettingReason(ValueError):
-    """Carries an error through pydantic.
-
-    Attributes:
-        below: Path from the setting down to the error.
-    """
+    """Carries an error through pydantic; ``below`` is the path from the setting to the error."""
 
     def __init__(self, error: InputError, below: Path = ()) -> None:
         super().__init__("; ".join(finding.message for finding in error.findings))
@@ -381,7 +377,7 @@ def _setting_schema(notes: Notes) -> dict[str, Any]:
 
 
 def _with_references(schema: Any) -> Any:
-    """Return a schema with references in place of laws, which pydantic itself cannot write."""
+    """Return a schema with references in place of laws, which pydantic cannot write itself."""
     if isinstance(schema, dict):
         return {"$ref": "#/$defs/law"} if schema == _LAW else {key: _with_references(schema[key]) for key in schema}
     return [_with_references(entry) for entry in schema] if isinstance(schema, list) else schema

@@ -1,4 +1,4 @@
-"""Parser of the text of a setting: a quantity, a law or a parameter's name. A law itself defines its settings."""
+"""Parser of a setting's text: a quantity, a law or a parameter's name. Laws define their own settings."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class LawReader:
         return self._parse(value, where, None)
 
     def half_width(self, *where: str | int) -> float:
-        """Return the number at a place, which must not be negative."""
+        """Return the number at a place; raise if negative."""
         result = self.number(*where)
         if result < 0:
             raise SettingError(where, "the half-width is negative; a tolerance must be zero or more")
@@ -82,7 +82,7 @@ class LawReader:
         return self.number("mean") if "mean" in self.settings else 0.0
 
     def ratio(self, *where: str | int) -> float:
-        """Return the number without a unit at a place."""
+        """Return the unitless number at a place."""
         with placed(*where):
             return units.parse(self.value(*where), units.RATIO)
 
@@ -111,12 +111,12 @@ class LawReader:
         return values
 
     def ratio_column(self, table: csv_columns.Measured, name: str, where: Path) -> tuple[float, ...]:
-        """Return a file's column of numbers without a unit."""
+        """Return a file's column of unitless numbers."""
         with placed(*where):
             return table.column(name, units.RATIO)
 
     def only(self, where: Path, *keys: str) -> None:
-        """Refuse anything but a mapping of these keys at a place; the first key is required."""
+        """Raise unless a place holds a mapping of these keys; the first is required."""
         value = self.value(*where)
         if not isinstance(value, Mapping) or not set(value) <= set(keys) or keys[0] not in value:
             raise SettingError(where, f"expected keys with values: {{{', '.join(f'{key}: …' for key in keys)}}}")
@@ -143,7 +143,7 @@ class LawReader:
 
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
 TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"
-"""The sign in a tolerance written as text: a mean or nothing before it, the half-width after it."""
+"""The sign in a tolerance: after a mean or nothing, before the half-width."""
 
 _HERE: Final = FilePath()
 
@@ -151,19 +151,14 @@ _HERE: Final = FilePath()
 @final
 @dataclass(frozen=True)
 class NamedParameter:
-    """A draw of the sheet's ``parameters``, and the quantities that have its unit.
-
-    Attributes:
-        draw: The draw.
-        quantities: The quantities it can be used for.
-    """
+    """A draw of the sheet's ``parameters``, and the quantities that fit its unit."""
 
     draw: Draw
     quantities: tuple[Quantity, ...]
 
 
 def parse_number(value: object, quantities: Sequence[Quantity]) -> float:
-    """Return a quantity in SI, refusing laws."""
+    """Return a quantity in SI; laws are refused."""
     if isinstance(value, Mapping) or tolerance_law(value) is not None:
         raise InputError("expected a plain quantity, not a law or a tolerance")
     return units.parse(value, *quantities)
@@ -247,7 +242,7 @@ def parse_law(
     options = law_options(key)
     for other in value:
         if other != key and other not in options:
-            # {uniform: 0,05 mm} is {uniform: 0} and a key "05 mm"
+            # YAML reads {uniform: 0,05 mm} as {uniform: 0} and a key "05 mm"
             comma = f"{value[key]},{other}" if value[other] in (None, "") else ""
             hint = units.comma_hint(comma) or f": {nearest(other, options)}"
             raise SettingError((other,), f"{other!r} is no setting of the law {key}{hint}")
@@ -259,7 +254,7 @@ def parse_law(
 
 
 def law_options(*keys: str) -> tuple[str, ...]:
-    """Return the keys allowed beside those of some laws, of all laws if none is given; ``scope`` is always allowed."""
+    """Return the keys allowed beside those of some laws, or of all if none is given; ``scope`` always is."""
     laws = laws_of_sheets()
     own = [option.key for key in keys or laws for option in laws[key].form.options]
     return (*dict.fromkeys(own), "scope")

@@ -1,4 +1,4 @@
-"""Warnings about contents of a sheet that are allowed but probably unintended."""
+"""Warnings about contents of a sheet that are valid but probably unintended."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from precision_pin.sheet.text import Path, Text
 from precision_pin.terms.source import Source
 
 FEW: Final = 30
-"""Fewer measured samples than this cause a warning about the spread of the draws from them."""
+"""Measured samples below which the spread of draws from them gets a warning."""
 _CONFIDENCE: Final = 0.95
 
 LARGE_ANGLE: Final = math.radians(2)
-"""An error of at least this angle, written in rad, causes a warning."""
+"""Error angle, written in rad, from which a warning is given."""
 MOST_TURNS: Final = 2
-"""Turns beyond which the value of a joint without limits, written in rad, causes a warning."""
+"""Turns beyond which an unlimited joint's value in rad gets a warning."""
 _LARGE_BY_NATURE: Final = frozenset(("roll", "period"))
 _SLIP: Final = 0.002
-"""Largest distance to a multiple of π/4 at which a number is taken for its rounded value."""
+"""Largest distance to a multiple of π/4 at which a number counts as its rounded value."""
 
 
 def remark_on_sources(
@@ -44,7 +44,7 @@ def remark_on_sources(
     own: Sequence[tuple[Path, Draw]],
     findings: Findings,
 ) -> None:
-    """Warn of settings that are probably unintended; refuse laws that are too wide to compute with."""
+    """Warn of settings that are probably unintended; refuse laws too wide to compute with."""
     placed: list[tuple[Path, Source, str]] = [
         (("sources", k, source.kind()), source, label)
         for (k, source), label in zip(sources.items(), names, strict=True)
@@ -74,7 +74,7 @@ def _remark_on_draw(path: Path, draw: Draw, findings: Findings) -> None:
 
 
 def _remark_on_constants(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
-    """Warn of plain numbers in place of tolerances, all of them in one message."""
+    """Warn of plain numbers in place of tolerances, all in one message."""
     found = [
         (("sources", k, source.kind(), *below), text)
         for k, source in sources.items()
@@ -91,7 +91,7 @@ def _remark_on_constants(document: Document, sources: Mapping[int, Source], find
 
 
 def _remark_on_angles(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
-    """Warn of errors written in rad that are large angles, all of them in one message."""
+    """Warn of large angles among errors written in rad, all in one message."""
     parts: list[tuple[Path, Any]] = [(("parameters", name), law) for name, law in document.parameters.items()]
     parts += [(("sources", k), document.sources[k]) for k in sources]
     found = [((*path, *below), text) for path, part in parts for below, text in _large_angles(part)]
@@ -106,7 +106,7 @@ def _more(found: Sequence[object]) -> str:
 
 
 def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> None:
-    """Warn of poses whose unit looks wrong, and of a sheet without poses."""
+    """Warn of poses with a probably wrong unit, and of a sheet without poses."""
     if not document.poses:
         message = "there are no poses; give joint values with --q"
         findings.warning((), message, "W_NO_POSES")
@@ -121,7 +121,7 @@ def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> Non
 
 
 def note_on_normal(text: Text, file: str) -> Finding | None:
-    """Return a note on the first ``normal:`` of a sheet whose number is three standard deviations by default."""
+    """Return a note on the first ``normal:`` whose number is three standard deviations by default."""
     found = [one for key in ("parameters", "sources") for one in _plain_normals(text.data.get(key), (key,))]
     if not found:
         return None
@@ -134,7 +134,6 @@ def note_on_normal(text: Text, file: str) -> Finding | None:
 
 
 def _plain_normals(value: object, below: Path) -> Iterator[tuple[Path, str]]:
-    """Yield the path and half-width of each normal law without ``std`` and ``k``."""
     if isinstance(value, Mapping):
         if isinstance(value.get("normal"), str) and "k" not in value:
             yield (*below, "normal"), value["normal"]
@@ -157,9 +156,9 @@ def pose_remark(value: str | list[str] | Mapping[str, str], chain: Chain) -> str
 def few_samples(law: Law) -> str | None:
     """Return a warning about a law made from few measured samples; None for any other law.
 
-    Draws from n samples have the variance of the samples with the divisor n, or less with straight lines between the
-    samples: on average less than the true variance. The warning gives the upper confidence limit of the true standard
-    deviation for normal numbers, ``s √((n - 1)/χ²)`` with the lower quantile of χ² of n - 1 degrees of freedom.
+    Draws from n samples have the samples' variance with divisor n, or less with straight lines between them: on average
+    below the true one. The warning gives the upper confidence limit of the true standard deviation for normal numbers,
+    ``s √((n - 1)/χ²)`` with the lower quantile of χ² of n - 1 degrees of freedom.
     """
     samples = law.measured
     if samples is None:
@@ -183,7 +182,6 @@ def few_samples(law: Law) -> str | None:
 
 
 def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Path, str]]:
-    """Yield the path and the text of each plain number that a source has in place of a tolerance."""
     for key in source.deviations:
         value = getattr(source, key)
         for k, entry in enumerate(value if isinstance(value, tuple) else (value,)):
@@ -196,7 +194,7 @@ def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Pa
 
 
 def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Yield the path and the text of each angle in rad that is large for an error, in a source's settings or a law."""
+    """Yield path and text of each angle in rad that is large for an error, in a source's settings or a law."""
     if isinstance(value, Mapping):
         for key, entry in value.items():
             if key not in _LARGE_BY_NATURE:
@@ -214,11 +212,9 @@ def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]
 
 
 def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> str | None:
-    """Return a question about joint values whose unit looks wrong; ``None`` if all units look right.
-
-    A value in rad looks wrong if it is outside the joint's limits, or beyond two turns if there are none, and would be
-    inside them in degrees. A value in degrees looks wrong if all values are small and it is close to a multiple of π/4.
-    """
+    """Return a question about joint values with a probably wrong unit; ``None`` if all look right."""
+    # A value in rad looks wrong if it is outside the joint's limits, or beyond two turns if there are none, and would
+    # be inside in degrees. One in degrees looks wrong if all are small and it is close to a multiple of π/4.
     small, slips = True, []
     for name, text in written.items():
         if name not in joints:

@@ -24,9 +24,9 @@ MOST_LEVELS: Final = 12
 MOST_NODES: Final = 100_000
 
 LARGE: Final = 20_000
-"""Characters from which text is first tried with libyaml, which is some twenty times faster."""
+"""Characters from which libyaml, some twenty times faster, is tried first."""
 _OTHERWISE: Final = re.compile(r"[^\n -~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|^%|[{,]\s*:|.{1000}", re.M)
-"""Where libyaml may differ: tabs, directives, control characters, other line ends than line feeds, empty and long keys."""
+"""Where libyaml may differ: tabs, directives, control characters, other line ends, empty or long keys."""
 
 
 def written_yaml(data: Mapping[str, Any]) -> str:
@@ -44,10 +44,9 @@ class Text:
     """A sheet's contents.
 
     Attributes:
-        data: Dictionaries, lists and strings.
         lines: Line of every key and item by its path.
         findings: Findings about the text itself, such as duplicate keys.
-        changes: What has been changed afterwards: its name in messages, by its path.
+        changes: Names of later changes in messages, by path.
     """
 
     data: Any
@@ -56,20 +55,20 @@ class Text:
     changes: Mapping[Path, str] = field(default_factory=dict)
 
     def line(self, path: Path) -> int | None:
-        """Return the line of a path, or of the innermost entry that contains it; None for data that are no text."""
+        """Return the line of a path, or of the innermost entry around it; None if the data were not text."""
         while path and path not in self.lines:
             path = path[:-1]
         return self.lines.get(path)
 
     def change(self, path: Path) -> str | None:
-        """Return the name of the change that a path is part of, if it is."""
+        """Return the name of the change that a path is part of, if any."""
         return next((name for changed, name in self.changes.items() if path[: len(changed)] == changed), None)
 
 
 @final
 @dataclass(slots=True)
 class _Node:
-    """A scalar with its ``text``, a list, or a mapping whose entries are keys and values in turn."""
+    """A scalar with its ``text``, a list, or a mapping with keys and values in turn as entries."""
 
     line: int
     text: str | None = None
@@ -93,7 +92,7 @@ def read_text(text: str, file: str) -> Text:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise SheetError([wrong(f"not YAML: {error.problem or error.context}", line)]) from None
     except (YAMLError, ValueError, OverflowError) as error:
-        # the parser raises these, which are not its own errors, for numbers out of range such as \UFFFFFFFF
+        # raised by the parser, though not its own errors, for numbers out of range such as \UFFFFFFFF
         raise SheetError([wrong(f"not YAML: {str(error).splitlines()[0]}", 1)]) from None
     return _Conversion(file, findings, wrong).text(root)
 
@@ -102,7 +101,7 @@ Wrong = Callable[[str, int | None], Finding]
 
 
 def _read_with_libyaml(text: str, file: str, wrong: Wrong) -> Text | None:
-    """Return the contents of YAML text; None where there is anything to report, or where libyaml is missing or may differ."""
+    """Return the contents of YAML text; None if there is anything to report, or if libyaml is missing or may differ."""
     try:
         from yaml import YAMLError as OtherError
         from yaml import events as kinds
@@ -121,11 +120,8 @@ def _read_with_libyaml(text: str, file: str, wrong: Wrong) -> Text | None:
 
 
 def _compose(stream: Iterable[Any], kinds: ModuleType, findings: list[Finding], wrong: Wrong) -> _Node | None:
-    """Return the tree of a stream of events, without recursion, since text may be nested to any depth.
-
-    The node of an anchor becomes part of the tree once more for every alias. The classes of the events are those of the
-    module ``kinds``, ``events`` of either library.
-    """
+    """Return the tree of a stream of events, without recursion, since text may be nested to any depth."""
+    # Every alias adds the anchor's node once more. `kinds` is the module `events` of either library.
     open_nodes: list[_Node] = [_Node(1)]
     anchors: dict[str, _Node] = {}
     documents = 0
@@ -165,7 +161,7 @@ def _compose(stream: Iterable[Any], kinds: ModuleType, findings: list[Finding], 
 
 @final
 class _Conversion:
-    """Conversion of a tree into plain data by recursion, with a limit on the depth that aliases can make."""
+    """Recursive conversion of a tree into plain data, with a limit on the depth that aliases can make."""
 
     def __init__(self, file: str, findings: list[Finding], wrong: Wrong) -> None:
         self._file, self._findings, self._wrong = file, findings, wrong

@@ -1,7 +1,7 @@
 """Error sources, one file for each kind.
 
-Each module here with a :class:`~precision_pin.terms.source.Source` class adds a kind; there is no other list of them. The
-schema of the sheet and the catalogue in the documentation are derived from the classes.
+Each module here with a :class:`~precision_pin.terms.source.Source` class adds a kind; no other list exists. The sheet's
+schema and the documentation's catalogue follow from the classes.
 """
 
 from __future__ import annotations

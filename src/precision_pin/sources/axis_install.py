@@ -23,11 +23,11 @@ class AxisInstall(Source):
     """Installation error of a joint's axis: the real axis passes through two points beside the nominal axis.
 
     In the joint's frame turned so that z is the axis, the real axis passes through A in the plane z = start and B in
-    the plane z = start + span, each uniform over the area of a disc about the nominal axis. With
-    ``AE = (x_B - x_A, y_B - y_A)`` and ``L = span`` the joint's seat is displaced by ``d = A - AE·start/L`` and
-    ``δ = (-AE_y, AE_x, 0)/L``. Source: eqs 18 and 19 of Wei, Jia and Chen (2015); eq 19 prints the angles before the
-    position. The span is not in the paper; the result is nearly proportional to 1/span. The points belong to the link
-    that is the joint's parent in the file, even if the base is beyond the joint.
+    the plane z = start + span, each uniform over a disc about the nominal axis. With ``AE = (x_B - x_A, y_B - y_A)``
+    and ``L = span`` the joint's seat is displaced by ``d = A - AE·start/L`` and ``δ = (-AE_y, AE_x, 0)/L``. Source: eqs
+    18 and 19 of Wei, Jia and Chen (2015); eq 19 prints the angles before the position, and has no span; the result is
+    nearly proportional to 1/span. The points belong to the joint's parent link in the file, even if the base is beyond
+    the joint.
 
     Attributes:
         joint: The joint.
@@ -67,7 +67,7 @@ class AxisInstall(Source):
         joint = chain.joint_index(self.joint)
         axes, place = seat_axes(chain, joint), chain.seat(joint)
         if chain.reversed_joints[joint]:
-            # the frame before the joint's motion is beyond it; the displaced part is the link with that frame
+            # the frame before the motion lies beyond the joint; the link with that frame is displaced
             place, axes = Place.start(joint + 1, f"seat of {self.joint}"), -axes
         crossing = self.start / self.span
         for point, share, sign in (("A", 1 + crossing, -1.0), ("B", -crossing, 1.0)):

@@ -27,14 +27,14 @@ class Backlash(Source):
     ``Δθ = sign(τ) b/2`` with τ the torque of the load on the joint, all parameters at their means, as in eq 23 of Wei,
     Jia and Chen (2015). If ``|τ|`` is below the band, friction holds the joint where it came to rest: ``Δθ = u b/2``
     with u uniform on -1 to 1. The side follows from the mean load, so it needs no random number and does not change
-    with the scatter of the load. The deviation does not grow with the load and is therefore no deflection; equilibrium
-    statics takes the side from the deflected arm. There the band must be wider than the change of the torque across the
-    gap, since an arm that comes to rest between the flanks has no side.
+    with the scatter of the load. The deviation does not grow with the load and is no deflection; equilibrium statics
+    takes the side from the deflected arm. There the band must exceed the change of the torque across the gap, since an
+    arm that rests between the flanks has no side.
 
-    At a pose with an approach, a joint that moved last in the direction s (1 or -1) against the friction F, the band, lies
-    on the flank behind the drive, unless its load is larger than the friction and drives it: ``Δθ = sign(τ - s F) b/2``,
-    so ``-s b/2`` up to ``s τ = F``. τ is the load of each robot, so that the side turns over with the scatter of the load.
-    The derivative of the side with respect to the load counts as zero.
+    At a pose with an approach, a joint that moved last in the direction s (1 or -1) against the friction F, the band,
+    lies on the flank behind the drive, unless a load larger than the friction drives it: ``Δθ = sign(τ - s F) b/2``, so
+    ``-s b/2`` up to ``s τ = F``. τ is each robot's own load, so the side flips with the scatter of the load. The
+    derivative of the side by the load counts as zero.
 
     Attributes:
         joint: The joint.
@@ -73,7 +73,7 @@ class Backlash(Source):
         gap = space.positive("backlash", self.backlash, zero=True)
         direction = posture.direction_of(joint)
         if direction:
-            # what friction holds beyond the load in the direction of motion: not negative on the flank behind the drive
+            # friction's hold beyond the load, in the direction of motion: not negative on the flank behind the drive
             held: dict[Factors, float] = {(): self.band}
             for factors, share in (posture.deciding or posture).torque_on(joint).items():
                 held[factors] = held.get(factors, 0.0) - direction * share

@@ -29,7 +29,7 @@ _NO_LENGTH: Final = 1e-9
 """Fraction of the beam's length up to which a stretch counts as a point."""
 _FORCE: Final = np.repeat([1.0, 0.0], 3)
 _MOMENT: Final = np.repeat([0.0, 1.0], 3)
-"""Masks of the force and of the moment in a wrench ``[F; M]``."""
+"""Masks of force and moment in a wrench ``[F; M]``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,20 +44,19 @@ class OnLink(Source):
 class Beam(Profile, OnLink):
     """Flexibility of a link: a cantilever from its joint's origin to the next joint's (or the tip).
 
-    x runs along the link; z is its joint's axis made normal to x (if parallel: the next joint's axis, then the link's y);
-    y = z × x; ``roll`` turns y and z about x. If the base is beyond the link, clamp and free end change places, but x, y,
-    z and the order of ``segments`` stay. All loads beyond the link act on the free end. Other loads on the link act at
+    x runs along the link; z is its joint's axis made normal to x (if parallel: the next joint's axis, then the link's
+    y); y = z × x; ``roll`` turns y and z about x. If the base is beyond the link, clamp and free end swap, but x, y, z
+    and the order of ``segments`` stay. All loads beyond the link act on the free end. Other loads on the link act at
     their projections on the beam: payloads at that of their mean centre of mass, branches (fixed, or behind locked
-    joints) at that of the joint that holds them. Euler-Bernoulli, small deflection:
-    ``Δl = F_x l/EA + q_x l²/2EA``, ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``,
-    ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``;
-    with ``segments`` each part bends in this way under the loads beyond its start and carries the rest along. With
-    ``statics: equilibrium`` the bending is of second order: loads act where the beam's shape, a cubic, has moved them,
-    its sections bend about axes that have turned, and bending shortens it. The beam then buckles as a column, at 1.0075
-    times Euler's load; with segments later, at 1.05 times if one half has a quarter of the other's rigidity. Source:
-    section 3.2 and eq 21 of Wei, Jia and Chen (2015), which prints θ_z before θ_y and gives EI and GI in
-    N·m/rad; here EI and GI are rigidities in N·m², and stiffnesses of the whole link in N·m/rad are separate settings
-    (``EI = k l``). Sections: :mod:`precision_pin.sources.profiles`.
+    joints) at that of the joint that holds them. Euler-Bernoulli, small deflection: ``Δl = F_x l/EA + q_x l²/2EA``,
+    ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``, ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise
+    with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``. With ``segments`` each part bends in this way under the
+    loads beyond its start and carries the rest along. With ``statics: equilibrium`` the bending is of second order:
+    loads act where the beam's shape, a cubic, has moved them, its sections bend about turned axes, and bending shortens
+    it. The beam then buckles as a column, at 1.0075 times Euler's load; with segments later, at 1.05 times if one half
+    has a quarter of the other's rigidity. Source: section 3.2 and eq 21 of Wei, Jia and Chen (2015), which prints θ_z
+    before θ_y and gives EI and GI in N·m/rad; here they are rigidities in N·m², and stiffnesses of the whole link in
+    N·m/rad are separate settings (``EI = k l``). Sections: :mod:`precision_pin.sources.profiles`.
 
     Attributes:
         link: A URDF link of the chain link that bends.
@@ -121,7 +120,7 @@ class Beam(Profile, OnLink):
             part.check(may_be_rigid=bool(at_end), weighs=self.self_weight == "section")
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
-        """Yield, if the section gives the weight, loads that cancel the URDF's masses, and the weights in their place."""
+        """For a weight by section, yield loads that cancel the URDF's masses, and the weights instead."""
         if self.self_weight != "section":
             return
         chain = posture.chain
@@ -162,10 +161,7 @@ class Beam(Profile, OnLink):
                     yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
 
     def _parts(self, length: float, backwards: bool) -> Iterator[tuple[float, float, Stretch]]:
-        """Return start, end (m along the beam) and settings of every part, beginning at the clamp.
-
-        ``backwards`` if the first of the segments is the farthest from the clamp.
-        """
+        """Yield start, end (m along the beam) and settings of each part from the clamp, reversed if ``backwards``."""
         cuts, parts = (0.0, *ends(self.segments, length)), stretches(self, self.segments)
         if backwards:
             cuts, parts = tuple(length - cut for cut in reversed(cuts)), parts[::-1]
@@ -192,7 +188,6 @@ class Beam(Profile, OnLink):
                 yield (values[name] if factor == 1.0 else values[name] * factor), rows
 
     def _weights(self, chain: Chain, space: LabelledSpace, link: int) -> Iterator[tuple[float, float, Load]]:
-        """Yield start, end and weight of every part, the weight from its section."""
         axes = beam_axes(chain, link)
         length = float(np.linalg.norm(chain.placements[link][:3, 3]))
         for start, stop, part in self._parts(length, chain.runs_backwards(link)):
@@ -205,7 +200,6 @@ class Beam(Profile, OnLink):
     def _beam_loads(
         self, posture: Posture, space: LabelledSpace, link: int, length: float, axes: Array, shape: BentShape | None
     ) -> Iterator[_BeamLoad]:
-        """Yield the loads on the beam."""
         chain, base = posture.chain, posture.loaded_link_poses[link]
 
         def beam_loads(loads: Sequence[Load], point: Array, start: float, stop: float) -> Iterator[_BeamLoad]:
@@ -257,9 +251,8 @@ class _BeamLoad:
     """A load on a beam: at one point, or spread evenly between two.
 
     Attributes:
-        start, stop: Ends of the stretch on which it acts, m along the beam; equal for a point.
+        start, stop: Ends of the loaded stretch, m along the beam; equal for a point.
         wrench: ``[F; M]``, beam axes, ``(6[, P])``: at the point; for a spread load its whole weight.
-        factors: Parameters that multiply it.
     """
 
     start: float
@@ -272,7 +265,7 @@ class _BeamLoad:
         bent = np.zeros((6, 6))
         spread = self.stop - self.start
         if spread == 0.0:
-            # a load beyond the part acts on it through the end of the part
+            # a load beyond the part acts through the part's end
             reach = min(self.stop, stop)
             bent = point_flexibility(stop - start, reach - start) @ _lever(self.stop - reach).T
         else:
@@ -289,10 +282,8 @@ class _BeamLoad:
         return _lever(length - stop) @ displacement
 
     def on_shape(self, shape: BentShape | None, start: float, stop: float) -> Array | None:
-        """Return the further displacement of the beam's end because the load acts on the bent shape, ``(6, 6)``.
-
-        One row for the unit flexibility of one part that governs it; zero along x. None on the undeflected arm.
-        """
+        """Return the further displacement of the beam's end because the load acts on the bent shape, ``(6, 6)``."""
+        # Each row is for unit flexibility of one part in that row; zero along x. None on the undeflected arm.
         if shape is None:
             return None
         result = np.zeros((6, 6))
@@ -301,7 +292,7 @@ class _BeamLoad:
 
 
 def _lever(reach: float) -> Array:
-    """Return the matrix of a displacement ``reach`` (m) further along x; its transpose moves a wrench back by as much."""
+    """Return the matrix that moves a displacement ``reach`` (m) along x; its transpose moves a wrench back."""
     result = np.eye(6)
     result[1, 5], result[2, 4] = reach, -reach
     return result
@@ -312,7 +303,7 @@ def _along(loads: Iterable[Load], link: int) -> list[Load]:
 
 
 def _stretch(load: Load, x: Array, length: float) -> tuple[float, float]:
-    """Return the ends (m along the beam) of a weight's part of the beam, equal if it has no length."""
+    """Return the ends (m along the beam) of a weight's stretch, equal if it has no length."""
     if load.stretch is None:
         return (0.0, length) if load.along else (0.0, 0.0)
     start, stop = sorted(float(min(max(reach, 0.0), length)) for reach in load.stretch @ x)
@@ -320,7 +311,7 @@ def _stretch(load: Load, x: Array, length: float) -> tuple[float, float]:
 
 
 def _half_spread(load: Load, reach: float, x: Array, length: float) -> float:
-    """Return the distance (m) that a weight's part of the beam reaches on both sides of its centre at ``reach``."""
+    """Return how far (m) a weight's stretch of the beam reaches on both sides of its centre at ``reach``."""
     start, stop = _stretch(load, x, length)
     half_spread = min(reach - start, stop - reach)
     return half_spread if half_spread > _NO_LENGTH * length else 0.0
@@ -329,8 +320,7 @@ def _half_spread(load: Load, reach: float, x: Array, length: float) -> float:
 def point_flexibility(length: float, reach: float) -> Array:
     """Return the end's displacement for a wrench at ``reach`` (m) along a cantilever of unit stiffnesses.
 
-    Returns:
-        ``(6, 6)``: wrench ``[F; M]`` → ``[Δl, w_y, w_z; Δφ, θ_y, θ_z]``, each to be divided by its own stiffness.
+    ``(6, 6)``: wrench ``[F; M]`` → ``[Δl, w_y, w_z; Δφ, θ_y, θ_z]``, each to be divided by its own stiffness.
     """
     a, l = reach, length  # noqa: E741
     return np.array(
@@ -357,10 +347,7 @@ def weight_flexibility(length: float) -> Array:
 
 
 def stretch_flexibility(length: float, start: float, stop: float) -> Array:
-    """Return the end's displacement for a total weight spread between two points (m) of a cantilever.
-
-    The mean of :func:`point_flexibility` over the reach; over the whole beam :func:`weight_flexibility`.
-    """
+    """Return :func:`point_flexibility` averaged over a weight spread between two points (m) of a cantilever."""
     if start == 0.0 and stop == length:
         return weight_flexibility(length)
     a, b, l = start, stop, length  # noqa: E741
@@ -376,8 +363,7 @@ def stretch_flexibility(length: float, start: float, stop: float) -> Array:
 def beam_axes(chain: Chain, link: int, roll: float = 0.0) -> Array:
     """Return the axes x, y, z of a chain link as a beam, as columns in the link's own axes, ``(3, 3)``.
 
-    Raises:
-        InputError: The link has no length.
+    Raises InputError if the link has no length.
     """
     far_end = chain.placements[link]
     length = float(np.linalg.norm(far_end[:3, 3]))
@@ -411,8 +397,8 @@ _AFTER: Final = [2, 0, 1]
 class BentShape:
     """The shape of a cantilever: the cubic through the displacement and rotation of its end.
 
-    One such cubic gives Euler's load of a column with one end free as 2.486 EI/l², where π²/4 = 2.467 is exact (Przemieniecki,
-    Theory of Matrix Structural Analysis, 1968, chapter 15).
+    It gives Euler's load of a column with one free end as 2.486 EI/l²; π²/4 = 2.467 is exact (Przemieniecki, Theory of
+    Matrix Structural Analysis, 1968, chapter 15).
 
     Attributes:
         length: Length of the beam, m.
@@ -424,7 +410,7 @@ class BentShape:
 
     @classmethod
     def of(cls, posture: Posture, link: int, axes: Array) -> BentShape | None:
-        """Return the shape of a chain link on the deflected arm, None on the undeflected one; ``axes`` as columns."""
+        """Return the shape of a chain link, ``axes`` as columns, on the deflected arm; None on the undeflected one."""
         if posture.deflection is None:
             return None
         place = posture.chain.placements[link]
@@ -433,10 +419,7 @@ class BentShape:
         return cls(float(np.linalg.norm(place[:3, 3])), np.concatenate([to_beam @ bending[:3], to_beam @ bending[3:]]))
 
     def displacement(self, reach: ArrayLike) -> Array:
-        """Return the displacements ``(..., 6)`` at places ``reach`` ``(...)`` (m) along the beam, beam axes.
-
-        Places beyond an end move with that end.
-        """
+        """Return displacements ``(..., 6)``, beam axes, at ``reach`` ``(...)`` (m); beyond an end, as at the end."""
         l, along = self.length, np.asarray(reach, dtype=float)  # noqa: E741
         s, beyond = np.clip(along / l, 0.0, 1.0), np.maximum(along - l, 0.0)
         u, w_y, w_z, phi, theta_y, theta_z = self.end
@@ -453,7 +436,7 @@ class BentShape:
         return np.stack(rows, axis=-1)
 
     def slope(self, reach: Array) -> Array:
-        """Return the rate of rotation along the beam, ``(N, 3)``, rad/m: the shape's twist and curvatures."""
+        """Return the twist and curvatures at places along the beam, ``(N, 3)``, rad/m."""
         l, s = self.length, reach / self.length  # noqa: E741
         _, w_y, w_z, phi, theta_y, theta_z = self.end
         bent, straight = 6 * (1 - 2 * s) / l**2, (6 * s - 2) / l
@@ -462,10 +445,10 @@ class BentShape:
 
     @property
     def second_order(self) -> Array:
-        """The displacement of the end by the rotations along the beam beyond their sum, ``(6,)``, beam axes.
+        """The end's displacement ``(6,)``, beam axes, by the rotations along the beam beyond their sum.
 
-        With θ(x) the rotation, ``δ = -½ ∫ θ × θ' dx`` (rotations do not commute) and ``d = ½ ∫ θ × (θ × e_x) dx``, which
-        shortens a bent beam, plus the displacement that δ causes along the beam.
+        With θ(x) the rotation, ``δ = -½ ∫ θ × θ' dx`` (rotations do not commute) and ``d = ½ ∫ θ × (θ × e_x) dx``,
+        which shortens a bent beam, plus the displacement that δ causes along the beam.
         """
         x, weights = _nodes(0.0, self.length)
         turn = self.displacement(x)[:, 3:]
@@ -476,14 +459,14 @@ class BentShape:
     def bending(self, wrench: Array, loaded: tuple[float, float], part: tuple[float, float]) -> Array:
         """Return the further displacement of the beam's end because a load acts on the bent shape, ``(3, 6)``.
 
-        The moment at x is that of the force at its displaced point, ``M + Δr × F``. It bends the section about axes that
-        have turned by θ: ``κ = D (M + Δr × F - θ × M) + θ × D M`` to second order, D the flexibilities. One row each for
+        The moment at x is that of the force at its displaced point, ``M + Δr × F``. It bends the section about axes
+        turned by θ: ``κ = D (M + Δr × F - θ × M) + θ × D M`` to second order, D the flexibilities. One row each for
         unit flexibility about x, y and z, with the others rigid.
 
         Args:
-            wrench: ``[F; M]``, beam axes: at the point where it acts, or of a weight spread evenly between two points.
-            loaded: Ends of the stretch on which it acts, m along the beam.
-            part: Ends of the part that bends, m along the beam.
+            wrench: ``[F; M]``, beam axes: at its point, or of a weight spread evenly between two points.
+            loaded: Ends of the loaded stretch, m along the beam.
+            part: Ends of the bending part, m along the beam.
         """
         x, weights = _nodes(part[0], min(part[1], loaded[1]))
         begin, stop = np.maximum(loaded[0], x), loaded[1]
@@ -504,24 +487,23 @@ class BentShape:
         )
 
     def _mean_place(self, begin: Array, stop: float) -> Array:
-        """Return the mean displacement of the points between each of N places and ``stop``, ``(N, 3)``."""
+        """Return the mean displacement between each of N places and ``stop``, ``(N, 3)``."""
         x = (begin[:, None] * (1 - _NODES) + stop * (1 + _NODES)) / 2
         return np.einsum("k,nki->ni", _WEIGHTS / 2, self.displacement(x)[..., :3])
 
 
 def _nodes(start: float, stop: float) -> tuple[Array, Array]:
-    """Return the nodes of the quadrature along the beam (m), and their weights."""
     half = (stop - start) / 2
     return start + half * (1 + _NODES), half * _WEIGHTS
 
 
 def _at_end(turn: Array, reach: Array, weights: Array) -> Array:
-    """Return the beam end's displacement ``(..., 6)`` by weighted rotations ``(..., N, 3)``, each ``reach`` (m) before it."""
+    """Return the end's displacement ``(..., 6)`` by weighted rotations ``(..., N, 3)``, ``reach`` (m) before it."""
     lever = (weights * reach) @ turn
     zero = np.zeros_like(lever[..., 0])
     return np.concatenate([np.stack([zero, lever[..., 2], -lever[..., 1]], axis=-1), weights @ turn], axis=-1)
 
 
 def _cross(one: Array, other: Array) -> Array:
-    """Return the vector products ``(..., 3)``; for a few vectors faster than numpy's cross."""
+    """Return vector products ``(..., 3)``; for few vectors faster than numpy's cross."""
     return one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]

@@ -28,10 +28,10 @@ class BearingStiffness(Source):
 
     z is the joint's axis, and F and M act at the bearing's centre. The centre is displaced by ``d = (F_x/k_r, F_y/k_r,
     F_z/k_a)`` and turned by ``δ = (M_x/k_t, M_y/k_t, 0)``. A revolute joint is free about its axis, a prismatic one
-    along it; the drive carries the load there, see ``joint_compliance``. Linear, without play; radial force and tilt are
-    uncoupled at the centre. Two bearings of radial stiffness k at a span L have, about the point half way between them,
-    ``k_r = 2k``, ``k_t = k L²/2``. Source: the bushing of multibody mechanics with uncoupled springs; ISO/TS 16281 for
-    the stiffness of a rolling bearing from its internal geometry.
+    along it; there the drive carries the load, see ``joint_compliance``. Linear, without play; radial force and tilt
+    are uncoupled at the centre. Two bearings of radial stiffness k at a span L have, about their midpoint, ``k_r =
+    2k``, ``k_t = k L²/2``. Source: the bushing of multibody mechanics with uncoupled springs; ISO/TS 16281 for the
+    stiffness of a rolling bearing from its internal geometry.
 
     Attributes:
         joint: The joint.

@@ -23,7 +23,7 @@ from precision_pin.terms import Dependence, Source, Term, at_means
 from precision_pin.terms.sides import bounds_of, is_same_for_all, load_value, side_of
 
 _NOTHING: Final = 1e-12
-"""Share of the band that is added to a load, squared, so that a load of zero has a direction too."""
+"""Fraction of the band added to a load, squared, so that a zero load has a direction too."""
 
 
 @final
@@ -32,23 +32,20 @@ class Clearance(Source):
     """Clearance of a joint's two bearings: each journal is off centre by half the diametral clearance.
 
     The bearings are on the axis at A, ``z = start``, and B, ``z = start + span``. With ``direction: load`` the load
-    presses a journal against its bearing, along the line of the bearing's reaction. The loads are those of a beam on two
-    supports: with F and M of all loads beyond the joint, all parameters at their means, about the joint's origin,
-    ``P_B = ((M_y, -M_x) - z_A (F_x, F_y)) / span`` and ``P_A = (F_x, F_y) - P_B``. If a load is below the band, or with
-    ``direction: random``, the journal is off centre in a random direction: always in contact, on a circle (Ting, Zhu and
-    Watkins, Mechanism and Machine Theory 35, 2000), or anywhere in the disc (Zhu and Ting, ASME DETC 1998). The axis
-    runs through both journals, which displaces the seat as in eqs 18 and 19 of Wei, Jia and Chen (2015). Axial play
-    shifts the seat by half the play to the side of the axial force. If that force is below the band, or with
-    ``direction: random``, the shift is uniform between minus and plus this half.
+    presses a journal against its bearing, along the bearing's reaction. The loads are those of a beam on two supports:
+    with F and M of all loads beyond the joint, all parameters at their means, about the joint's origin, ``P_B = ((M_y,
+    -M_x) - z_A (F_x, F_y)) / span`` and ``P_A = (F_x, F_y) - P_B``. If a load is below the band, or with ``direction:
+    random``, the journal is off centre in a random direction: always in contact, on a circle (Ting, Zhu and Watkins,
+    Mechanism and Machine Theory 35, 2000), or anywhere in the disc (Zhu and Ting, ASME DETC 1998). The axis runs
+    through both journals, which displaces the seat as in eqs 18 and 19 of Wei, Jia and Chen (2015). Axial play shifts
+    the seat by half the play to the side of the axial force; if that force is below the band, or with ``direction:
+    random``, uniformly between minus and plus this half.
 
-    The direction is that of the mean load and does not change with the scatter of the load. At a pose with an approach of
-    the joint it is that of each robot's own load, and so is the choice between this direction and a random one. The sign of
+    The direction is that of the mean load, regardless of the scatter of the load. At a pose with an approach of the
+    joint, the load of each robot decides between this direction and a random one, and gives the direction. The sign of
     the approach does not matter: friction makes a journal climb against its rotation by the angle of friction, which no
-    setting gives, and play along the axis has no direction of motion.
-
-    The shift does not grow with
-    the load and is therefore no deflection: equilibrium statics turns it with the deflected arm, but takes no derivative
-    of it.
+    setting gives, and play along the axis has no direction of motion. The shift does not grow with the load and is no
+    deflection: equilibrium statics turns it with the deflected arm, but takes no derivative of it.
 
     A prismatic joint runs on two pads with the same lateral play in every direction; its play along the axis is
     ``backlash``, and this source does not turn it about the axis.
@@ -132,9 +129,9 @@ class Clearance(Source):
         return tuple(draws)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        """Yield one term for each journal placed by the mean load, two for any other journal, and one for the axial play.
+        """Yield one term for a journal placed by the mean load, two for any other, and one for the axial play.
 
-        Where the load of each robot decides, there are terms for the robots that it decides for and for the others.
+        If each robot's load decides, there are terms for both outcomes.
         """
         chain = posture.chain
         joint = chain.joint_index(self.joint)
@@ -185,14 +182,11 @@ class Clearance(Source):
                 yield Term.of(place, along, *_half_factors(size), space.component("side"))
 
     def _is_decided(self, force: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
-        """Return whether a load decides the side on which the play is taken up."""
         return self.band is not None and float(np.linalg.norm(force)) >= self.band
 
     def _radial_directions(self, forces: Mapping[Factors, Array], space: Space) -> tuple[Value, Value, Value] | None:
-        """Return for each robot the direction ``(x, y)`` of its load on a journal, and 1 instead where that is below the band.
-
-        The direction is zero where the load is below the band. ``None`` if the load of no robot decides, or all have the same.
-        """
+        """Return the load direction ``(x, y)`` on a journal, and 1 in robots whose load is below the band, else 0."""
+        # the direction is zero below the band; `None` if no robot's load decides, or all robots have the same load
         x, y = ({factors: float(force[k]) for factors, force in forces.items()} for k in range(2))
         if self.band is None or (is_same_for_all(x) and is_same_for_all(y)):
             return None
@@ -201,7 +195,7 @@ class Clearance(Source):
         if highest < self.band:
             return None
         along_x, along_y = load_value(x), load_value(y)
-        # never zero, and exact where the load decides
+        # never zero, and exact if the load decides
         length = sqrt(Constant((_NOTHING * self.band) ** 2) + along_x * along_x + along_y * along_y)
         if self.band <= lowest:
             return along_x / length, along_y / length, 0.0
@@ -209,10 +203,8 @@ class Clearance(Source):
         return along_x / length * held, along_y / length * held, 1.0 - held
 
     def _axial_sides(self, force: Mapping[Factors, float], space: Space) -> tuple[Value, Value] | None:
-        """Return for each robot the side of its axial load, 1 or -1, zero below the band, and 1 instead where it is below.
-
-        ``None`` if all robots have the same load.
-        """
+        """Return the side of the axial load (1, -1, or 0 below the band), and 1 in robots below the band, else 0."""
+        # `None` if all robots have the same load
         if self.band is None or is_same_for_all(force):
             return None
         above, below = (side_of({**force, (): force.get((), 0.0) + shift}, space) for shift in (-self.band, self.band))
@@ -220,12 +212,12 @@ class Clearance(Source):
 
 
 def _nearest(interval: tuple[float, float]) -> float:
-    """Return the smallest size of a number in an interval."""
+    """Return the smallest absolute value in an interval."""
     return max(interval[0], -interval[1], 0.0)
 
 
 def _farthest(interval: tuple[float, float]) -> float:
-    """Return the largest size of a number in an interval."""
+    """Return the largest absolute value in an interval."""
     return max(abs(interval[0]), abs(interval[1]))
 
 

@@ -24,16 +24,16 @@ _AT_JOINT: Final = units.PerJoint(units.ANGLE, units.LENGTH)
 class Encoder(Source):
     """Errors of a joint's encoder: resolution, zero, eccentricity or another periodic error, scale.
 
-    A controller holds the reading, so a reading that is too small means a joint value that is too large: every error here
-    is true value minus reading and is added to the joint's value. Resolution: uniform, ± half a step (JCGM 100:2008,
-    F.2.2.1). Periodic: ``amplitude · sin(order · θ + φ)`` with θ the angle of the encoder's shaft. The phase φ is random,
-    uniform over a turn, but the same at every pose of one built robot. A fixed amplitude t therefore gives the standard
-    deviation t/√2, a random one ``√(E[t²]/2)``. A disc with an eccentricity e, read at radius r, gives the once-per-turn
-    error of amplitude e/r, ±412 e/D arcsec for e in µm and the diameter D in mm (Heidenhain, Angle Encoders without
-    Integral Bearing). The mean of two opposite heads keeps the even orders and cancels the odd ones, which include
-    eccentricity. On the motor's side θ turns ``ratio`` times as fast as the joint, and an error of the shaft is 1/ratio
-    of it at the joint. At a prismatic joint the linear encoder has ``sin(2π · order · d / period + φ)`` and a scale that
-    is too long or too short: ``scale · d``.
+    A controller holds the reading, so a reading that is too small means a joint value that is too large: every error
+    here is true value minus reading and is added to the joint's value. Resolution: uniform, ± half a step (JCGM
+    100:2008, F.2.2.1). Periodic: ``amplitude · sin(order · θ + φ)`` with θ the angle of the encoder's shaft. The phase
+    φ is random, uniform over a turn, but the same at every pose of one built robot. A fixed amplitude t therefore gives
+    the standard deviation t/√2, a random one ``√(E[t²]/2)``. A disc with an eccentricity e, read at radius r, gives the
+    once-per-turn error of amplitude e/r, ±412 e/D arcsec for e in µm and the diameter D in mm (Heidenhain, Angle
+    Encoders without Integral Bearing). The mean of two opposite heads cancels the odd orders, which include
+    eccentricity. On the motor's side θ turns ``ratio`` times as fast as the joint, and a shaft error is 1/ratio of it
+    at the joint. At a prismatic joint the linear encoder has ``sin(2π · order · d / period + φ)`` and a scale that is
+    too long or too short: ``scale · d``.
 
     Attributes:
         joint: The joint.
@@ -153,16 +153,12 @@ class Encoder(Source):
 
     @property
     def _is_periodic(self) -> bool:
-        """True if there is a periodic error that the heads do not cancel."""
+        """True if a periodic error remains after the heads."""
         given = self.amplitude is not None or self.eccentricity is not None
         return given and (self.heads == 1 or self.order % 2 == 0)
 
     def _check_kind(self, is_prismatic: bool) -> None:
-        """Check that the settings suit the kind of joint.
-
-        Raises:
-            InputError: A setting is for the other kind, or a linear encoder's period is missing.
-        """
+        """Raise InputError if a setting is for the other kind of joint, or a linear encoder's period is missing."""
         if not is_prismatic:
             for name in ("period", "scale"):
                 if getattr(self, name) is not None:

@@ -18,8 +18,7 @@ from precision_pin.terms import JointValue, Source, Term
 class JointCompliance(Source):
     """Flexibility of a joint: it turns (or slides) by its compliance times the load on it.
 
-    ``dθ = C τ`` with τ the torque of the *load* on the joint. Source: eq 23 of Wei, Jia and Chen (2015), after
-    Spong. C is not in the paper.
+    ``dθ = C τ``, τ the torque of the *load* on the joint. Source: eq 23 of Wei, Jia and Chen (2015), after Spong.
 
     Attributes:
         joint: The joint.

@@ -18,8 +18,7 @@ from precision_pin.terms import Dependence, JointValue, Source, Term
 class JointOffset(Source):
     """Error of a joint's value: encoder zero, homing, control.
 
-    ``Δθ`` (or Δd of a prismatic joint) is added to the joint's value. Source: Δθ of eqs 6 and 16 of Wei, Jia and Chen
-    (2015).
+    Added to the joint's value: Δθ of eqs 6 and 16 of Wei, Jia and Chen (2015), or Δd of a prismatic joint.
 
     Attributes:
         joint: The joint.

@@ -77,7 +77,6 @@ class Length(Source):
             yield Term.of(place, twist, value)
 
     def _link(self, chain: Chain) -> int:
-        """Return the chain link whose end moves."""
         if self.joint is not None:
             return chain.joint_index(self.joint)
         assert self.frame is not None

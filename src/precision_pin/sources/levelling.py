@@ -23,10 +23,10 @@ from precision_pin.terms import Dependence, Source, Term
 class Levelling(Source):
     """A base that is not level, so that gravity acts in another direction than drawn.
 
-    The base is tilted by the small rotation vector r = (rx, ry, rz), so that in its own axes gravity turns the other
-    way: ``g' = g - r × g``. The weights on every flexible source change with it; nothing else moves. The displacement of
-    the tip in the world by the tilt itself is a ``mounting`` at the base, which may share the parameters. First order in
-    r: the neglected part of ``Exp(-r) g`` is below |r|²/2 of the weight. Source: the Euler-Rodrigues formula.
+    The base is tilted by the small rotation vector r = (rx, ry, rz), so in its axes gravity turns the other way: ``g' =
+    g - r × g``. The weights on every flexible source change with it; nothing else moves. The tilt's displacement of the
+    tip in the world is a ``mounting`` at the base, which may share the parameters. First order in r: the neglected part
+    of ``Exp(-r) g`` is below |r|²/2 of the weight. Source: the Euler-Rodrigues formula.
 
     Attributes:
         rx, ry, rz: Tilt of the base about its own x, y and z. A rotation about the direction of gravity has no effect.

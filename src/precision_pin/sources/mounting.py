@@ -22,11 +22,11 @@ class Mounting(Source):
     """Mounting error of the robot in its cell, or of the tool on its flange: a shift and a small rotation.
 
     At the base the whole arm moves with its base link's frame: the displacement comes before all others, and the error
-    at the tip is that of the tip in the cell. At the tool the tip moves; with ``flange`` the tool turns about that link's
-    frame, so that a tilt also moves the tip by tilt × length of the tool. The displacement is
-    ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the axes of the mounted frame. The direction of gravity stays fixed in base
-    axes: a base that is not level is a ``levelling``, which may share the parameters. Source: Δx … Δγ of
-    the base and of the last link in eqs 1 and 2 of Wei, Jia and Chen (2015).
+    at the tip is that of the tip in the cell. At the tool the tip moves; with ``flange`` the tool turns about that
+    link's frame, so that a tilt also moves the tip by tilt × length of the tool. The displacement is ``Trans(x, y,
+    z)·Exp((rx, ry, rz))`` in the axes of the mounted frame. Gravity stays fixed in base axes: a base that is not level
+    is a ``levelling``, which may share the parameters. Source: Δx … Δγ of the base and of the last link in eqs 1 and 2
+    of Wei, Jia and Chen (2015).
 
     Attributes:
         at: ``base`` (base to world) or ``tool`` (flange to tool).

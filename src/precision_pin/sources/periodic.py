@@ -1,4 +1,4 @@
-"""Periodic errors of a joint's value, with a phase that is random but the same at every pose of a built robot."""
+"""Periodic errors of a joint's value, with a random phase that is the same at every pose of a built robot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ROUNDING: Final = 1e-9
 
 
 def phase_draw(name: str) -> Draw:
-    """Return the draw of a phase φ: the point (cos φ, sin φ), with φ uniform over a turn, once for each built robot."""
+    """Return the draw of a phase φ as (cos φ, sin φ), with φ uniform over a turn, once for each built robot."""
     return Draw(name, Circle(1.0), Scope.UNIT, (units.RATIO,) * 2)
 
 
@@ -42,8 +42,8 @@ def periodic_terms(
 def amplitude_remarks(field: str, amplitude: Value, space: LabelledSpace) -> Iterator[Finding]:
     """Yield a warning if an amplitude varies about zero.
 
-    The phase is random already, so the error has the standard deviation ``√(E[amplitude²]/2)``. For a law about zero this
-    is the standard deviation of the law over √2, and in the first-order model, which takes the mean, it is zero.
+    As the phase is random already, such an error has the standard deviation ``√(E[amplitude²]/2)``, the law's over √2,
+    and is zero in the first-order model, which takes the mean.
     """
     if not isinstance(amplitude, Component):
         return

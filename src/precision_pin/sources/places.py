@@ -1,8 +1,8 @@
 """Places and directions written in a sheet, and geometry and statics at a joint's seat, where its bearings are.
 
-Vectors at a seat are in the *seat's axes*: the joint's frame before its motion, seen from the base, turned so that z is the
-joint's axis in the file. If the base is beyond the joint, that frame is the one of its child link in the file. z and the
-heights on the axis do not depend on the choice of the base.
+Vectors at a seat are in the *seat's axes*: the joint's frame before its motion, seen from the base, turned so that z is
+the joint's axis in the file. If the base is beyond the joint, that frame is the one of its child link in the file. z
+and heights on the axis do not depend on the choice of the base.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from precision_pin.robot.places import Place
 from precision_pin.terms import Dependence, Source, Term
 
 PadsOn = Literal["child", "parent"]
-"""The link that the pads of a prismatic joint are fixed to."""
+"""The link to which the pads of a prismatic joint are fixed."""
 
 _APART: Final = 1e-12
-"""Relative difference of two heights below which they count as equal."""
+"""Relative difference below which two heights count as equal."""
 
 
 def seat_axes(chain: Chain, joint: int) -> Array:
-    """Return the matrix ``(6, 6)`` from ``[d; δ]`` in the seat's axes (z on the axis of the 0-based joint) to its place's."""
+    """Return the matrix ``(6, 6)`` from ``[d; δ]`` in the seat's axes of a 0-based joint to its place's axes."""
     return block_diagonal(chain.axis_alignment(joint))
 
 
 def seat_wrench(posture: Posture, joint: int) -> dict[Factors, Array]:
-    """Return the wrench ``[F; M]`` (N, N·m) of all loads beyond a 0-based joint on it.
+    """Return the wrench ``[F; M]`` (N, N·m) on a 0-based joint of all loads beyond it, by its factors.
 
-    In the seat's axes and about its origin, on the arm on which the loads act, by the parameters that multiply it.
+    In the seat's axes and about its origin, on the arm on which the loads act.
     """
     beyond = [load for load in posture.loads if load.link > joint]
     seat = posture.loaded_ends[joint]
@@ -60,8 +60,8 @@ def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
 def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:
     """Return the height (m) above the seat's origin of a bearing at ``height`` on the axis of a 0-based joint.
 
-    The bearing travels if the joint is prismatic and the pads are not on the link that carries the seat: forward with the
-    child link, or back with the parent link if the base is beyond the joint. Child and parent are those of the file.
+    The bearing travels if the joint is prismatic and the pads are not on the link of the seat: forward with the child
+    link, or back with the parent link if the base is beyond the joint. Child and parent are those of the file.
     """
     chain = posture.chain
     if not travels(chain, joint, pads_on):
@@ -77,11 +77,9 @@ def travels(chain: Chain, joint: int, pads_on: PadsOn) -> bool:
 def shift_of_point(height: float, other: float) -> Array:
     """Return the seat's displacement ``[d; δ]`` per shift ``(x, y)`` of the axis at a height, ``(6, 2)``.
 
-    The axis does not move at the ``other`` height: one of the two points of eqs 18 and 19. By virtual work the transpose
-    gives the radial force on a bearing there, one of two, from a wrench on the seat.
-
-    Raises:
-        InputError: The heights are equal to rounding.
+    The axis stays at the ``other`` height: one of the two points of eqs 18 and 19. By virtual work the transpose gives
+    the radial force on a bearing there, one of two, from a wrench on the seat. Raises InputError if the heights are equal
+    to rounding.
     """
     if math.isclose(height, other, rel_tol=_APART, abs_tol=0.0):
         raise InputError(f"the span is too small: both bearings are at {height:g} m along the axis")
@@ -90,9 +88,9 @@ def shift_of_point(height: float, other: float) -> Array:
 
 
 def wrench_at(height: float) -> Array:
-    """Return the matrix ``(6, 6)`` from a wrench about the seat's origin to one about the point of the axis at a height.
+    """Return the matrix ``(6, 6)`` from a wrench about the seat's origin to one about the axis point at a height.
 
-    By virtual work the transpose gives the seat's displacement from that of a body clamped to it at that point.
+    By virtual work the transpose gives the seat's displacement from that of a body clamped to it there.
     """
     shifted = np.eye(6)
     shifted[3, 1], shifted[4, 0] = height, -height
@@ -112,7 +110,7 @@ _SIX: Final = dict(enumerate(("x", "y", "z", "rx", "ry", "rz")))
 def deviation_terms(
     source: Source, place: Place, space: LabelledSpace, fields: Mapping[int, str] = _SIX
 ) -> Iterator[Term]:
-    """Yield a term for each of six settings that is not zero: the place's shift and rotation vector, in its own axes."""
+    """Yield a term for each non-zero one of six settings: the place's shift and rotation vector, in its own axes."""
     for row, field in fields.items():
         value = space.value(field, getattr(source, field))
         if value != 0.0:
@@ -124,7 +122,7 @@ class AtPlace(Source):
     """Base class of a source at any place: a joint's seat, the end of a chain link, or a URDF link's own frame.
 
     Raises:
-        InputError: None or several of the three are given.
+        InputError: Not exactly one of the three is given.
     """
 
     depends_on: ClassVar[Dependence] = "chain"
@@ -160,9 +158,9 @@ _PARALLEL: Final = 1e-9
 def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     """Return the unit vector ``(3[, P])``, base axes, of ``[-]x|y|z|axis of JOINT`` or ``[-]x|y|z of BASE``.
 
-    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after its motion (those of its child link in the file), or
-    of the chain's base link; ``axis`` is the joint's axis as written in the file. The directions in space do not depend
-    on the choice of the base.
+    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after its motion (its child link's in the file), or of
+    the chain's base link; ``axis`` is the joint's axis in the file. The directions in space do not depend on the choice
+    of the base.
 
     Raises:
         InputError: Written in another form.
@@ -177,7 +175,7 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     if letter == "axis":
         direction = -posture.joint_axes[joint] if is_reversed else posture.joint_axes[joint]
     else:
-        # for a joint that the chain passes against the file, the file's child link is the one before the joint
+        # the chain may pass a joint against the file: the file's child link is then before it
         before = se3.compose(posture.link_poses[joint], chain.placements[joint])
         turned = before if is_reversed else posture.joint_poses[joint]
         direction = turned[:3, _AXES[letter]]
@@ -209,7 +207,7 @@ def is_fixed(text: str, chain: Chain, link: int) -> bool:
 
 
 def _parse(text: str, chain: Chain) -> tuple[float, str, int | None]:
-    """Return a direction's sign, its letter or ``axis``, and the joint it belongs to, None for the base."""
+    """Return a direction's sign, letter or ``axis``, and joint, None for the base."""
     match = _DIRECTION.fullmatch(text.strip())
     if match is None:
         raise InputError(f"direction {text!r} is not understood; allowed: link, [-]x|y|z of JOINT, [-]axis of JOINT")

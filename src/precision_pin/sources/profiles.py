@@ -1,4 +1,4 @@
-"""The sections of a beam in a sheet: given by rigidities, or by shape, dimensions and material."""
+"""Beam sections in a sheet, given by rigidities, or by shape, dimensions and material."""
 
 from __future__ import annotations
 
@@ -21,13 +21,7 @@ from precision_pin.draws.space import LabelledSpace
 @final
 @dataclass(frozen=True)
 class Material:
-    """Constants of an isotropic material.
-
-    Attributes:
-        E, G: Modulus of elasticity and shear modulus, Pa.
-        density: kg/m³.
-        source: Reference for the numbers.
-    """
+    """Isotropic material: moduli E and G (Pa), density (kg/m³), and the reference for the numbers."""
 
     E: float
     G: float
@@ -105,14 +99,14 @@ RIGIDITIES: Final = ("EI", "EI_y", "EI_z", "GI", "EA")
 SEGMENT_STIFFNESSES: Final = "section:, EI:, EI_y: with EI_z:, GI:, EA:"
 STIFFNESSES: Final = f"{SEGMENT_STIFFNESSES}, bending_stiffness:, torsion_stiffness:, axial_stiffness:, segments:"
 LENGTHS_AGREE: Final = 1e-6
-"""Largest difference between the sum of the segments and the link's length, relative to it."""
+"""Largest difference, relative to the link's length, between that length and the sum of the segments."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Profile(ABC):  # noqa: B024 - nothing to override: the settings that beams and segments share
-    """Section of a beam, from its material and dimensions or as rigidities.
+    """Section of a beam, from its material and dimensions or as rigidities. Every number may be random.
 
-    Every number may be random. See :class:`~precision_pin.sources.beam.Beam` for the settings.
+    See :class:`~precision_pin.sources.beam.Beam` for the settings.
     """
 
     section: Literal["tube", "rod", "box", "general"] | None = None
@@ -137,7 +131,7 @@ class Profile(ABC):  # noqa: B024 - nothing to override: the settings that beams
     EA: Annotated[Setting | None, units.AXIAL_RIGIDITY] = None
 
     def given(self, *names: str) -> tuple[str, ...]:
-        """Return the names of those settings that are given."""
+        """Return those names whose settings are given."""
         return tuple(name for name in names if getattr(self, name) is not None)
 
 
@@ -165,12 +159,12 @@ class Segment(Profile):
 @final
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a beam with one section, and the origin of its settings.
+    """A part of a beam with one section.
 
     Attributes:
-        profile: Its settings, including those it takes from the beam.
+        profile: Its settings, including those from the beam.
         prefix: Prefix of the names of its own settings.
-        shared: Settings that it takes from the beam.
+        shared: Settings that come from the beam.
     """
 
     profile: Profile
@@ -204,7 +198,7 @@ class Stretch:
             raise InputError(f"{where}: density: is used only with self_weight: section")
 
     def rigidities(self, space: LabelledSpace) -> dict[str, Value]:
-        """Return the rigidities by name; those that are missing are infinite.
+        """Return the rigidities by name; missing ones are infinite.
 
         Raises:
             InputError: A setting can become zero or negative in some sample, or a wall thicker than half its section.
@@ -246,7 +240,6 @@ class Stretch:
         return _MAKERS[self.profile.section](**dimensions)
 
     def _moduli(self, read: Callable[[str], Value]) -> tuple[Value, Value]:
-        """Return E and G."""
         profile = self.profile
         material = MATERIALS.get(profile.material or "")
         modulus = read("E") if profile.E is not None or material is None else material.E
@@ -293,11 +286,8 @@ class Stretch:
 def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ...]:
     """Return the parts of a beam: the beam itself, or its segments with the settings they take from it.
 
-    A segment without a material (or any of its constants) takes the beam's; one without section and rigidities takes the
-    beam's section.
-
-    Raises:
-        InputError: The beam has dimensions or rigidities beside its segments.
+    A segment without a material (or any of its constants) takes the beam's; one without section and rigidities takes
+    the beam's section. Raises InputError if the beam has dimensions or rigidities beside its segments.
     """
     if not segments:
         return (Stretch(beam),)
@@ -317,11 +307,7 @@ def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ..
 
 
 def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
-    """Return the end of each part of a beam of this length, from its start, m.
-
-    Raises:
-        InputError: The lengths of the segments do not add up to that of the link.
-    """
+    """Return each part's end from the start of a beam of this length, m; raise InputError if the sum differs."""
     if not segments:
         return (length,)
     parts = [segment.length or (segment.fraction or 0.0) * length for segment in segments]
@@ -338,7 +324,7 @@ def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
 
 
 def _extreme(space: LabelledSpace, value: Value, sign: int) -> float:
-    """Return the highest (sign 1) or lowest (-1) value in any sample; the range of a formula is not checked."""
+    """Return the highest (sign 1) or lowest (-1) value in any sample; a formula's range is not checked."""
     if isinstance(value, float | int):
         return float(value)
     if not isinstance(value, Component):

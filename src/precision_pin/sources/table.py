@@ -27,9 +27,9 @@ _COLUMNS: Final = dict.fromkeys(("x", "y", "z"), units.LENGTH) | dict.fromkeys((
 class Table(AtPlace):
     """Errors of any place that were measured together: each sample takes one row of a table, all equally likely.
 
-    The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the place's own axes. A missing column
-    counts as zero; displacements of the same place by other sources add. No law is fitted, and there are no values
-    between the rows (the bootstrap: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6).
+    The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the place's own axes. A missing column counts as
+    zero; displacements by other sources add. No law is fitted and rows are not interpolated (the bootstrap: Efron and
+    Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6).
 
     Attributes:
         joint, link, frame: The place; give one of the three: the seat of a joint (its URDF origin frame before its

@@ -24,12 +24,12 @@ from precision_pin.terms import Dependence, Source, Term
 class Thermal(Source):
     """Links that are warmer than when they were measured, either evenly or on one side.
 
-    With p from a link's start (its joint's origin) to its end (the next joint's, or the tip) and l = |p|, an even change
-    ΔT moves the end by ``α ΔT p``. A gradient g across the link, G = g × its direction made normal to p, bends it into an
-    arc: the warm side grows, the link bends away from it with curvature α|G|, its end turns by ``-α p × G`` and moves by
-    ``-α G l²/2``. Source: Boley and Weiner, Theory of Thermal Stresses (1960), free beams: a temperature that is linear
-    over the section strains and bends them without stress. Bodies at rest; the travel of a prismatic joint does not
-    grow, since its encoder sets it.
+    With p from a link's start (its joint's origin) to its end (the next joint's, or the tip) and l = |p|, an even
+    change ΔT moves the end by ``α ΔT p``. A gradient g across the link, G = g × its direction made normal to p, bends
+    it into an arc: the warm side grows, the link bends away from it with curvature α|G|, its end turns by ``-α p × G``
+    and moves by ``-α G l²/2``. Source: Boley and Weiner, Theory of Thermal Stresses (1960), free beams: a temperature
+    that is linear over the section strains and bends them without stress. Bodies at rest; the travel of a prismatic
+    joint does not grow, since its encoder sets it.
 
     Attributes:
         link: A URDF link of the chain link that is warmer; if left out, all links of the arm with the same random
@@ -84,7 +84,7 @@ class Thermal(Source):
         return self.across is None or all(is_fixed(self.across, chain, link) for link in self._links(chain))
 
     def after(self, seconds: float, space: LabelledSpace) -> Thermal:
-        """Return the source with the part of its change and gradient that is there so long after a start from cold."""
+        """Return the source with the part of its change and gradient present ``seconds`` after a cold start."""
         if self.time_constant is None:
             return self
         share = -math.expm1(-seconds / self.time_constant)

@@ -1,12 +1,11 @@
 """Constant-memory statistics of the pose error.
 
-A `Plan` holds the centre to subtract and the scale of the bins. `start` returns an empty `State`, `observe`
-adds a block of errors ``(6, N)``, and `finish` turns a state into a `Summary`.
-The size of the state does not depend on the number of samples. Its counts do not depend on how the samples
-are divided into blocks; its sums depend on that by rounding only.
+A `Plan` holds the centre to subtract and the scale of the bins. `start` returns an empty `State`, `observe` adds a
+block of errors ``(6, N)``, and `finish` turns a state into a `Summary`. Counts do not depend on how the samples are
+divided into blocks; sums do, by rounding only.
 
-The eight quantities, always in this order: ``position.norm``, ``position.x``, ``.y``, ``.z`` (m),
-``attitude.norm``, ``attitude.x``, ``.y``, ``.z`` (rad), components in base axes.
+The eight quantities, always in this order: ``position.norm``, ``position.x``, ``.y``, ``.z`` (m), ``attitude.norm``,
+``attitude.x``, ``.y``, ``.z`` (rad), components in base axes.
 """
 
 from precision_pin.statistics.accumulate import State, observe, quantity_values, start

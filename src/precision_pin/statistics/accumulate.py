@@ -19,21 +19,17 @@ MANTISSA_BITS: Final = 9
 LOWEST_EXPONENT: Final = -12
 HIGHEST_EXPONENT: Final = 8
 SHIFT: Final = 52 - MANTISSA_BITS
-"""Shift of a double's bits to the right, leaving exponent and top nine bits of the mantissa."""
+"""Right shift of a double's bits that leaves the exponent and the top nine bits of the mantissa."""
 OFFSET: Final = (1023 + LOWEST_EXPONENT) << MANTISSA_BITS
 """The shifted bits of 2⁻¹²."""
 BINS: Final = 1 + ((HIGHEST_EXPONENT - LOWEST_EXPONENT) << MANTISSA_BITS)
 """Bins on each side of the centre: 10,241."""
 COLUMNS: Final = 2 * BINS
-"""Columns of a quantity's row of counts."""
+"""Columns of a quantity's row of counts, both sides together."""
 
 
 def sketch_columns(scaled: Array) -> Counts:
-    """Return the column of each centred and scaled value, in an array of the same shape.
-
-    Args:
-        scaled: ``v = (value − centre) / scale``, finite.
-    """
+    """Return the column of each finite ``v = (value − centre) / scale``, in an array of the same shape."""
     shifted = np.abs(scaled).view(np.int64) >> SHIFT
     magnitude_bin = np.minimum(np.maximum(shifted - (OFFSET - 1), 0), BINS - 1)
     return np.where(scaled < 0, BINS - 1 - magnitude_bin, BINS + magnitude_bin)
@@ -52,26 +48,24 @@ LARGEST: Final = 10
 # lanes and span of the compiled sampler's sums, so that both add in the same order
 _LANES: Final = 16
 _SPAN: Final = 128
-# samples handled at a time: their arrays stay in the processor's cache
+# samples processed at a time: their arrays fit the processor's cache
 _TILE: Final = 1 << 14
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class State:
-    """Accumulated statistics of the samples observed so far; the size does not depend on their number.
+    """Accumulated statistics of the samples observed so far.
 
     Attributes:
-        count: Samples observed.
         lowest, highest: ``(8,)`` smallest and largest value (+∞ and −∞ before the first sample).
         sums: ``(8,)`` sums of value − centre.
         products: ``(6, 6)`` sums of products of two components' (value − centre), symmetric.
         norm_squares: ``(2,)`` sums of (norm − centre)², position and attitude.
-        sketch: ``(8, COLUMNS)`` counts, see `precision_pin.statistics.accumulate`.
+        sketch: ``(8, COLUMNS)`` counts, see :func:`sketch_columns`.
         inside: ``(S,)`` samples inside each specification of the plan.
-        largest, largest_units: ``(2, LARGEST)`` the largest |d| and |δ| in descending order, and the indices of their
-            samples, counted from the first observed. Of equal values the earlier sample comes first. Unused entries are
-            −∞ and −1.
+        largest, largest_units: ``(2, LARGEST)`` largest |d| and |δ|, descending, and their sample indices, from 0. Ties
+            go to the earlier sample. Unused entries are −∞ and −1.
     """
 
     count: int
@@ -106,7 +100,6 @@ def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
     """Return the state after a further block of errors.
 
     Args:
-        plan: The plan that the state was started with.
         state: The state so far; it is not changed.
         errors: ``(6, N)`` errors [d; δ], m and rad, base axes; N may be 0.
 
@@ -124,11 +117,8 @@ def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
 def merge(first: State, second: State) -> State:
     """Return the state of both sets of samples.
 
-    Counts, smallest and largest values do not depend on order or grouping. The sums do, by rounding: merge in
-    the order of the blocks wherever identical bits matter.
-
-    Raises:
-        InternalError: The states have different numbers of specifications.
+    Sums depend on order and grouping, by rounding: merge in block order wherever identical bits matter. Raises
+    InternalError if the states have different numbers of specifications.
     """
     if first.inside.shape != second.inside.shape:
         raise InternalError(f"states of {first.inside.size} and {second.inside.size} specifications")
@@ -140,7 +130,7 @@ def merge(first: State, second: State) -> State:
 
 
 def largest_of(values: Array, units: Counts, more_values: Array, more_units: Counts) -> tuple[Array, Counts]:
-    """Return the `LARGEST` largest of two sets of values ``(2, m)`` and the indices of their samples, as in `State`."""
+    """Return the `LARGEST` largest of two sets of values ``(2, m)`` and their sample indices, as in `State`."""
     all_values, all_units = np.hstack([values, more_values]), np.hstack([units, more_units])
     order = np.lexsort((all_units, -all_values), axis=1)[:, :LARGEST]
     return np.take_along_axis(all_values, order, axis=1), np.take_along_axis(all_units, order, axis=1)
@@ -149,8 +139,7 @@ def largest_of(values: Array, units: Counts, more_values: Array, more_units: Cou
 def quantity_values(errors: Array) -> Array:
     """Return the eight quantities of a block: ``(6, N)`` → ``(8, N)``, m and rad.
 
-    Raises:
-        InternalError: A quantity is not finite; the message names the first and its sample within the block.
+    Raises InternalError if a quantity is not finite; the message names the first and its sample within the block.
     """
     values = np.empty((8, errors.shape[1]))
     values[1:4] = errors[:3]
@@ -166,12 +155,10 @@ def quantity_values(errors: Array) -> Array:
 
 
 def lane_sums(rows: Array) -> Array:
-    """Sum each row in sixteen fixed lanes: ``(k, N)`` → ``(k,)``.
-
-    Within every 128 samples the even ones come first, then the odd ones: the order in which the compiled sampler makes
-    them. In this order lane l adds samples l, l + 16, …; the lanes are then folded in halves. The order of additions is
-    thereby the same for every vector width of the processor.
-    """
+    """Sum each row in sixteen fixed lanes: ``(k, N)`` → ``(k,)``."""
+    # The order is that of the compiled sampler, and the same for every vector width of the processor. Within every 128
+    # samples the even ones come first, then the odd ones. In this order lane l adds samples l, l + 16, …; the lanes are
+    # then folded in halves.
     count, length = rows.shape
     padded = np.zeros((count, -(-length // _SPAN) * _SPAN))
     padded[:, :length] = rows

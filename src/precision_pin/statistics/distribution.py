@@ -1,14 +1,14 @@
 """Distribution of one quantity, as far as the samples resolve it.
 
-Its mode is the peak of the histogram smoothed by a Gaussian. Smoothing shifts the peak of a skewed law by more than its
-standard error, so the mode's interval is not derived from the smoothed histogram. Of all windows of one width, the one with
-the most probability contains the mode of every unimodal law, because the density falls on both sides of the mode. The
-interval is the union of all windows whose count is not significantly smaller than the largest count (Bonferroni's correction
-for three simultaneous comparisons). It contains the most probable window with more than the stated confidence.
+The mode is the peak of the histogram smoothed by a Gaussian. Smoothing shifts the peak of a skewed law by more than its
+standard error, so the mode's interval comes from elsewhere. Of all windows of one width, the one with the most
+probability contains the mode of every unimodal law. The interval is the union of all windows whose count is not
+significantly below the largest (Bonferroni's correction for three comparisons), which contains the most probable window
+with more than the stated confidence.
 
-The mode is not resolved in three cases: the union is wider than 1.6 standard deviations (a flat law, or two equal peaks); it
-reaches the smallest or largest sample (a law without peak; a norm with its mode at zero is allowed); or narrower windows find
-the mode elsewhere (a spike).
+The mode is not resolved if the union is wider than 1.6 standard deviations (a flat law, or two equal peaks), if it
+reaches the smallest or largest sample (a law without peak; a norm may have its mode at zero), or if narrower windows
+find the mode elsewhere (a spike).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ COMPONENT_LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973)
 """Probabilities of the quantiles reported of a component."""
 
 CONTENTS: Final = (0.95, 0.99, 0.9973)
-"""Shares of all units for which tolerance bounds are reported."""
+"""Fractions of all units for which tolerance bounds are reported."""
 
 _FEWEST_FOR_MODE: Final = 100
 _MOST_BARS: Final = 100
@@ -50,12 +50,11 @@ _WINDOW: Final = 2.5
 """Width of the windows, in spreads times N^(-1/5): this power of N gives the shortest interval."""
 _STEPS_PER_WINDOW: Final = 16
 _TESTS: Final = 3
-"""Number of simultaneous comparisons: adjacent windows that can be nearly as full as the fullest one while the mode is
-still resolved."""
+"""Simultaneous comparisons: adjacent windows that may be nearly as full as the fullest, with the mode resolved."""
 _WIDEST: Final = 1.6
-"""Longest interval reported, in standard deviations; a flat law is 3.5 of them wide, two equal peaks at least 2."""
+"""Longest interval reported, in standard deviations; a flat law is 3.5 wide, two equal peaks at least 2."""
 _FINER: Final = (4, 16)
-"""Factors by which the windows that search for spikes are narrower."""
+"""Factors by which the windows that detect spikes are narrower."""
 
 
 @final
@@ -76,15 +75,11 @@ class Distribution(Record):
 
     Attributes:
         quantity: Name of the quantity, such as ``position.norm``.
-        samples: Number of samples.
-        confidence: Confidence of every interval.
-        mean: Sample mean.
         std: Sample standard deviation, divisor N − 1; None for a single sample.
         min, max: Smallest and largest *sampled* value; not bounds.
         bin_lower, bin_upper: ``(k,)`` edges of the occupied bins of the sketch, clipped to `min` and `max`.
         bin_cumulative: ``(k,)`` samples up to and including each occupied bin.
-        skewness: Skewness of the value and of its squared deviation from the mean, derived from the laws; NaN where
-            unknown.
+        skewness: Skewness of the value and of its squared deviation from the mean, from the laws; NaN where unknown.
     """
 
     KEYS: ClassVar[Keys] = ("mean", "std", "min", "max", "mode", "*_entries")
@@ -108,7 +103,7 @@ class Distribution(Record):
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """Probabilities of the quantiles that are reported."""
+        """Probabilities of the reported quantiles."""
         return NORM_LEVELS if self.is_norm else COMPONENT_LEVELS
 
     # quantiles ---------------------------------------------------------------------------------------
@@ -116,34 +111,21 @@ class Distribution(Record):
     def quantile(self, p: float) -> float | None:
         """Return the p-quantile; None where the samples do not resolve it (no interval exists).
 
-        The order statistics at rank 1 + (N − 1) p are interpolated linearly (numpy's default). Each order
-        statistic is placed inside its bin of the sketch by its rank in the bin. The result differs from the
-        quantile of the samples themselves by at most one bin: 2⁻⁹ of its distance from the planned centre,
-        or 2⁻¹² of the planned scale where that is more (`Plan`).
-
-        Raises:
-            InputError: Unless 0 < p < 1.
+        Interpolates linearly between order statistics at rank 1 + (N − 1) p (numpy's default), each placed in its bin
+        of the sketch by its rank. The error against the samples' own quantile is at most one bin: 2⁻⁹ of the distance
+        from the planned centre, or 2⁻¹² of the planned scale if that is more (`Plan`). Raises InputError unless 0 < p <
+        1.
         """
         return None if quantile_ranks(self.samples, _level(p), self.confidence) is None else self._quantile(p)
 
     def quantile_interval(self, p: float) -> tuple[float, float] | None:
-        """Return the distribution-free interval of the p-quantile; None if unresolved.
-
-        The ends are order statistics (see `quantile_ranks`), moved outwards to the edges of their bins.
-
-        Raises:
-            InputError: Unless 0 < p < 1.
-        """
+        """Return the distribution-free interval of the p-quantile, 0 < p < 1, out to bin edges; None if unresolved."""
         return self._between(quantile_ranks(self.samples, _level(p), self.confidence))
 
     def quantile_error(self, p: float) -> float | None:
-        """Return the largest difference of `quantile` from the quantile of the samples themselves; None if unresolved.
+        """Return the largest difference of `quantile` from the samples' own quantile; None if unresolved.
 
-        This is the error of the sketch alone, from the two order statistics that are interpolated. Unlike
-        `quantile_interval` it does not include the sampling error.
-
-        Raises:
-            InputError: Unless 0 < p < 1.
+        This is the error of the sketch alone, without the sampling error. Raises InputError unless 0 < p < 1.
         """
         if self.quantile(p) is None:
             return None
@@ -156,32 +138,23 @@ class Distribution(Record):
         return errors[0] + (position - below) * (errors[1] - errors[0])
 
     def quantile_upper_bound(self, p: float) -> float | None:
-        """Return the one-sided upper bound of the p-quantile at the stated confidence.
+        """Return the one-sided upper bound of the p-quantile; None with fewer samples than Wilks' number.
 
-        With p = 0.9973: "at this confidence, at least 99.73 % of all units stay below". None with fewer samples
-        than Wilks' number.
-
-        Raises:
-            InputError: Unless 0 < p < 1.
+        With p = 0.9973: "at this confidence, at least 99.73 % of all units stay below". Raises InputError unless 0 < p
+        < 1.
         """
         rank = upper_bound_rank(self.samples, _level(p), self.confidence)
         return None if rank is None else self._outward(rank)[1]
 
     def tolerance_interval(self, content: float) -> tuple[float, float] | None:
-        """Return the interval that holds this share of all units with the stated confidence (Wilks).
-
-        Raises:
-            InputError: Unless 0 < content < 1.
-        """
+        """Return the interval that holds this fraction (0 to 1) of all units with the stated confidence (Wilks)."""
         return self._between(tolerance_ranks(self.samples, _level(content), self.confidence))
 
     def tolerance_bounds(self, content: float) -> tuple[float, float] | None:
-        """Return bounds between which this share of all units lies with the stated confidence (Wilks).
+        """Return bounds between which this fraction of all units lies with the stated confidence (Wilks).
 
-        For a norm these are zero and `quantile_upper_bound`, for a component the ends of `tolerance_interval`.
-
-        Raises:
-            InputError: Unless 0 < content < 1.
+        For a norm these are zero and `quantile_upper_bound`, for a component the ends of `tolerance_interval`. Raises
+        InputError unless 0 < content < 1.
         """
         if not self.is_norm:
             return self.tolerance_interval(content)
@@ -191,7 +164,7 @@ class Distribution(Record):
     # probabilities -----------------------------------------------------------------------------------
 
     def cdf(self, value: float | str) -> float:
-        """Return the share of samples at or below a value, interpolated inside its bin of the sketch."""
+        """Return the fraction of samples at or below a value, interpolated inside its bin of the sketch."""
         return float(self.cumulative(np.array([check_quantity("value", value, si_quantity(self.quantity))]))[0])
 
     def cumulative(self, values: ArrayLike) -> Array:
@@ -204,10 +177,7 @@ class Distribution(Record):
         return np.where(points >= self.max, 1.0, np.where(points < self.min, 0.0, inner))
 
     def probability_inside(self, limit: float | str) -> float:
-        """Return the share of samples with |value| ≤ limit, interpolated inside the bins of the sketch.
-
-        Specifications of the plan do not use this: their samples are counted exactly.
-        """
+        """Return the fraction of samples with |value| ≤ limit, interpolated inside the bins."""
         limit = check_quantity("limit", limit, si_quantity(self.quantity))
         if limit < 0:
             return 0.0
@@ -216,9 +186,8 @@ class Distribution(Record):
     def histogram(self, bars: int | None = None) -> Histogram | None:
         """Return a histogram to draw, from `min` to `max`; None where all samples are equal.
 
-        Args:
-            bars: Number of bars. The default follows Freedman and Diaconis (1981), bar width 2·IQR·N^(−1/3), with at
-                least the number of Sturges (1926), 1 + log₂ N, and at most 100.
+        By default the bar width is 2·IQR·N^(−1/3) (Freedman and Diaconis, 1981), with at least 1 + log₂ N bars
+        (Sturges, 1926) and at most 100.
         """
         span = self.max - self.min
         if span == 0:
@@ -257,7 +226,7 @@ class Distribution(Record):
         return self.moments.variance_interval
 
     def std_interval(self) -> tuple[float, float] | None:
-        """Return the square roots of the ends of `variance_interval`; None where that is not resolved."""
+        """Return the square roots of `variance_interval`; None where that is not resolved."""
         ends = self.variance_interval()
         if ends is None or self.std is None:
             return None
@@ -270,11 +239,7 @@ class Distribution(Record):
     # intervals and digits by name of the statistic ---------------------------------------------------
 
     def interval(self, statistic: str | float) -> tuple[float, float] | None:
-        """Return the interval of a statistic, named as in `half_width`; None if unresolved.
-
-        Raises:
-            UnknownNameError: There is no such statistic.
-        """
+        """Return the interval of a statistic of `half_width`, None if unresolved; raise UnknownNameError for others."""
         value, interval = self._value_and_interval(statistic)
         return None if value is None else interval
 
@@ -282,8 +247,8 @@ class Distribution(Record):
         """Return the distance of a statistic from the farther end of its interval; None if unresolved.
 
         Args:
-            statistic: ``mean``, ``std``, ``mode``, ``min``, ``max`` or the probability of a quantile. The half-width of
-                ``min`` and ``max`` is 0: they are sampled values.
+            statistic: ``mean``, ``std``, ``mode``, ``min``, ``max`` (half-width 0: sampled values) or the probability
+                of a quantile.
 
         Raises:
             UnknownNameError: There is no such statistic.
@@ -292,10 +257,7 @@ class Distribution(Record):
         return None if value is None or interval is None else max(value - interval[0], interval[1] - value)
 
     def resolution(self, statistic: str | float) -> int | None:
-        """Return the number of significant digits of a statistic that the samples support; None if unresolved.
-
-        `statistic` and errors as in `half_width`; the rule is that of `significant_digits`, with at most six digits.
-        """
+        """Return the supported significant digits of a statistic of `half_width`, at most six; None if unresolved."""
         value, _ = self._value_and_interval(statistic)
         half_width = self.half_width(statistic)
         if value is None or half_width is None:
@@ -336,7 +298,6 @@ class Distribution(Record):
 
     @cached_property
     def _before(self) -> NDArray[np.int64]:
-        """Samples before each occupied bin."""
         return np.concatenate((np.zeros(1, dtype=np.int64), self.bin_cumulative[:-1]))
 
     @property
@@ -345,7 +306,7 @@ class Distribution(Record):
 
     @cached_property
     def moments(self) -> Moments:
-        """Mean and variance with the assumptions of their intervals."""
+        """Mean and variance, for their intervals."""
         return Moments(
             deviations=(self.bin_lower + self.bin_upper) / 2 - self.mean,
             counts=self._counts,
@@ -388,14 +349,11 @@ class Distribution(Record):
 
     @cached_property
     def _peak(self) -> Peak | None:
-        """The highest peak of the smoothed histogram; None where the samples do not resolve it.
-
-        The histogram of a norm is mirrored at zero before it is smoothed, so that no probability leaks across the boundary.
-
-        The bandwidth is h = 0.969·s·N^(−1/7), with s the smaller of std and IQR/1.349. This power of N is the best one
-        for the location of a peak: it balances bias h² against variance 1/(N h³). The factor is the normal reference
-        (4/5)^(1/7) (Wand and Jones, Kernel Smoothing, 1995).
-        """
+        """The highest peak of the smoothed histogram; None where the samples do not resolve it."""
+        # A norm's histogram is mirrored at zero first, so that no probability leaks across the boundary. The bandwidth
+        # is h = 0.969·s·N^(−1/7), with s the smaller of std and IQR/1.349. This power of N is best for the location of
+        # a peak: it balances bias h² against variance 1/(N h³). The factor is the normal reference (4/5)^(1/7) (Wand
+        # and Jones, Kernel Smoothing, 1995).
         spread, samples = self.std, self.samples
         if spread is None or samples < _FEWEST_FOR_MODE:
             return None
@@ -421,7 +379,7 @@ class Distribution(Record):
         return Peak(value, bandwidth, min(likely[0], value), max(likely[1], value))
 
     def _likeliest_interval(self, sought: tuple[float, float], width: float) -> tuple[float, float] | None:
-        """Return the union of the windows that may hold the most probability; None where there are too many windows."""
+        """Return the union of the windows that may be the most probable; None if there are too many windows."""
         step = width / _STEPS_PER_WINDOW
         cells = math.ceil((sought[1] - sought[0]) / step)
         if not _STEPS_PER_WINDOW < cells <= _MOST_CELLS:

@@ -1,4 +1,4 @@
-"""Intervals: of shares and quantiles, distribution-free, and of mean and variance, by Hall's transformation of skewed means."""
+"""Intervals: distribution-free for probabilities and quantiles, by Hall's transformation for mean and variance."""
 
 from __future__ import annotations
 
@@ -17,22 +17,17 @@ from precision_pin.base.arrays import Array, Fixed
 
 
 def check_confidence(confidence: float) -> None:
-    """Check that a confidence lies above 0 and below 1.
-
-    Raises:
-        InputError: The confidence lies outside.
-    """
+    """Raise InputError unless a confidence lies above 0 and below 1."""
     check_number("confidence", confidence, "above 0 and below 1", lambda share: 0 < share < 1)
 
 
 @lru_cache(maxsize=1024)
 def quantile_ranks(samples: int, p: float, confidence: float) -> tuple[int, int] | None:
-    """Return the ranks whose order statistics enclose the p-quantile, or None.
+    """Return the ranks (from 1) whose order statistics enclose the p-quantile, or None.
 
-    For B binomial (samples, p), the lower rank is the largest l with P(B < l) ≤ (1 − confidence)/2, the upper
-    rank the smallest u with P(B ≥ u) ≤ (1 − confidence)/2. Ranks count from 1. The result is None where l would
-    be 0 or u would exceed the number of samples: no sample lies far enough out (David and Nagaraja, Order
-    Statistics, section 7.1).
+    For B binomial (samples, p), the lower rank is the largest l with P(B < l) ≤ (1 − confidence)/2, the upper rank the
+    smallest u with P(B ≥ u) ≤ (1 − confidence)/2. None where l would be 0 or u would exceed the number of samples
+    (David and Nagaraja, Order Statistics, section 7.1).
     """
     tail = (1 - confidence) / 2
     lower = bisect_left(range(samples + 1), True, key=lambda k: _at_most(k, samples, p) > tail)
@@ -44,8 +39,8 @@ def quantile_ranks(samples: int, p: float, confidence: float) -> tuple[int, int]
 def upper_bound_rank(samples: int, p: float, confidence: float) -> int | None:
     """Return the rank whose order statistic bounds the p-quantile from above with this confidence.
 
-    This is the smallest u with P(B ≥ u) ≤ 1 − confidence; None where even the largest sample is no such bound
-    (Wilks 1941: 95 % of the law with 95 % confidence needs 59 samples).
+    It is the smallest u with P(B ≥ u) ≤ 1 − confidence; None where even the largest sample is no such bound (Wilks
+    1941: 95 % of the law with 95 % confidence needs 59 samples).
     """
     rank = _smallest_rank_above(samples, p, 1 - confidence)
     return rank if rank <= samples else None
@@ -55,8 +50,8 @@ def upper_bound_rank(samples: int, p: float, confidence: float) -> int | None:
 def tolerance_ranks(samples: int, content: float, confidence: float) -> tuple[int, int] | None:
     """Return the symmetric ranks r and N + 1 − r between which this content of the law lies.
 
-    The probability between X₍r₎ and X₍N+1−r₎ is distributed as Beta(N + 1 − 2r, 2r); r is the largest rank for
-    which it exceeds the content with this confidence. None where r would be 0 (Wilks 1941: 93 samples for 95/95).
+    The probability between X₍r₎ and X₍N+1−r₎ is Beta(N + 1 − 2r, 2r); r is the largest rank for which it exceeds the
+    content with this confidence. None where r would be 0 (Wilks 1941: 93 samples for 95/95).
     """
     largest = samples // 2
     rank = bisect_left(
@@ -66,10 +61,10 @@ def tolerance_ranks(samples: int, content: float, confidence: float) -> tuple[in
 
 
 def clopper_pearson(inside: float, samples: float, confidence: float) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability, given the numbers of samples inside and in all, or effective ones.
+    """Return the Clopper-Pearson interval of a probability, from the (effective) numbers of samples inside and in all.
 
-    Its coverage is at least the confidence for every probability (Clopper and Pearson, Biometrika 26,
-    1934). The lower end is 0 if no sample is inside, the upper end 1 if all are.
+    It covers every probability with at least the confidence (Clopper and Pearson, Biometrika 26, 1934). The lower end
+    is 0 if no sample is inside, the upper end 1 if all are.
     """
     tail = (1 - confidence) / 2
     lower = float(betaincinv(inside, samples - inside + 1, tail)) if inside > 0 else 0.0
@@ -77,22 +72,18 @@ def clopper_pearson(inside: float, samples: float, confidence: float) -> tuple[f
 
 
 def share_to_show(required: float, samples: int, confidence: float, chance: float) -> float | None:
-    """Return the least probability of which so many samples show, with this chance, that it is at least ``required``.
+    """Return the least probability that ``samples`` demonstrate, with this chance, to be at least ``required``.
 
-    It is shown where the lower end of its Clopper-Pearson interval reaches ``required``; None where that of no number of
-    samples inside does.
+    It is demonstrated if its Clopper-Pearson interval starts at ``required`` or above; None if it never can.
     """
     least = _smallest_rank_above(samples, required, (1 - confidence) / 2)
     return float(betaincinv(least, samples - least + 1, chance)) if least <= samples else None
 
 
 def upper_ends(inside: ArrayLike, samples: float, tail: float) -> Array:
-    """Return one-sided upper ends (Clopper-Pearson) of probabilities, which are missed with the probability ``tail``.
+    """Return one-sided Clopper-Pearson upper ends of probabilities, exceeded with probability ``tail``.
 
-    Args:
-        inside: Numbers of samples inside, of any shape.
-        samples: Of how many.
-        tail: Probability of a value beyond the end.
+    ``inside`` are numbers of samples inside, of any shape, of ``samples`` in all.
     """
     few = np.asarray(inside)
     beyond = np.where(few >= samples, 1, samples - few)
@@ -110,14 +101,14 @@ def _smallest_rank_above(samples: int, p: float, tail: float) -> int:
 
 
 _NONE: Final = 1e-9
-"""Skewness below which the transformation is the identity; its formula divides by the skewness."""
+"""Skewness below which the transformation is the identity, as its formula divides by the skewness."""
 
 
 def studentised(normal: ArrayLike, skewness: ArrayLike) -> NDArray[np.float64]:
     """Return the studentised mean t that corresponds to a normal value z, for a mean of skewness a = γ/√N.
 
-    Solves ``z = t + a t²/3 + a² t³/27 + a/6`` (Hall, Journal of the Royal Statistical Society B 54, 1992, 221) by
-    ``(1 + a t/3)³ = 1 + a (z - a/6)``. Both arrays have the same shape.
+    Solves ``z = t + a t²/3 + a² t³/27 + a/6`` (Hall, Journal of the Royal Statistical Society B 54, 1992, 221) by ``(1
+    + a t/3)³ = 1 + a (z - a/6)``.
     """
     a = np.asarray(skewness, dtype=float)
     shifted = np.asarray(normal, dtype=float) - a / 6
@@ -130,15 +121,15 @@ Interval = tuple[float, float]
 _FEWEST_FOR_MEAN: Final = 30
 _FEWEST_FOR_VARIANCE: Final = 1000
 _MOST_SKEWED: Final = 0.4
-"""Largest skewness of a mean, γ/√N, for which an interval is given."""
+"""Largest skewness of a mean, γ/√N, that still gets an interval."""
 _SKEWED_AWAY: Final = 0.5
 """Skewness of a mean at which the widened interval would be infinite."""
 _LEAST_INDEX: Final = 3.5
-"""Smallest tail index for which an interval of the variance is given."""
+"""Smallest tail index that still gets an interval of the variance."""
 _INDEX: Final = 4.2
-"""Tail index at which the interval of the variance is doubled in length."""
+"""Tail index at which the variance's interval is doubled in length."""
 _SKETCH_ERROR: Final = 0.05
-"""Largest relative difference between the variance from the bins and from the sums; above it the bins are too coarse."""
+"""Largest relative difference of the variances from bins and from sums; beyond it the bins are too coarse."""
 
 
 @final
@@ -147,10 +138,9 @@ class Moments(Fixed):
     """Mean and variance of a set of samples with their intervals.
 
     Attributes:
-        deviations, counts: ``(k,)`` bin centres minus the mean, and the number of samples in each bin.
+        deviations, counts: ``(k,)`` bin centres minus the mean, and the samples in each bin.
         variance: Mean square deviation of the samples themselves, divisor N.
-        samples, confidence: Number of samples; confidence of the intervals.
-        skewness: Skewness of the values and of their squared deviations, derived from the laws; NaN where unknown.
+        skewness: Skewness of the values and of their squared deviations, from the laws; NaN where unknown.
     """
 
     deviations: Array
@@ -162,7 +152,7 @@ class Moments(Fixed):
 
     @property
     def mean_interval(self) -> Interval | None:
-        """Interval of the true mean relative to the sample mean, ``(below, above)``; None where not resolved."""
+        """Interval of the true mean relative to the sample mean, ``(below, above)``; None if unresolved."""
         if self.samples < _FEWEST_FOR_MEAN or not self._usable:
             return None
         if self.variance == 0:
@@ -171,7 +161,7 @@ class Moments(Fixed):
 
     @cached_property
     def variance_interval(self) -> Interval | None:
-        """Interval of the variance; None where not resolved."""
+        """Interval of the variance; None if unresolved."""
         if self.samples < _FEWEST_FOR_VARIANCE or not self._usable:
             return None
         if self.variance == 0:
@@ -187,7 +177,7 @@ class Moments(Fixed):
 
     @property
     def mean_half_width(self) -> float:
-        """Half-width of Student's interval of the mean, without regard to skewness."""
+        """Half-width of Student's interval of the mean, ignoring skewness."""
         return self._quantile * self._mean_of_values.error
 
     @property
@@ -206,7 +196,7 @@ class Moments(Fixed):
 
     @cached_property
     def _usable(self) -> bool:
-        """True if the bins reproduce the variance of the sums."""
+        """True if the bins reproduce the variance."""
         binned = _dot(self.counts, self.deviations**2) / self.samples
         return abs(binned - self.variance) <= _SKETCH_ERROR * self.variance
 
@@ -258,12 +248,12 @@ class _Mean:
 
 
 def _dot(counts: NDArray[np.int64], values: Array) -> float:
-    """Return the sum of the values weighted by their counts; BLAS may give different bits in another process."""
+    """Return the sum of the values weighted by their counts, without BLAS, whose bits vary between processes."""
     return float((counts * values).sum())
 
 
 def _hall(mean: _Mean, known: float, widening: float, quantile: float, samples: int) -> Interval | None:
-    """Return Hall's interval relative to a mean, ``(below, above)``; None where the mean is too skewed."""
+    """Return Hall's interval relative to a mean, ``(below, above)``; None for too skewed a mean."""
     skewness = mean.skewness
     # fmax ignores NaN, an unknown skewness
     most = float(np.fmax(abs(skewness), abs(known) / math.sqrt(samples)))

@@ -1,4 +1,4 @@
-"""The plan of an accumulation: centre, scale and specifications, and the specifications that are written as text."""
+"""The plan of an accumulation: centre, scale and specifications; and specifications written as text."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _SMALLEST_SCALE = 2.0**-40
 _OUTERMOST: Final = 2.0**8
 """Outer end of the sketch's bins, in units of the scale."""
 _WIDEST: Final = 2.0**6
-"""Largest scale, in units of the observed spread: the bins about the centre are then 1/64 of the spread wide."""
+"""Largest scale, in units of the observed spread: bins near the centre are then 1/64 of the spread wide."""
 _MARGIN: Final = 16.0
 """Ratio of the bins' outer end to the farthest sample of a pilot."""
 _NOISE: Final = 1e-12
-"""Spreads below this share of the largest possible error count as rounding."""
+"""Spreads below this fraction of the largest possible error count as rounding."""
 
 
 @final
@@ -39,8 +39,7 @@ class Specification:
     Attributes:
         quantity: One of `QUANTITIES`, or another of its names
             (:func:`precision_pin.statistics.quantities.quantity_name`).
-        limit: Largest absolute value allowed, m or rad, or text such as ``"0.5 mm"``; a value equal to the limit is
-            inside.
+        limit: Largest absolute value allowed (inclusive), m or rad, or text such as ``"0.5 mm"``.
         required: Required probability, between 0 and 1 (both excluded: no sample can show 100 %).
 
     Raises:
@@ -66,12 +65,12 @@ class Specification:
 
     @property
     def row(self) -> int:
-        """Row of the quantity in the arrays with eight rows."""
+        """Row of the quantity in arrays of eight rows."""
         return quantities.QUANTITIES.index(self.quantity)
 
     @property
     def components(self) -> tuple[int, ...]:
-        """Components of the error, of six, that are limited: three together by a norm, else one."""
+        """Limited components of the error's six: three for a norm, else one."""
         if self.row not in quantities.NORMS:
             return (quantities.COMPONENTS.index(self.row),)
         return (3, 4, 5) if self.quantity.startswith("attitude") else (0, 1, 2)
@@ -82,18 +81,17 @@ class Specification:
 class Plan:
     """Centre and scale of the bins for each quantity, and the specifications to count.
 
-    Neither centre nor scale biases any result. They decide how finely the sketch resolves a quantity and how many
-    digits cancel in the sums. Median and spread of a pilot's samples are good choices (`from_pilot`).
+    Neither biases a result: they set how finely the sketch resolves a quantity and how many digits cancel in the sums.
+    Median and spread of a pilot's samples are good choices (`from_pilot`).
 
     Attributes:
         centre: ``(8,)`` planned centres, m and rad; subtracted before anything is summed or binned.
-        scale: ``(8,)`` planned spreads, m and rad, each rounded to a power of two, so that dividing by it is exact. A
-            spread of zero is replaced by 2⁻¹⁰ of the largest of its four (position or attitude), or by 2⁻³⁰ where all
-            four are zero; none is below 2⁻⁴⁰.
+        scale: ``(8,)`` planned spreads, m and rad, rounded to powers of two, so that division is exact. A zero spread
+            becomes 2⁻¹⁰ of the largest of its four (position or attitude), or 2⁻³⁰ if all four are zero; none is below
+            2⁻⁴⁰.
         specifications: Specifications whose samples are counted exactly.
-        skewness: ``(8, 2)`` skewness of each quantity and of its squared deviation from the mean, derived from the
-            laws. The intervals of the moments allow for it even where the samples do not show it. NaN (the default)
-            where unknown.
+        skewness: ``(8, 2)`` skewness of each quantity and of its squared deviation from the mean, from the laws; NaN
+            where unknown. The intervals of the moments allow for it even where the samples do not show it.
 
     Raises:
         InternalError: An array of another shape, a value that is not finite, or a negative spread.
@@ -136,11 +134,10 @@ class Plan:
             reach: ``(6,)`` approximate largest deviation of each component from the centre; 0 where unknown.
             specifications: Specifications whose samples are counted exactly.
 
-        The centre is the median. The spread s is that of the bulk, the smallest of three estimates: the interquartile
-        range and the range from 5 to 95 %, each divided by that of a unit normal law, and the standard deviation.
-        Estimates that are zero or mere rounding are left out. The scale is s. Where errors exceed 256 s it is larger, so
-        that the bins cover them, but at most 64 s, so that the bulk stays resolved. Where the samples show no spread, the
-        scale follows from the reach alone.
+        The centre is the median. The spread s is that of the bulk: the smallest of interquartile range, 5 to 95 % range
+        (each divided by that of a unit normal law) and standard deviation, ignoring zeros and mere rounding. The scale
+        is s; where errors exceed 256 s it is larger to cover them, but at most 64 s, so that the bulk stays resolved.
+        Without spread in the samples, the scale follows from the reach alone.
         """
         seen = np.asarray(values, dtype=float)
         parts = np.asarray(reach, dtype=float)
@@ -174,8 +171,8 @@ class Plan:
             covariance: ``(6, 6)`` covariance of the error.
             specifications: Specifications whose samples are counted exactly.
 
-        For a norm: E|d|² = |m|² + tr C and Var|d|² = 2 tr C² + 4 mᵀCm (for a normal vector), hence
-        Var|d| ≈ Var|d|² / (4 E|d|²) and (E|d|)² ≈ E|d|² − Var|d|. These approximations only place bins.
+        For a norm: E|d|² = |m|² + tr C and Var|d|² = 2 tr C² + 4 mᵀCm (for a normal vector), hence Var|d| ≈ Var|d|² /
+        (4 E|d|²) and (E|d|)² ≈ E|d|² − Var|d|. These approximations only place bins.
         """
         expected = np.asarray(mean, dtype=float)
         spread = np.asarray(covariance, dtype=float)
@@ -203,14 +200,14 @@ DEFAULT_PROBABILITY: Final = 0.95
 
 _FORM: Final = re.compile(rf"({quantities.QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
 _LEAST_PER_CENT: Final = 0.01
-"""Smallest probability accepted in per cent; less is probably a ratio written with a per cent sign."""
+"""Smallest probability accepted in per cent; less is probably a ratio with a stray per cent sign."""
 
 Specifications = Specification | str | Sequence[Specification | str]
-"""One or several limits, each a specification or its text."""
+"""One or several limits, each as a specification or text."""
 
 
 def specification(text: str) -> Specification:
-    """Return the specification that a text states.
+    """Parse the text of a specification.
 
     Args:
         text: ``[QUANTITY] LIMIT [@ PROBABILITY]``. The quantity is position (the default of a length), attitude (the
@@ -241,7 +238,7 @@ def specification(text: str) -> Specification:
     is_length = unit in units.LENGTH.units
     if word is None:
         word = "position" if is_length else "attitude"
-    # the limit applies to the absolute value, which may be written |dx|
+    # |dx| is accepted too: the limit applies to the absolute value
     word = word if word in quantities.QUANTITY_WORDS else word.strip("|")
     if word not in quantities.QUANTITY_WORDS:
         raise UnknownNameError("quantity of a specification", word, quantities.QUANTITY_WORDS)
@@ -256,7 +253,7 @@ def specification(text: str) -> Specification:
 
 
 def _parse_required(text: str) -> float:
-    """Return the required probability; one written in per cent and below 1 % is rejected as a probable slip."""
+    """Return the required probability; reject one below 1 % in per cent as a probable slip."""
     value = units.parse_probability(text)
     if value < _LEAST_PER_CENT and units.split(text)[1] == "%":
         raise UnitError(
@@ -267,11 +264,7 @@ def _parse_required(text: str) -> float:
 
 
 def listed_specifications(given: Specifications) -> tuple[Specification, ...]:
-    """Return a tuple of specifications, the texts among them parsed.
-
-    Raises:
-        InputError: An entry is neither a specification nor a text, or its text is not a specification.
-    """
+    """Return specifications as a tuple, texts parsed; raise InputError for other entries."""
     if isinstance(given, Specification | str):
         given = (given,)
     if not isinstance(given, list | tuple):

@@ -1,7 +1,7 @@
 """The eight quantities of a pose error and their names.
 
-Results, JSON, data frames and Python use one name, such as ``position.z``; tables and figures show its symbol, ``dz``.
-Users may write either, or the short form of a specification, ``z``. The same words are accepted everywhere.
+Results, JSON, data frames and Python use names such as ``position.z``; tables and figures show the symbol, ``dz``.
+Users may write either, or the short form of a specification, ``z``.
 """
 
 from __future__ import annotations
@@ -29,20 +29,16 @@ QUANTITY_WORDS: Final = {
 """Names of quantities that users may give."""
 
 QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
-"""Pattern of a word that may be such a name: no digit, so that a number may follow without a blank."""
+"""Pattern of a word that may be such a name: no digits, so that a number may follow without a blank."""
 
 
 def quantity_name(quantity: str) -> str:
-    """Return the result name of a quantity, given any of its names: ``position.z`` for ``z``, ``dz`` and itself.
-
-    Raises:
-        UnknownNameError: There is no such quantity.
-    """
+    """Return the result name, ``position.z``, of any of its names, or raise UnknownNameError."""
     if isinstance(quantity, str) and quantity in QUANTITY_WORDS:
         return QUANTITY_WORDS[quantity]
     return check_name("quantity", quantity, QUANTITIES)
 
 
 def si_quantity(quantity: str) -> Quantity:
-    """Return what a quantity is, by its result name: an angle for those of the attitude, else a length."""
+    """Return angle or length, for the result name of a quantity."""
     return ANGLE if quantity.startswith("attitude") else LENGTH

@@ -23,7 +23,7 @@ from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, q
 from precision_pin.statistics.verdicts import Grounds, SpecificationResult
 
 NO_SPREAD: Final = 1e-12
-"""Differences between errors below this value (m, rad) count as rounding on an arm of metres."""
+"""Differences below this value (m, rad) count as rounding, for an arm of metres."""
 
 
 @final
@@ -40,12 +40,7 @@ class VectorDistribution(Record):
 @final
 @dataclass(frozen=True)
 class Extreme:
-    """One of the largest sampled errors.
-
-    Attributes:
-        sample: Index of the sample, which is the robot index of the seed.
-        value: |d| in m or |δ| in rad.
-    """
+    """One of the largest errors: index of its sample, which is the seed's robot, and |d| in m or |δ| in rad."""
 
     sample: int
     value: float
@@ -57,16 +52,13 @@ class Summary(Record):
     """Statistics of the sampled pose error, base axes.
 
     Attributes:
-        samples: Number of samples.
-        confidence: Confidence of every interval.
         position: |d|, dx, dy, dz in m.
         attitude: |δ|, δx, δy, δz in rad.
         mean: ``(6,)`` mean error [d; δ].
         covariance: ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
-        varying: True for each of the eight quantities that differs from robot to robot, in the order of `QUANTITIES`.
-        specifications: One result for each specification of the plan, in its order.
-        largest_position, largest_attitude: The ten samples with the largest |d| and |δ|, in descending order; all
-            samples if there are fewer.
+        varying: Which of the eight `QUANTITIES` differ from robot to robot.
+        specifications: One result for each specification of the plan.
+        largest_position, largest_attitude: The ten (or fewer) samples with the largest |d| and |δ|, descending.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -86,7 +78,7 @@ class Summary(Record):
     largest_attitude: tuple[Extreme, ...]
 
     def with_grounds(self, grounds: Grounds) -> Summary:
-        """Return the statistics with what the verdicts on the specifications rest on besides."""
+        """Return the statistics with these grounds in the verdicts on the specifications."""
         return replace(self, specifications=tuple(replace(one, grounds=grounds) for one in self.specifications))
 
     @cached_property
@@ -94,21 +86,17 @@ class Summary(Record):
     def covariance_interval(self) -> Array | None:
         """Ends of the intervals of the covariances, ``(6, 6, 2)``, NaN where not resolved; None for one sample.
 
-        The accumulated statistics only bound the variance of (x - E x)(y - E y): it is at most the root of the product of
-        the fourth moments minus the square of the covariance (Cauchy-Schwarz). The intervals therefore cover more often
-        than stated, the more so the less x and y are correlated. Where one is a multiple of the other, they equal those
-        of the variances.
+        The accumulated statistics only bound the variance of (x - E x)(y - E y), by Cauchy-Schwarz: at most the root of
+        the product of the fourth moments minus the square of the covariance. The intervals therefore cover more often
+        than stated, the more so the less x and y are correlated; for proportional x and y they equal those of the
+        variances.
         """
         if self.covariance is None:
             return None
         return _covariance_interval(self.covariance, [self.distribution(QUANTITIES[row]).moments for row in COMPONENTS])
 
     def distribution(self, quantity: str) -> Distribution:
-        """Return the distribution of a quantity by any of its names, such as ``position.x``, ``dx`` or ``x``.
-
-        Raises:
-            UnknownNameError: There is no such quantity.
-        """
+        """Return the distribution of a quantity by any of its names, or raise UnknownNameError."""
         vector, part = quantity_name(quantity).split(".")
         return getattr(self.position if vector == "position" else self.attitude, part)
 
@@ -121,10 +109,8 @@ class Summary(Record):
 def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray[np.bool_]:
     """Return a mask ``(8,)`` of the quantities that vary, in the samples or to first order.
 
-    Args:
-        state: The accumulated samples.
-        spread: ``(6,)`` standard deviations of the components to first order. They include rare values that no sample
-            has.
+    ``spread`` ``(6,)`` are first-order standard deviations of the components; they include rare values that no sample
+    has.
     """
     seen: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
     if spread is not None:
@@ -138,8 +124,6 @@ def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayL
     """Return the summary of the accumulated samples.
 
     Args:
-        plan: The plan that the state was started with.
-        state: State of at least one sample.
         confidence: Confidence of every interval, between 0 and 1.
         spread: As for :func:`varying_quantities`.
 
@@ -199,7 +183,6 @@ def _covariance(state: State) -> Array | None:
 
 
 def _covariance_interval(covariance: Array, parts: Sequence[Moments]) -> Array:
-    """Return the ends of the intervals of the covariances, given the moments of the components."""
     found = np.full((*covariance.shape, 2), np.nan)
     resolved = [k for k, part in enumerate(parts) if part.variance_interval is not None]
     for i, j in itertools.product(resolved, resolved):

@@ -1,4 +1,4 @@
-"""Verdicts on specifications, and what they rest on."""
+"""Verdicts on specifications, and their grounds."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def judge(*, holds: bool, fails: bool, varies: bool = True) -> Verdict:
 
     Args:
         holds, fails: Whether the whole interval of the probability is at least the required probability, or below it.
-        varies: Whether the quantity differs from robot to robot. Where it does not, no tolerance acts on it, and being
-            inside proves nothing.
+        varies: Whether the quantity differs from robot to robot. If not, no tolerance acts on it, and being inside
+            proves nothing.
     """
     if fails:
         return "not met"
@@ -29,11 +29,11 @@ def judge(*, holds: bool, fails: bool, varies: bool = True) -> Verdict:
 
 
 def capability_index(inside: float) -> float:
-    """Return Φ⁻¹(P)/3: the Cpk of a normal characteristic with one limit and the share P inside it.
+    """Return Φ⁻¹(P)/3: the Cpk of a normal characteristic with one limit and the fraction P inside it.
 
-    This is a third of the benchmark Z of process capability (Bothe, *Measuring Process Capability*, 1997). It depends on
-    the share alone, so that it applies to any law, and to two limits, whose two tails are added. A value of 1 is 99.865 %,
-    1.33 is 99.9968 %. It is infinite for a share of 0 or 1.
+    This is a third of the benchmark Z of process capability (Bothe, *Measuring Process Capability*, 1997). It depends
+    on the fraction alone, so it applies to any law, and to two limits, whose tails are added. 1 is 99.865 %, 1.33 is
+    99.9968 %; infinite for a fraction of 0 or 1.
     """
     if not 0 < inside < 1:
         return math.copysign(math.inf, inside - 0.5)
@@ -46,7 +46,7 @@ class Grounds(Record):
     """What a verdict rests on besides the samples.
 
     Attributes:
-        not_judged: Why nothing is judged, such as a joint outside its limits; empty where a verdict can be given.
+        not_judged: Why nothing is judged, such as a joint outside its limits; empty if a verdict can be given.
         exact: Sources and parameters whose laws a change of the sheet has replaced by single values.
     """
 
@@ -56,19 +56,19 @@ class Grounds(Record):
     exact: tuple[str, ...] = ()
 
     def said(self, verdict: Verdict) -> str:
-        """Return a verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        """Return a verdict in capitals, with the reason for not judging or with what it takes as exact."""
         if verdict == "not judged":
             return f"NOT JUDGED: {self.why}"
         return f"{verdict.upper()}{self.taken if verdict == 'met' else ''}"
 
     @property
     def why(self) -> str:
-        """Why nothing is judged, and how it would be; empty where a verdict can be given."""
+        """Why nothing is judged, and how to judge all the same; empty if a verdict can be given."""
         return f"{self.not_judged}; --beyond-limits judges all the same" if self.not_judged else ""
 
     @property
     def taken(self) -> str:
-        """What follows the word "met": `` with … taken as exact``; empty where nothing is."""
+        """Text after the word "met": `` with … taken as exact``, or empty."""
         return f" with {', '.join(map(visible, self.exact))} taken as exact" if self.exact else ""
 
     @property
@@ -81,20 +81,18 @@ class Grounds(Record):
 
 
 NO_GROUNDS: Final = Grounds()
-"""Of a verdict that rests on the samples alone."""
+"""For a verdict that rests on the samples alone."""
 
 
 @final
 @dataclass(frozen=True)
 class SpecificationResult(Record):
-    """Result of a specification: the share of samples inside its limit.
+    """Result of a specification: the fraction of samples inside its limit.
 
     Attributes:
         quantity, limit, required: The specification.
-        probability: Share of samples with |quantity| ≤ limit, counted exactly.
+        probability: Fraction of samples with |quantity| ≤ limit, counted exactly.
         interval: Clopper-Pearson interval of the probability.
-        varies: True if the quantity differs from robot to robot.
-        grounds: What keeps it from being judged, and what it takes as exact.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -115,8 +113,8 @@ class SpecificationResult(Record):
         """Verdict on the specification.
 
         ``"met"`` if the lower end of the interval is at least the required probability, ``"not met"`` if the upper end
-        is below it, otherwise ``"undecided"``; ``"nothing to judge"`` if the quantity is inside but does not vary; and
-        ``"not judged"`` whatever the samples say where :attr:`grounds` give a reason.
+        is below it, otherwise ``"undecided"``; ``"nothing to judge"`` if the quantity is inside but does not vary;
+        ``"not judged"`` where :attr:`grounds` give a reason, whatever the samples say.
         """
         if self.grounds.not_judged:
             return "not judged"
@@ -130,16 +128,16 @@ class SpecificationResult(Record):
 
     @property
     def said(self) -> str:
-        """The verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        """The verdict in capitals, with the reason for not judging or with what it takes as exact."""
         return self.grounds.said(self.verdict)
 
     @property
     def cpk(self) -> float:
-        """Process capability index of the share inside, :func:`capability_index`."""
+        """Process capability index of the fraction inside, :func:`capability_index`."""
         return capability_index(self.probability)
 
     @property
     def cpk_interval(self) -> tuple[float, float]:
-        """Interval of :attr:`cpk`: the indices of the ends of the share's interval."""
+        """Interval of :attr:`cpk`."""
         low, high = self.interval
         return capability_index(low), capability_index(high)

@@ -1,4 +1,4 @@
-"""Sources bound to the values of their settings: the loads and terms of such sources at postures, and the sources of a model."""
+"""Sources bound to the values of their settings: their loads and terms at postures, and the sources of a model."""
 
 from __future__ import annotations
 
@@ -27,15 +27,7 @@ Item = TypeVar("Item")
 
 @final
 class BoundSource:
-    """A source with the values of its settings; results that do not depend on the posture are computed once.
-
-    Args:
-        source: The source.
-        view: The space of the source.
-
-    Attributes:
-        is_same_everywhere: True if nothing of it depends on the posture.
-    """
+    """A source with its space of values; results that do not depend on the posture are computed once."""
 
     def __init__(self, source: Source, view: LabelledSpace) -> None:
         self.source, self.view = source, view
@@ -45,7 +37,7 @@ class BoundSource:
 
     @property
     def has_loads(self) -> bool:
-        """True if its class may add weights or change gravity."""
+        """Whether its class may add weights or change gravity."""
         kind = type(self.source)
         return kind.loads is not Source.loads or kind.gravity is not Source.gravity
 
@@ -54,7 +46,7 @@ class BoundSource:
         return self._call("loads", self.source.loads, posture)
 
     def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
-        """Return the contributions of the source to gravity, at a posture without the loads of sources."""
+        """Return the source's contributions to gravity, at a posture without the loads of sources."""
         return self._call("gravity", self.source.gravity, posture)
 
     def terms(self, posture: Posture) -> Iterable[Term]:
@@ -81,15 +73,12 @@ def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
 def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[BoundSource]) -> tuple[Term, ...] | None:
     """Return the terms of sources at P configurations, their twists with a last dimension of P.
 
-    Those of a source that does not accept many postures at once are made at one after another.
+    Sources that do not accept many postures at once are evaluated one posture at a time. Returns None where targets,
+    factors or loads of sources change between the configurations.
 
     Args:
         bare: A posture of P configurations, without the loads of sources.
         each: The P postures of one configuration.
-        sources: The sources.
-
-    Returns:
-        None where targets or factors change between the configurations, or loads of sources do.
     """
     chain = bare.chain
     alone = [not source.source.accepts_many(chain) for source in sources]
@@ -111,7 +100,7 @@ def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[Boun
 
 
 def _stack(made: Sequence[tuple[Term, ...]]) -> list[Term] | None:
-    """Return the terms of one source made at P postures as terms with P twists; None where they are not alike."""
+    """Return the terms of one source at P postures as terms with P twists; None if targets or factors differ."""
     first = made[0]
     if not all(len(terms) == len(first) and all(map(is_alike, first, terms)) for terms in made[1:]):
         return None
@@ -121,11 +110,9 @@ def _stack(made: Sequence[tuple[Term, ...]]) -> list[Term] | None:
 
 
 def labels(sources: Sequence[Source]) -> tuple[str, ...]:
-    """Return every source's label.
-
-    Sources with the same label get the suffixes ``#2``, ``#3``, … in the order of their settings (names and directions before
-    numbers and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label.
-    """
+    """Return every source's label."""
+    # equal labels get the suffixes `#2`, `#3`, … in the order of their settings (names and directions before
+    # numbers and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label
     result = [source.label() for source in sources]
     alike: dict[str, list[int]] = {}
     for k, label in enumerate(result):
@@ -149,7 +136,7 @@ def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
 
 
 def draw_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return for each draw the labels of the sources that use it, in the order of the sources."""
+    """Return for each draw the labels of the sources that use it, in source order."""
     found, rank = number_owners(space, sources, labels), {label: k for k, label in enumerate(labels)}
     return tuple(
         tuple(sorted({label for name in draw.components for label in found[name]}, key=rank.__getitem__))
@@ -158,7 +145,7 @@ def draw_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) 
 
 
 def number_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> dict[str, list[str]]:
-    """Return for each number of a space the labels of the sources that use it, in the order of the sources."""
+    """Return for each number of a space the labels of the sources that use it, in source order."""
     found: dict[str, list[str]] = {name: [] for draw in space.draws for name in draw.components}
     for source, label in zip(sources, labels, strict=True):
         for name in source.numbers(label).keys() & found.keys():
@@ -167,10 +154,7 @@ def number_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]
 
 
 def draw_words(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[str, ...]:
-    """Return each draw in words, such as ``tilt of joint2 about z``.
-
-    A draw that the user named keeps its name, followed by its first use in words.
-    """
+    """Return each draw in words, such as ``tilt of joint2 about z``; a name given by the user comes first."""
     uses: dict[str, list[str]] = {}
     own: set[str] = set()
     for source, label in zip(sources, labels, strict=True):
@@ -194,7 +178,7 @@ def _describe_draw(draw: Draw, uses: Mapping[str, Sequence[str]], is_unnamed: bo
 
 
 def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[str], chain: Chain) -> Space:
-    """Return a space whose draws have quantities: from the first source that uses a number, else those they had."""
+    """Return a space whose draws have quantities: from the first source that uses a number, else unchanged."""
     known: dict[str, Quantity] = {}
     for source, label in zip(sources, labels, strict=True):
         joint = source.settings().get("joint")

@@ -1,7 +1,7 @@
-"""Sides on which a play is taken up, decided by each robot's own load.
+"""Sides on which play is taken up, decided by each robot's own load.
 
-A load is given as :meth:`~precision_pin.robot.chain.Posture.torque_on` returns it: numbers, by the parameters that multiply
-them. What is the same for every robot stays a number, so that it costs nothing to sample.
+A load is as from :meth:`~precision_pin.robot.chain.Posture.torque_on`: numbers by the parameters that multiply them.
+What is the same for every robot stays a number, so that it costs nothing to sample.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ Interval = tuple[float, float]
 
 
 def load_value(load: Mapping[Factors, float]) -> Value:
-    """Return a load as a number, or as a formula where it is random."""
+    """Return a load as a number, or as a formula if it is random."""
     constant = float(load.get((), 0.0))
     parts = [reduce(mul, factors) * float(number) for factors, number in load.items() if factors and number]
     while len(parts) > 1:
-        # in pairs, so that the formula is not deep
+        # in pairs, which keeps the formula shallow
         parts = [reduce(add, parts[k : k + 2]) for k in range(0, len(parts), 2)]
     return parts[0] + constant if parts and constant else parts[0] if parts else constant
 

@@ -1,4 +1,4 @@
-"""Error sources, from settings to terms. Only this module inspects the settings of a source for its draws and quantities."""
+"""Error sources, from settings to terms. Only this module inspects a source's settings for draws and quantities."""
 
 from __future__ import annotations
 
@@ -28,19 +28,13 @@ from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.term import Term
 
 Dependence = Literal["chain", "configuration", "loads"]
-"""The part of a posture that a source reads: its chain; also the joint values; or also the loads."""
+"""What a source reads of a posture: its chain; also the joint values; or also the loads."""
 
 
 @final
 @dataclass(frozen=True)
 class SettingField:
-    """A setting of a kind of source, or of a part of a setting.
-
-    Attributes:
-        name: Name of the field.
-        hint: The declared type, with its annotations.
-        default: The value if it is left out; :data:`dataclasses.MISSING` if it must be given.
-    """
+    """A setting of a source, or of a part of a setting; ``default`` is :data:`dataclasses.MISSING` if required."""
 
     name: str
     hint: Any
@@ -48,12 +42,12 @@ class SettingField:
 
     @property
     def may_be_random(self) -> bool:
-        """True if it takes laws; text in it then names a parameter."""
+        """Whether it takes laws; text in it then names a parameter."""
         return takes_law(self.hint)
 
     @property
     def part(self) -> type | None:
-        """The data class of its entries if it is a list of such; ``None`` for any other setting."""
+        """The data class of the entries if it is a list of such, else ``None``."""
         entry = next(iter(typing.get_args(self.hint)), None) if typing.get_origin(self.hint) is tuple else None
         return entry if isinstance(entry, type) and dataclasses.is_dataclass(entry) else None
 
@@ -72,7 +66,7 @@ def setting_fields(kind: type) -> tuple[SettingField, ...]:
 
 @cache
 def setting_meanings(kind: type) -> dict[str, str]:
-    """Return what each setting of a kind of source is, from the section Attributes of its docstring, on one line."""
+    """Return the meaning of each setting on one line, from the section Attributes of the class docstring."""
     section = re.search(r"^Attributes:\n(.*?)(?:\n\n\S|\Z)", inspect.getdoc(kind) or "", re.DOTALL | re.MULTILINE)
     found: dict[str, str] = {}
     for names, text in re.findall(r"^    (\S[^:]*): (.*(?:\n     .*)*)", section[1] if section else "", re.MULTILINE):
@@ -81,7 +75,7 @@ def setting_meanings(kind: type) -> dict[str, str]:
 
 
 def takes_law(hint: Any) -> bool:
-    """Return whether a setting declared with a type may be random."""
+    """Return whether a setting of this type may be random."""
     return hint is Law or any(takes_law(part) for part in typing.get_args(hint))
 
 
@@ -91,8 +85,7 @@ class _Leaf:
     """One value among the settings of a source.
 
     Attributes:
-        name: Its name: ``kind[subject].field``, or in a part of a setting ``kind[subject].field[0].field``.
-        value: The value.
+        name: ``kind[subject].field``, or in a part of a setting ``kind[subject].field[0].field``.
         owner, entry: The class whose field holds it, and the field's name.
     """
 
@@ -103,11 +96,7 @@ class _Leaf:
 
     @property
     def field(self) -> SettingField:
-        """The field that holds it, with its type.
-
-        Raises:
-            InputError: Its type cannot be found, because no module defines the names in the annotations of the class.
-        """
+        """The field that holds it; InputError if no module defines the names in the class's annotations."""
         try:
             return next(field for field in setting_fields(self.owner) if field.name == self.entry)
         except NameError as error:
@@ -118,7 +107,7 @@ class _Leaf:
 
     @property
     def draw(self) -> Draw | None:
-        """The draw in the setting; None if there is none."""
+        """The draw in the setting, if any."""
         if self.value is None or isinstance(self.value, str | float):  # most settings, and an abstract class is slow
             return None
         match self.value:
@@ -133,7 +122,7 @@ class _Leaf:
 
     @property
     def quantity(self) -> Quantity | PerJoint | None:
-        """The quantity of the value; None if the field has none."""
+        """The quantity of the value, if the field has one."""
         return next((note for note in self.field.notes if isinstance(note, Quantity | PerJoint)), None)
 
     def numbers(self) -> dict[str, Quantity | PerJoint | None]:
@@ -147,7 +136,7 @@ class _Leaf:
 
 
 def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
-    """Yield every value in the settings: each entry of a list, and each value in a part of a setting."""
+    """Yield every value in the settings, including entries of lists and values in parts of settings."""
     owner: type = type(part)
     for name in _field_names(owner):
         setting = getattr(part, name)
@@ -171,12 +160,12 @@ def _kind(name: str) -> str:
 class Source(ABC):
     """An error source, which makes terms from its settings.
 
-    A final, frozen data class whose fields are its settings; the docstring holds the physics with equation and
-    reference. It reads the posture and its own draws, and does not depend on the users of its terms.
+    Subclasses are final, frozen data classes whose fields are the settings; the docstring holds the physics with
+    equation and reference. A source reads the posture and its own draws, and does not depend on the users of its terms.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Check the plain settings of every source before its own checks use them."""
+        """Make every source check its plain settings before its own ``__post_init__``."""
         super().__init_subclass__(**options)
         own_checks: Callable[[Any], None] | None = getattr(cls, "__post_init__", None)
 
@@ -190,35 +179,34 @@ class Source(ABC):
 
     @property
     def subject(self) -> str:
-        """What its label names: by default the setting ``joint``, ``link``, ``frame`` or ``at``, the first that is given."""
+        """What its label names: the first given of the settings ``joint``, ``link``, ``frame`` and ``at``."""
         named = (getattr(self, setting, None) for setting in ("joint", "link", "frame", "at"))
         return next((name for name in named if name), "")
 
     @property
     def depends_on(self) -> Dependence:
-        """The part of a posture that the source reads: its ``chain``, the ``configuration`` too, or the ``loads`` on it too.
+        """What the source reads of a posture: the ``chain``, also the ``configuration``, or also the ``loads``.
 
-        For ``chain``, the terms, loads and gravity of the source are the same to the last digit at every posture, so they
-        are computed once. For ``configuration``, its terms are the same under all loads and on the deflected arm. ``loads``
-        is always safe.
+        For ``chain``, terms, loads and gravity are the same to the last digit at every posture and computed once. For
+        ``configuration``, terms are the same under all loads and on the deflected arm. ``loads`` is always safe.
         """
         return "loads"
 
     takes_many: ClassVar[bool] = False
-    """Whether :meth:`accepts_many` is true of every chain."""
+    """Whether :meth:`accepts_many` is true for every chain."""
 
     def accepts_many(self, chain: Chain) -> bool:
         """Return whether :meth:`terms` also takes a posture of P configurations of a chain, which makes maps faster.
 
-        Its terms then have the same targets and factors at all of them; twists get a last dimension of P. Its loads and its
-        gravity do not depend on the configuration, and nothing of it on the approach. False is always safe.
+        Targets and factors are then the same at all of them, and twists get a last dimension of P. Loads and gravity do
+        not depend on the configuration, and nothing depends on the approach. False is always safe.
         """
         return self.takes_many or self.depends_on == "chain"
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether its terms are the same at every posture of a chain, to rounding.
 
-        Those of a source that reads the configuration may be, for example along a direction fixed in their own link.
+        True also for some sources that read the configuration, such as along a direction fixed in their own link.
         """
         return self.depends_on == "chain"
 
@@ -236,10 +224,7 @@ class Source(ABC):
         return iter(())
 
     def gravity(self, posture: Posture, space: LabelledSpace) -> Iterator[tuple[Array, Factors]]:
-        """Yield contributions to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
-
-        None by default.
-        """
+        """Yield additions to gravity: vectors ``(3,)``, base axes, m/s², with their factors; none by default."""
         return iter(())
 
     def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
@@ -247,34 +232,30 @@ class Source(ABC):
         return iter(())
 
     def after(self, seconds: float, space: LabelledSpace) -> Source:
-        """Return the source as it is so long after a start from cold, with the same draws; itself if time changes nothing."""
+        """Return the source ``seconds`` after a cold start, with the same draws; itself if time changes nothing."""
         return self
 
     is_put_down: ClassVar[bool] = False
-    """Whether it is a load that the arm can carry or not, such as a payload."""
+    """Whether it is a load that the arm can put down, such as a payload."""
 
     deviations: ClassVar[tuple[str, ...]] = ()
-    """Settings that are deviations from nominal, so that a plain number other than zero is a constant error."""
+    """Settings that are deviations from nominal: a plain number other than zero is a constant error."""
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return the draws that the source defines itself, besides the laws in its settings, with their quantities.
-
-        None by default.
-        """
+        """Return the draws, with quantities, that the source defines besides the laws in its settings."""
         return ()
 
     @classmethod
     def kind(cls) -> str:
-        """Return the kind's name in a sheet: the class name in lower case with underscores."""
+        """Return the kind's name in a sheet: the class name in snake case."""
         return _kind(cls.__name__)
 
     words: ClassVar[Mapping[str, str]] = {}
-    """Description of a setting or of an own draw, by its name; it may contain ``{subject}`` and other settings. Without
-    an entry the description consists of kind, setting and subject."""
+    """Texts for settings and own draws, with ``{subject}`` or other settings; else kind, setting and subject."""
 
     @final
     def describe(self, setting: str) -> str:
-        """Return the description of a setting (``rz``, ``segments[0].wall``) or of an own draw, in words."""
+        """Return the description of a setting (``rz``, ``segments[0].wall``) or of an own draw."""
         first, *parts = re.sub(r"\[(\d+)\]", lambda index: f" {int(index[1]) + 1}", setting).split(".")
         name, _, number = first.partition(" ")
         if name in self.words and not parts:
@@ -295,13 +276,13 @@ class Source(ABC):
 
     @final
     def draws(self, label: str) -> tuple[Draw, ...]:
-        """Return every draw of the source besides the model's named ones: laws in its settings, and own draws."""
+        """Return every draw of the source that the model does not name: laws in its settings, and own draws."""
         held = [leaf.draw for leaf in _leaves(self, label)]
         return (*(draw for draw in held if draw is not None), *self.own_draws(label))
 
     @final
     def places(self, label: str) -> dict[str, str]:
-        """Return the setting or own draw of each random number that the source uses, by the number's name.
+        """Return, for each random number the source uses, its setting or own draw.
 
         Raises:
             InputError: The types of its settings cannot be found.
@@ -317,9 +298,9 @@ class Source(ABC):
 
     @final
     def numbers(self, label: str) -> dict[str, Quantity | PerJoint | None]:
-        """Return every random number that the source uses, by name, with its quantity, None if no setting gives one.
+        """Return every random number the source uses with its quantity, None if no setting gives one.
 
-        These are the numbers that its settings hold or name, parts of settings and formulas included, and its own draws.
+        These are its own draws and the numbers that its settings hold or name, also in parts of settings and formulas.
 
         Raises:
             InputError: The types of its settings cannot be found.
@@ -335,7 +316,7 @@ class Source(ABC):
 
 
 def _check_plain_settings(source: Source) -> None:
-    """Check that settings declared as numbers, text or lists are such; each kind then checks their values."""
+    """Check the types of settings declared as numbers, text or lists; each kind then checks the values."""
     for field in dataclasses.fields(source):  # type: ignore[arg-type]
         value, declared = getattr(source, field.name), str(field.type).removeprefix("Annotated[")
         if value is None and "| None" in declared:
@@ -352,7 +333,7 @@ def _check_plain_settings(source: Source) -> None:
 
 
 def _check_finite_settings(source: Source) -> None:
-    """Refuse infinity and not-a-number, which the own checks of a kind may have accepted."""
+    """Raise if a number is infinite or NaN, which a kind's own checks may have accepted."""
     for field in dataclasses.fields(source):  # type: ignore[arg-type]
         value = getattr(source, field.name)
         if isinstance(value, float) and str(field.type).removeprefix("Annotated[").startswith("float"):

@@ -1,4 +1,4 @@
-"""The term table, which every engine and analysis reads."""
+"""The term table, the input of every engine and analysis."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
 @final
 @dataclass(frozen=True, eq=False)
 class TermTable(Fixed):
-    """The table that every engine and analysis reads: displacements of targets as products of parameters.
+    """Displacements of targets as products of parameters.
 
-    A joint value is a target like any other: its pivot is the joint's frame after its motion, its twist is along the axis.
+    A joint value is a target like any other: its pivot is the joint's frame after its motion, its twist is along the
+    axis.
 
     Attributes:
         pose: Nominal tip in the base, ``(4, 4)``.
@@ -61,7 +62,7 @@ class TermTable(Fixed):
     @cached_property
     @returns_read_only
     def sensitivities(self) -> Array:
-        """Derivative of the tip's error with respect to each target's displacement, undisplaced chain, ``(K, 6, 6)``."""
+        """Derivative ``(K, 6, 6)`` of the tip's error by each target's displacement, for the undisplaced chain."""
         result = np.zeros((len(self.targets), 6, 6))
         for k, frame in enumerate(self.frames):
             rotation = frame[:3, :3]
@@ -83,7 +84,7 @@ class TermTable(Fixed):
         return result
 
     def product_slopes(self, mean: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        """Return the derivatives of the terms' products at ``(d,)`` values: terms, components, and the derivative of each."""
+        """Return the derivatives of the terms' products at ``(d,)`` values, as terms, components and derivatives."""
         gradient = self.program.gradient(mean)
         padded = np.append(self.program.evaluate(mean[:, None])[:, 0], 1.0)
         sizes = np.array([*map(len, gradient), 0], dtype=np.intp)
@@ -103,7 +104,7 @@ class TermTable(Fixed):
         return rows, columns, slopes[0]
 
     def displacement_slopes(self, mean: Array) -> tuple[SlopeColumns, ...]:
-        """Return the derivatives of each target's displacement with respect to the components, at ``(d,)`` values."""
+        """Return the derivatives of each target's displacement by the components, at ``(d,)`` values."""
         terms, component, slopes = self.product_slopes(mean)
         targets, component, slopes = _sum_entries(
             self.target[terms], component, self.twists[terms].T * slopes, mean.size
@@ -115,7 +116,7 @@ class TermTable(Fixed):
 @final
 @dataclass(frozen=True, eq=False)
 class SlopeColumns(Fixed):
-    """Derivatives ``(6, m)`` with respect to the components in columns ``(m,)``; all others are zero."""
+    """Derivatives ``(6, m)`` by the components in columns ``(m,)``; all others are zero."""
 
     columns: NDArray[np.intp]
     slopes: Array
@@ -124,7 +125,7 @@ class SlopeColumns(Fixed):
 def _sum_entries(
     rows: NDArray[np.intp], columns: NDArray[np.intp], values: Array, width: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Return the entries of a matrix sorted by row and column; values ``(n, E)`` of one place are added in their order."""
+    """Return a matrix's entries sorted by row and column; values ``(n, E)`` of one place are added in their order."""
     keys, number = np.unique(rows * width + columns, return_inverse=True)
     sums = np.array([np.bincount(number, weights=value, minlength=keys.size) for value in values])
     return keys // max(width, 1), keys % max(width, 1), sums
@@ -133,15 +134,13 @@ def _sum_entries(
 @final
 @dataclass(frozen=True, eq=False)
 class TableLayout(Fixed):
-    """The common part of tables that differ in twists and frames only: those of one model at different poses.
+    """What the tables of one model at different poses share: all but twists and frames.
 
-    All its tables share its arrays; the sampler recognises the layout by them.
+    The tables share its arrays, by which the sampler recognises the layout.
 
     Attributes:
-        terms: The terms of one such table.
         targets, program, target, factors: As in :class:`TermTable`.
-        links, places: The chain link that carries each target, and the target's pose in its axes, ``(K,)`` and ``(K, 4,
-            4)``.
+        links, places: ``(K,)`` chain link of each target, and ``(K, 4, 4)`` the target's pose in its axes.
         at_joints, joints: The terms on joint values, and their joints.
     """
 
@@ -255,10 +254,8 @@ _Order = tuple[int, int, int, str]
 
 
 def _chain_order(target: Target) -> _Order:
-    """Return the sort key of a target along the chain: a joint before all places of the link it moves.
-
-    Places of different sources may have the same rank; their names then order them.
-    """
+    """Return the sort key of a target along the chain: a joint before all places of the link it moves."""
+    # places of different sources may have the same rank, so their names break ties
     if isinstance(target, JointValue):
         return (target.joint + 1, -1, 0, "")
     return (target.link, *target.order, target.name)
@@ -270,5 +267,4 @@ def is_alike(one: Term, other: Term) -> bool:
 
 
 def _is_same(one: Target, other: Target) -> bool:
-    """Return whether two targets are the same, the frames of places included."""
     return one is other or (one.is_same(other) if isinstance(one, Place) else one == other)

@@ -24,13 +24,13 @@ from precision_pin.robot.loads import Factors
 from precision_pin.robot.places import Place
 
 MOST_FACTORS = 3
-"""Largest number of parameters in one term."""
+"""Most parameters in one term."""
 
 
 @final
 @dataclass(frozen=True)
 class JointValue:
-    """The value of a joint (0-based on the chain) as a target: Δθ in rad or Δd in m."""
+    """A joint value as a target: Δθ in rad or Δd in m of a joint (0-based on the chain)."""
 
     joint: int
 
@@ -45,8 +45,8 @@ class Term:
 
     Attributes:
         target: A joint value or a place.
-        twist: ``(1[, P])`` for a joint value (rad or m), ``(6[, P])`` ``[d; δ]`` in a place's axes; P values for a
-            posture of P configurations.
+        twist: ``(1[, P])`` for a joint value (rad or m), ``(6[, P])`` ``[d; δ]`` in a place's axes; P for a posture of
+            P configurations.
         factors: At most three parameters.
         loaded: True if a load causes it, so that it depends on where the loads act.
 
@@ -79,8 +79,8 @@ class Term:
     def of(cls, target: Target, twist: ArrayLike, *values: Value, loaded: bool = False) -> Term:
         """Return the term with numbers multiplied into the twist and expressions kept as factors.
 
-        Of more than three factors, the first ones become one formula, their product. For a joint value the twist is a
-        number, or P of them for a posture of P configurations.
+        If there are more than three factors, the first ones become one formula, their product. A joint value takes a
+        number as twist, or P numbers for a posture of P configurations.
         """
         scaled = np.atleast_1d(check_numbers("the twist of a term", twist))
         if isinstance(target, JointValue) and scaled.shape[0] > 1 == scaled.ndim:
@@ -98,12 +98,7 @@ class Term:
 
 @final
 class TermsOfPose(Sequence[Term]):
-    """The terms of one of P postures whose terms were made together; each is made when it is read.
-
-    Args:
-        terms: Terms whose twists have P columns, or none if they are the same at every posture.
-        pose: Number of the posture.
-    """
+    """The terms of posture ``pose`` of P, made when read from common terms with P twists, or one for all."""
 
     def __init__(self, terms: Sequence[Term], pose: int) -> None:
         self._terms, self._pose = terms, pose
@@ -123,19 +118,17 @@ class TermsOfPose(Sequence[Term]):
 
 
 def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:
-    """Return the sum of values × product of their factors with every component at its mean; zero for no values.
+    """Return the sum of values × product of their factors with every component at its mean, in the shape of the values.
+
+    This is the mean if the factors are independent and contain no formulas; zero for no values.
 
     Args:
-        values: Numbers, all of one shape, by the parameters that multiply them: a wrench of
-            :meth:`~precision_pin.robot.chain.Posture.wrench_on`, a torque of
+        values: Numbers, all of one shape, by the parameters that multiply them: from
+            :meth:`~precision_pin.robot.chain.Posture.wrench_on` or
             :meth:`~precision_pin.robot.chain.Posture.torque_on`.
-        space: All draws.
 
     Raises:
         InputError: A formula has no value at the means.
-
-    Returns:
-        In the shape of the values. It is also the mean of a product whose factors are independent and no formulas.
     """
     mean = space.mean[:, None]
     total: Array = np.zeros(())

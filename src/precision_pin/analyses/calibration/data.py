@@ -3,13 +3,13 @@
     joint1 [deg], joint2 [deg], x [mm], y [mm], z [mm], std [mm], group
     10, -35, 812.31, 143.02, 455.80, 0.02, 1
 
-A column for each joint and each number of a reading, with its unit in brackets: ``x y z`` of a position; ``rx ry rz`` too of
-a pose, the rotation vector of the measured attitude; ``distance`` of a distance. ``std`` is the standard deviation of the
-row's lengths, ``group`` a whole number for rows that are left out together. At contact nothing need be read: ``height`` over a
-plane, and ``x y z`` from the socket, are zero if left out. ``x1 y1 z1 x2 …`` are several targets on the tool. Times are
-ignored; a cell that is empty, nan or NA is a missing reading.
+There is a column for each joint and each number of a reading, with its unit in brackets: ``x y z`` of a position; also
+``rx ry rz`` of a pose, the rotation vector of the measured attitude; ``distance`` of a distance. ``std`` is the
+standard deviation of the row's lengths, ``group`` a whole number for rows that are left out together. At contact no
+reading is needed: ``height`` over a plane, and ``x y z`` from the socket, default to zero. ``x1 y1 z1 x2 …`` are
+several targets on the tool. Times are ignored; a cell that is empty, nan or NA is a missing reading.
 
-A quick fit of the nominal arm gives zeros and directions of joints for what no tolerance can explain.
+A quick fit of the nominal arm finds joint zeros and directions that no tolerance can explain.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ COLUMNS: Final = {
     "plane": ("height",),
     "socket": ("x", "y", "z"),
 }
-"""Names of the numbers of a reading, by kind: lengths, those with an r angles."""
+"""Names of the numbers of a reading, by kind: lengths, or angles if they start with r."""
 _CONTACT: Final = ("plane", "socket")
-"""Kinds whose readings are zero if left out."""
+"""Kinds whose readings default to zero."""
 _LARGEST_TURN: Final = 4 * np.pi
 _FAR: Final = 10.0
-"""Joint values this many times beyond their limits, in units of the range, are taken for a wrong unit."""
+"""Ratio of joint values to their limits, in units of the range, above which their unit counts as wrong."""
 
 
 _TIMES: Final = ("t", "time", "timestamp", "stamp")
-"""Columns, in any case of letters, that are ignored."""
+"""Ignored columns, in any letter case."""
 _FEW: Final = 8
-"""Rows from which distances between targets are judged."""
+"""Rows from which distances between targets are checked."""
 _RIGID: Final = 0.01
-"""Spread of the distance between two targets, in standard deviations of the instrument, that its own errors would exceed."""
+"""Spread of the distance between targets, in deviations of the instrument, that its own errors would exceed."""
 
 
 @final
@@ -69,13 +69,13 @@ class CalibrationData(Record):
     Attributes:
         q: Joint values in chain order, rad and m, ``(n, P)``.
         readings: ``(P, m)``, m and rad: a position, a position and rotation vector, a distance, a height or an offset
-            from a socket; NaN beyond the numbers of a reading that has fewer than others.
-        std, group: Standard deviation of each reading's lengths, m, and number of its group, ``(P,)``; empty for the
-            instrument's, for none.
-        file, lines: Where the data were read, and the rows of the file or of the arrays, from 1, ``(P,)``.
+            from a socket; NaN beyond the numbers of a shorter reading.
+        std, group: Standard deviation of each reading's lengths, m, and its group number, ``(P,)``; empty for the
+            instrument's, and for none.
+        file, lines: Source of the data, and the rows of the file or arrays, from 1, ``(P,)``.
         measurements, files: The measurements, one for each target in each file, and the file of each.
-        part, visit: The number of each reading's measurement, ``(P,)``; readings of one visit were taken together,
-            ``(P,)``.
+        part, visit: Number of each reading's measurement, ``(P,)``, and of its visit: readings of one were taken
+            together.
         findings: What was left out.
     """
 
@@ -101,7 +101,7 @@ class CalibrationData(Record):
         return len(self.readings)
 
     def label(self, reading: int) -> str:
-        """Return a reading in words: its row, and its target and file where there are several."""
+        """Return a reading in words: its row, and its target and file if there are several."""
         part = int(self.part[reading])
         names = {one.target_name for one in self.measurements}
         target = f", target {self.measurements[part].target_name}" if len(names) > 1 else ""
@@ -109,10 +109,7 @@ class CalibrationData(Record):
 
 
 def read_data(model: ErrorModel, data: object, measurements: tuple[Measurement, ...]) -> CalibrationData:
-    """Return data given as :class:`CalibrationData`, or as paths of CSV files or pairs of poses and readings.
-
-    There is one for each measurement, or one file for all.
-    """
+    """Return data given as such, or as CSV paths or pairs of poses and readings: one a measurement, or one file."""
     if isinstance(data, CalibrationData):
         return data if data.measurements else replace(data, measurements=measurements, files=(data.file,))
     given: list[Any] = [data]
@@ -135,14 +132,13 @@ def read_data(model: ErrorModel, data: object, measurements: tuple[Measurement, 
 
 
 def _together(parts: Sequence[CalibrationData]) -> CalibrationData:
-    """Return several data as one."""
     width = max(part.readings.shape[1] for part in parts)
     std, group = np.zeros(0), np.zeros(0)
     if any(part.std.size for part in parts):
         usual = [np.array([one.std for one in part.measurements])[part.part] for part in parts]
         std = np.concatenate([part.std if part.std.size else own for part, own in zip(parts, usual, strict=True)])
     if any(part.group.size for part in parts):
-        # a reading without a group is one of its own
+        # a reading without a group forms its own
         free = 1 + max(part.group.max() for part in parts if part.group.size)
         group = np.concatenate([part.group if part.group.size else free + part.visit for part in parts])
         starts = np.cumsum([0, *map(len, parts)])
@@ -207,7 +203,6 @@ def _of_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Measur
 
 
 def _missing(what: str, is_missing: NDArray[np.bool_], lines: Sequence[int], path: str) -> list[Finding]:
-    """Return a warning about readings that are missing, if any."""
     where = np.flatnonzero(is_missing)
     if not where.size:
         return []
@@ -216,7 +211,7 @@ def _missing(what: str, is_missing: NDArray[np.bool_], lines: Sequence[int], pat
 
 
 def _without_copies(rows: Sequence[object], lines: Sequence[int], path: str) -> tuple[list[int], list[Finding]]:
-    """Return the rows that repeat none before them, and a warning if others do."""
+    """Return the rows that repeat no earlier one, and a warning if others do."""
     first: dict[object, int] = {}
     copies = []
     for k, row in enumerate(rows):
@@ -296,7 +291,7 @@ def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]
 
 
 _Target = tuple[Measurement, tuple[str, ...]]
-"""A measurement of one target, and its columns; none at contact."""
+"""A measurement of one target, and its columns, if any."""
 
 
 def _targets(
@@ -336,7 +331,7 @@ def _targets(
 
 
 def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[_Target], path: str) -> None:
-    """Refuse columns that are missing, that nothing explains, or that have no unit."""
+    """Raise for columns that are missing, unknown, or without a unit."""
     read = tuple(dict.fromkeys(name for _, columns in targets for name in columns))
     known = (*chain.joint_names, *read, "std", "group")
     for name in table.names:
@@ -369,7 +364,6 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
 
 
 def _values(table: csv_columns.Measured, columns: Sequence[str], measurement: Measurement) -> Array:
-    """Return the readings of one target, ``(R, m)``."""
     if not columns:
         return np.zeros((len(table.rows), measurement.size))
     return np.array([table.column(name, units.ANGLE if name.startswith("r") else units.LENGTH) for name in columns]).T
@@ -441,7 +435,7 @@ def poses_csv(chain: Chain, q: Array) -> str:
 
 
 def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float, comments: Sequence[str]) -> str:
-    """Return readings ``(P, m)`` (m, rad; ``std`` in m) of one robot as ``calibrate`` reads them, below lines of comment."""
+    """Return readings ``(P, m)`` (m, rad; ``std`` in m) of one robot as ``calibrate`` reads them, below comments."""
     headings, columns = _joints(chain, q)
     more, values = _readings(COLUMNS[kind], readings)
     stds = [_short(1e3 * std)] * len(readings)
@@ -451,7 +445,8 @@ def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float,
 def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, comments: Sequence[str]) -> str:
     """Return measured cycles as ``iso9283 --measured`` reads them.
 
-    The readings ``(P·n, m)``, m and rad, of kind ``"position"`` or ``"pose"``, are those of all cycles at one pose after another.
+    The readings ``(P·n, m)``, m and rad, of kind ``"position"`` or ``"pose"``, are all cycles of one pose after
+    another.
     """
     more, values = _readings(COLUMNS[kind], readings)
     visits = [(name, str(cycle)) for name in names for cycle in range(1, cycles + 1)]
@@ -460,9 +455,8 @@ def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, co
 
 
 def _joints(chain: Chain, q: Array) -> tuple[list[str], list[list[str]]]:
-    """Return headings with units, and the columns of the joints in full."""
     columns = joint_columns(chain.joint_names, chain.prismatic)
-    # 1e-12 degrees: what is left of a conversion from degrees and back
+    # 1e-12 degrees: the rounding of a conversion from degrees and back
     values = [(row / one.factor).tolist() for one, row in zip(columns, q, strict=True)]
     return [one.heading for one in columns], [[repr(round(value, 12)) for value in row] for row in values]
 
@@ -485,31 +479,28 @@ def check_data(model: ErrorModel, data: CalibrationData) -> Iterator[Finding]:
 
 
 _BAD: Final = 0.01
-"""Residual, as a share of the arm's length, that joint zeros leave where a direction may be wrong."""
+"""Residual, as a fraction of the arm's length, above which a joint direction may be wrong after fitting zeros."""
 _DEVIATIONS: Final = 10.0
-"""The least such residual, in standard deviations of the instrument."""
+"""Least such residual, in standard deviations of the instrument."""
 _BETTER: Final = 3.0
-"""By how much a reversed direction must lessen the residual."""
+"""Factor by which a reversed direction must reduce the residual."""
 _CLEARLY: Final = 1.5
-"""The same for joints whose direction hardly shows, where that of the others is found."""
+"""The same for joints whose direction hardly shows, once that of the others is found."""
 _MOST_TRIED: Final = 64
-"""Combinations of reversed joints that are tried."""
+"""Combinations of reversed joints to try."""
 _HOLD: Final = 1e-4
-"""Weight of a zero, m/rad, that keeps one that no reading sees where it is."""
+"""Weight of a zero, m/rad, that holds one that no reading sees."""
 
 
 class Zeros(NamedTuple):
-    """Zeros of the joints ``(n,)``, rad or m, beside the nominal ones, and the root mean square (m) of what they leave."""
+    """Offsets of the joint zeros from nominal ``(n,)``, rad or m, and the root mean square (m) of the residual."""
 
     values: Array
     rms: float
 
 
 def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, signs: Array) -> Zeros:
-    """Return the zeros, and with them base, target or anchor where unknown, that fit positions or distances best.
-
-    ``signs`` ``(n,)`` of 1 and -1 multiply the joint values as they were read.
-    """
+    """Return the best zeros, fitted with unknown base, target or anchor; ``signs`` multiply the joint values."""
     q, count = signs[:, None] * data.q, len(chain.joints)
     is_free, is_distance = measurement.base == "free", measurement.kind == "distance"
     readings = data.readings[:, :3]
@@ -538,17 +529,15 @@ def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, sig
 
 
 def _aligned(points: Array, readings: Array) -> Array:
-    """Return points ``(P, 3)`` turned and shifted onto readings best."""
+    """Return points ``(P, 3)`` turned and shifted to fit readings best."""
     centre, other = points.mean(axis=0), readings.mean(axis=0)
     rotation = se3.nearest_rotation((readings - other).T @ (points - centre))
     return np.asarray((points - centre) @ rotation.T + other)
 
 
 def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measurement) -> Zeros | None:
-    """Refuse readings that fit far better with the direction of some joints reversed; return the zeros that fit them best.
-
-    None where the kind of reading is not one of those that say so: a contact depends on where the arm is thought to be.
-    """
+    """Raise if readings fit far better with some joints reversed; return the zeros that fit best."""
+    # none for contact, whose readings depend on where the arm is believed to be
     if measurement.kind in ("plane", "socket"):
         return None
     count = len(chain.joints)
@@ -574,7 +563,7 @@ def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measuremen
 def _refined(
     chain: Chain, data: CalibrationData, measurement: Measurement, signs: Array, rms: float
 ) -> tuple[Array, float]:
-    """Return signs with those joints turned around, one after another, that matter less and still fit clearly better."""
+    """Return signs after reversing in turn less important joints that still fit clearly better."""
     while True:
         others = [signs * np.where(np.arange(signs.size) == k, -1.0, 1.0) for k in range(signs.size)]
         sizes = [fit_zeros(chain, data, measurement, other).rms for other in others]
@@ -585,7 +574,7 @@ def _refined(
 
 
 def _reversals(count: int) -> Iterator[Array]:
-    """Yield signs of the joints ``(n,)`` with some reversed, the fewest first, as many as are tried."""
+    """Yield signs of the joints ``(n,)`` with some reversed, the fewest first, up to the limit."""
     chosen = (one for number in range(1, count + 1) for one in combinations(range(count), number))
     for one in islice(chosen, _MOST_TRIED):
         signs = np.ones(count)
@@ -594,7 +583,7 @@ def _reversals(count: int) -> Iterator[Array]:
 
 
 def describe_zeros(chain: Chain, zeros: Zeros) -> str:
-    """Return zeros in words, those that matter first."""
+    """Return zeros in words, the largest first."""
     order = np.argsort(-np.abs(zeros.values), kind="stable")[:3]
     words = [
         f"{chain.joint_names[k]} {1e3 * zeros.values[k]:+.3g} mm"

@@ -1,19 +1,18 @@
-"""Stacked derivatives of measurements with respect to the unit-scope numbers of a model: the normal equations.
+"""Normal equations of measurements: stacked derivatives by the unit-scope numbers of a model.
 
-Numbers that are drawn once for each robot are ``x = μ + L z`` with z of unit covariance, so that the prior information on z
-is the identity. Readings are divided by the root of their noise
+Numbers drawn once for each robot are ``x = μ + L z`` with z of unit covariance, so that the prior information on z is
+the identity. Readings are divided by the root of their noise
 
     R = diag(σ²) + H_e (K_v Σ_v K_vᵀ) H_eᵀ  of each visit, + H_e (K_p Σ_p K_pᵀ) H_eᵀ  common to the visits of one pose,
 
-where K are the slopes of the tip's error with respect to visit- and pose-scope numbers. What the nuisances could explain is
-projected out; what is left is the information on z.
+where K are the slopes of the tip's error by visit- and pose-scope numbers. What the nuisances could explain is
+projected out; the rest is the information on z.
 
-Which combinations of a model's numbers measurements can tell apart: ranks and subspaces.
-
-The readings' derivatives with respect to the numbers, each in units of its prior standard deviation, have a null space: the
-combinations that no reading sees. A basis of it is arbitrary; its projector P is not. A number k with ``P_kk`` = 0 is
-determined by itself, one with ``P_kk`` = 1 is not seen at all. All others fall into groups between which P has no entries:
-of n numbers in a group, some combinations are determined and the rest are not.
+Also, which combinations of a model's numbers measurements can tell apart. The readings' derivatives by the numbers,
+each in prior standard deviations, have a null space: the combinations that no reading sees. A basis of it is arbitrary;
+its projector P is not. A number k with ``P_kk`` = 0 is determined by itself, one with ``P_kk`` = 1 is not seen at all.
+All others fall into groups between which P has no entries: of n numbers in a group, some combinations are determined
+and the rest are not.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ NEGLIGIBLE: Final = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class UnitNumbers:
-    """Numbers drawn once for each robot that vary: U columns of the model's space, prior means and deviations ``(U,)``, and L.
+    """Varying numbers drawn once for each robot: U columns of the space, prior means and deviations ``(U,)``, and L.
 
     ``root`` is L, ``(U, r)``: ``x = mean + L z``.
     """
@@ -78,7 +77,7 @@ class UnitNumbers:
 
     @classmethod
     def of(cls, space: Space) -> UnitNumbers:
-        """Return the numbers of a space; refuse one where nothing varies from robot to robot."""
+        """Return the numbers of a space; raise if nothing varies from robot to robot."""
         columns = _columns(space, Scope.UNIT)
         std = np.sqrt(space.block_covariance.variances[columns])
         columns, std = columns[std > 0], std[std > 0]
@@ -125,12 +124,12 @@ def _scope_covariance(at: PoseModel, scope: Scope) -> Array:
 
 
 def repeat_covariance(at: PoseModel) -> Array:
-    """Return the covariance ``(6, 6)`` of the tip's error that pose- and visit-scope numbers cause: no fit removes it."""
+    """Return the covariance ``(6, 6)`` of the tip's error by pose- and visit-scope numbers, which no fit removes."""
     return sum((_scope_covariance(at, scope) for scope in (Scope.POSE, Scope.VISIT)), np.zeros((6, 6)))
 
 
 class Station(NamedTuple):
-    """A pose at which readings are taken: the model there, and the indices of its readings."""
+    """A pose where readings are taken: the model there, and the indices of its readings."""
 
     at: PoseModel
     rows: tuple[int, ...]
@@ -138,15 +137,15 @@ class Station(NamedTuple):
     def noise(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
         """Return the covariance of the numbers read here, ``(M, M)``.
 
-        ``by_error`` ``(M, 6)`` are their derivatives by the tip's error, ``variances`` ``(M,)`` those of the instrument, and
-        numbers of one visit ``(M,)`` were read together.
+        ``by_error`` ``(M, 6)`` are their derivatives by the tip's error, ``variances`` ``(M,)`` the instrument's;
+        numbers of one of ``visits`` ``(M,)`` were read together.
         """
         each = by_error @ _scope_covariance(self.at, Scope.VISIT) @ by_error.T
         common = by_error @ _scope_covariance(self.at, Scope.POSE) @ by_error.T
         return np.asarray(np.diag(variances) + each * (visits[:, None] == visits) + common)
 
     def noise_root(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
-        """Return the lower triangular root of :meth:`noise`; refuse an instrument that is lost in rounding beside it."""
+        """Return the lower triangular root of :meth:`noise`; raise if the instrument's part is lost in rounding."""
         noise = self.noise(by_error, variances, visits)
         try:
             return np.asarray(np.linalg.cholesky(noise), dtype=float)
@@ -172,7 +171,7 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
 
 
 def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_data: bool = False) -> Measurement:
-    """Return the measurement given, or that of the model's sheet; refuse an unknown std without readings that tell it."""
+    """Return the measurement given, or the sheet's; raise for an unknown std without readings to estimate it."""
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if measurement is None:
         found = None if model.sheet is None else model.sheet.measurement
@@ -192,7 +191,7 @@ def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_da
 def measurements_of(
     model: ErrorModel, given: Measurement | Sequence[Measurement] | None, *, has_data: bool = False
 ) -> tuple[Measurement, ...]:
-    """Return the measurement or measurements given, or those of the model's sheet, as :func:`measurement_of` does."""
+    """Return the measurement or measurements given, or the sheet's, as :func:`measurement_of` does."""
     if isinstance(given, list | tuple) and given:
         return tuple(measurement_of(model, one, has_data=has_data) for one in given)
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
@@ -202,13 +201,13 @@ def measurements_of(
 
 
 def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
-    """Return the model as it is measured: its errors are those of the tip, from where a target is given, under its load then."""
+    """Return the model as measured: errors are those of the tip, to which targets are relative, under its load then."""
     chain = model.chain.with_target((0.0, 0.0, 0.0)) if model.chain.target.any() else model.chain
     if measurement.load is None:
         return model if chain is model.chain else model.like(chain, model.space)
     kept = [k for k, source in enumerate(model.sources) if not source.is_put_down]
     own = tuple(f"load[{k + 1}]" for k in range(len(measurement.load)))
-    # the numbers of the payloads that are not carried stay in the space and change nothing
+    # the numbers of absent payloads stay in the space and change nothing
     other = model.like(chain, model.space)
     other.sources = (*(model.sources[k] for k in kept), *measurement.load)
     other.labels = (*(model.labels[k] for k in kept), *own)
@@ -218,7 +217,7 @@ def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
 def stations_of(
     model: ErrorModel, values: Array, measurement: Measurement, approaches: NDArray[np.int8] | None = None
 ) -> tuple[Station, ...]:
-    """Return a station for each different pose of ``(n, P)``, in their order, with the columns that hold it."""
+    """Return a station for each distinct pose of ``(n, P)``, in order, with the columns that hold it."""
     known = np.zeros(values.shape, dtype=np.int8) if approaches is None else approaches
     rows: dict[bytes, list[int]] = {}
     for k in range(values.shape[1]):
@@ -234,7 +233,7 @@ def stack_at_means(
 ) -> tuple[Array, Array]:
     """Return the whitened derivatives of all readings at the means: by z ``(P, m, r)`` and by nuisances ``(P, m, k)``.
 
-    ``deviations`` ``(P, m)`` are standard deviations of the readings, the instrument's if left out.
+    ``deviations`` ``(P, m)`` are standard deviations of the readings, by default the instrument's.
     """
     count = sum(len(station.rows) for station in stations)
     by_z = np.zeros((count, measurement.size, unit.root.shape[1]))
@@ -254,19 +253,19 @@ def stack_at_means(
 
 
 def project_out(by_z: Array, by_nuisance: Array) -> tuple[Array, int]:
-    """Return derivatives ``(M, r)`` without what nuisances ``(M, k)`` could explain, and the number of nuisances determined."""
+    """Return derivatives ``(M, r)`` less what nuisances ``(M, k)`` explain, and how many of these are determined."""
     if not by_nuisance.shape[1]:
         return by_z, 0
     basis, values, _ = np.linalg.svd(by_nuisance / _lengths(by_nuisance), full_matrices=False)
     rank = int((values > NEGLIGIBLE * values[0]).sum())
     basis = basis[:, :rank]
-    # twice, so that rounding of the first projection goes as well
+    # twice, to remove the rounding of the first projection too
     left = by_z - basis @ (basis.T @ by_z)
     return left - basis @ (basis.T @ left), rank
 
 
 def _lengths(columns: Array) -> Array:
-    """Return the lengths of columns; 1 of a column of zeros."""
+    """Return the lengths of columns; 1 for a zero column."""
     lengths = np.linalg.norm(columns, axis=0)
     return np.where(lengths > 0, lengths, 1.0)
 
@@ -277,11 +276,11 @@ def flat(stack: Array) -> Array:
 
 
 WEAKEST: Final = 1.0
-"""Without a prior, a combination is estimated if the readings alone determine it better than its tolerance, by this factor."""
+"""Factor by which readings must beat a combination's tolerance for it to be estimated without a prior."""
 
 
 def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
-    """Return the covariance of z after measurements, ``(r, r)``: ``(I + Hᵀ(1 - P)H)⁻¹`` with P that of the nuisances."""
+    """Return z's covariance after measurements, ``(r, r)``: ``(I + Hᵀ(1 - P)H)⁻¹``, P the nuisances' projector."""
     left, _ = project_out(by_z, by_nuisance)
     values, vectors = np.linalg.eigh(left.T @ left)
     return np.asarray((vectors / (1 + np.maximum(values, 0.0))) @ vectors.T)
@@ -293,8 +292,7 @@ class Estimator:
     """The linear estimate of z and the nuisances from whitened readings with derivatives ``(M, r)`` and ``(M, k)``.
 
     Attributes:
-        projected, nuisance_rank: ``by_z`` without what nuisances could explain, and how many combinations of nuisances
-            are determined.
+        projected, nuisance_rank: ``by_z`` less what nuisances could explain, and how many nuisances are determined.
         covariance, kept: Of z after the measurements, ``(r, r)``, and a basis of the combinations estimated, ``(r,
             kept)``; all with a prior.
     """
@@ -309,7 +307,7 @@ class Estimator:
 
     @classmethod
     def of(cls, by_z: Array, by_nuisance: Array, *, has_prior: bool, kept: Array | None = None) -> Estimator:
-        """Return the estimator of whitened derivatives; without a prior of the combinations kept, or of those determined."""
+        """Return the estimator of whitened derivatives; without a prior, of combinations kept or determined."""
         projected, rank = project_out(by_z, by_nuisance)
         if has_prior:
             whole = np.eye(by_z.shape[1])
@@ -324,7 +322,7 @@ class Estimator:
         return cls(by_z, by_nuisance, projected, rank, covariance, kept, has_prior)
 
     def estimate(self, readings: Array, low: Array | None = None, high: Array | None = None) -> Array:
-        """Return z ``(r,)`` for whitened readings ``(M,)``, within bounds ``(r,)`` if they are given."""
+        """Return z ``(r,)`` for whitened readings ``(M,)``, within bounds ``(r,)`` if given."""
         if not self.has_prior:
             return np.asarray(self.covariance @ (self.kept @ (self.kept.T @ (self.projected.T @ readings))))
         free: Array = self.covariance @ (self.projected.T @ readings)
@@ -336,14 +334,14 @@ class Estimator:
         return np.asarray(scipy.optimize.lsq_linear(rows, target, (low, high), method="bvls", tol=1e-14).x)
 
     def nuisances(self, readings: Array) -> Array:
-        """Return the nuisances ``(k,)`` that explain whitened readings less what z explains, ``(M,)``, with least norm."""
+        """Return the least-norm nuisances ``(k,)`` that explain whitened readings ``(M,)`` less what z explains."""
         if not self.by_nuisance.shape[1]:
             return np.zeros(0)
         scale = _lengths(self.by_nuisance)
         return np.asarray(np.linalg.lstsq(self.by_nuisance / scale, readings, rcond=1e-9)[0] / scale)
 
     def leverage_root(self) -> Array:
-        """Return Q ``(M, k + r)``: the estimate follows the share Q Qᵀ of whitened readings, fitted = Q Qᵀ readings."""
+        """Return Q ``(M, k + r)``, with fitted = Q Qᵀ readings, both whitened."""
         basis = np.zeros((len(self.by_z), 0))
         if self.by_nuisance.shape[1]:
             vectors, _, _ = np.linalg.svd(self.by_nuisance / _lengths(self.by_nuisance), full_matrices=False)
@@ -353,13 +351,13 @@ class Estimator:
         return np.hstack([basis, self.projected @ root])
 
     def hold(self) -> Array:
-        """Return what the estimate leaves of whitened readings, ``(M, M)``: residuals = hold readings."""
+        """Return the residual matrix of whitened readings, ``(M, M)``: residuals = hold readings."""
         root = self.leverage_root()
         return np.asarray(np.eye(len(root)) - root @ root.T)
 
     @cached_property
     def joint_covariance(self) -> Array:
-        """Covariance of z and the nuisances together, ``(r + k, r + k)``; of nuisances that are determined."""
+        """Covariance of z and the nuisances together, ``(r + k, r + k)``, as far as nuisances are determined."""
         inverse = np.linalg.pinv(self.by_nuisance, rcond=1e-12) if self.by_nuisance.size else self.by_nuisance.T
         through = inverse @ self.by_z
         cross = -self.covariance @ through.T
@@ -367,7 +365,7 @@ class Estimator:
         return np.block([[self.covariance, cross], [cross.T, own]])
 
     def nuisance_covariance(self) -> Array:
-        """Return the covariance of the nuisances, ``(k, k)``, of those combinations that are determined."""
+        """Return the covariance of the nuisances, ``(k, k)``, as far as determined."""
         size = self.by_z.shape[1]
         return self.joint_covariance[size:, size:]
 
@@ -392,7 +390,7 @@ _MOST_NAMED: Final = 4
 @final
 @dataclass(frozen=True)
 class Combination(Record):
-    """A weighted sum of numbers, each in units of its prior standard deviation; the squared weights sum up to 1."""
+    """A weighted sum of numbers in prior standard deviations; the squared weights add up to 1."""
 
     KEYS: ClassVar[Keys] = ("*weight_by_name",)
 
@@ -411,7 +409,7 @@ class Combination(Record):
 @final
 @dataclass(frozen=True)
 class Group(Record):
-    """Numbers of which only some combinations are determined, and the combination that no reading sees, if there is only one."""
+    """Numbers with only some combinations determined, and the unseen combination if there is only one."""
 
     names: tuple[str, ...]
     determined: int
@@ -428,8 +426,8 @@ class Identifiability(Record):
     """What readings determine of a model's U numbers drawn once for each robot.
 
     Attributes:
-        rank, singular_values: How many independent combinations the readings determine, and the singular values of
-            their derivatives, in units of noise and of prior standard deviation, falling.
+        rank, singular_values: Number of independent combinations determined, and the singular values of the
+            derivatives, in units of noise and of prior standard deviation, falling.
         projector: Onto the combinations that no reading sees, ``(U, U)``, in units of prior standard deviation.
         nuisances, nuisance_rank: Unknown numbers of the set-up, and how many combinations of them are determined.
         observability: O1 to O5 of the determined combinations.
@@ -450,7 +448,7 @@ class Identifiability(Record):
 
     @property
     def parameters(self) -> int:
-        """How many numbers there are."""
+        """Number of numbers, U."""
         return len(self.names)
 
     @property
@@ -468,7 +466,7 @@ class Identifiability(Record):
 
     @property
     def combinations(self) -> tuple[Group, ...]:
-        """Groups of numbers of which only combinations are determined."""
+        """Groups of numbers with only combinations determined."""
         return subspaces(self.names, self.projector)
 
     @property
@@ -486,7 +484,7 @@ def identifiability(model: ErrorModel, poses: object, measurement: Measurement |
         model: The model; :func:`precision_pin.every_frame` returns one with all geometric errors.
         poses: A list of poses, an array ``(n, P)``, a mapping of joint values or a
             :class:`~precision_pin.robot.pose_set.PoseSet`.
-        measurement: Instrument and set-up; those of the sheet if left out.
+        measurement: Instrument and set-up; by default the sheet's.
 
     Raises:
         InputError: Nothing varies from robot to robot, or the poses are wrong.
@@ -499,7 +497,7 @@ def identifiability(model: ErrorModel, poses: object, measurement: Measurement |
 
 def determined_by(stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement) -> Identifiability:
     """Return what the readings at some stations determine, at the means."""
-    # a number that another one fixes is a combination too, so the columns are numbers and not independent ones
+    # a number fixed by another is a combination too, so the columns are the numbers, not independent ones
     plain = replace(unit, root=np.diag(unit.std))
     by_number, by_nuisance = stack_at_means(stations, plain, measurement)
     return of_stack(unit.names, flat(by_number), flat(by_nuisance), measurement.nuisances, len(by_number))
@@ -524,7 +522,7 @@ def of_stack(
 
 
 def refuse_where_nothing_is_seen(found: Identifiability) -> None:
-    """Refuse readings that determine no combination of the arm's numbers."""
+    """Raise if readings determine no combination of the arm's numbers."""
     if not found.rank:
         free = ", or with the base known" if any(name.startswith("base") for name in found.nuisances) else ""
         raise InputError(
@@ -553,7 +551,7 @@ def remarks_on(found: Identifiability) -> Iterator[Finding]:
 
 
 def rank_findings(found: Identifiability) -> Iterator[Finding]:
-    """Yield a warning where the readings do not determine every number, which a fit without a prior needs."""
+    """Yield a warning if the readings do not determine every number, as a fit without a prior needs."""
     if found.is_complete:
         return
     groups = [str(group) for group in found.combinations]
@@ -571,7 +569,7 @@ def rank_findings(found: Identifiability) -> Iterator[Finding]:
 
 
 def observability(singular_values: Array, poses: int) -> dict[str, float]:
-    """Return the observability indices O1 to O5 of singular values, in units of prior std and noise (Sun and Hollerbach 2008)."""
+    """Return the observability indices O1 to O5 (Sun, Hollerbach 2008) of singular values in prior std and noise."""
     s = np.sort(singular_values)[::-1]
     if not s.size or poses < 1:
         return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
@@ -585,7 +583,7 @@ def observability(singular_values: Array, poses: int) -> dict[str, float]:
 
 
 def subspaces(names: Sequence[str], projector: Array) -> tuple[Group, ...]:
-    """Return the groups of numbers of which only combinations are determined, from the projector on what is not seen."""
+    """Return the groups of numbers with only combinations determined, from the projector on what is not seen."""
     share = np.diag(projector)
     mixed = np.flatnonzero((share > _ENTRY) & (share < 1 - _ENTRY))
     if not mixed.size:

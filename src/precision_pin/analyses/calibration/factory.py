@@ -26,30 +26,31 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
 
 _SAME: Final = (1e-3, 1e-3)
-"""Distance (m) and angle (rad) of an axis from that of a model within which a robot is of this model."""
+"""Distance (m) and angle (rad) from a model's axes within which a robot is of this model."""
 _CALIBRATED: Final = (0.05, 0.05)
 """Those of a calibrated axis from its nominal one beyond which a file is not of this model."""
 _CHECKED: Final = 200
 """Random poses at which the arms are compared."""
 _CLEARLY: Final = 0.5
-"""Share of the distance from a model that another must be within to fit clearly better. Of 16 robots measured by their maker the
-right model had at most 4 mm rms, the others at least 21 mm."""
+"""Fraction of the distance from a model within which another fits clearly better.
+
+Of 16 robots measured by their maker the right model had at most 4 mm rms, the others at least 21 mm.
+"""
 _NOTED: Final = 1e-7
-"""Difference between the two ways to read a YAML's angles, m, that is worth a warning."""
+"""Difference, m, between the two ways to read a YAML's angles that triggers a warning."""
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FactoryCalibration(Outcome):
-    """A UR robot as its factory calibration has it.
+    """A UR robot as in its factory calibration.
 
     Attributes:
-        file, checksum: The file, and its ``hash``; empty for none.
-        kind: The model of UR that the robot is, such as ``"UR5e"``.
-        model: The built arm: displacements of fixed numbers at each joint and at the tip, beside the sources of the
-            given model.
-        displacements: These displacements, ``[d; δ]`` in the axes of each seat, m and rad, ``(7, 6)``; the last is that
-            of the tip.
+        file, checksum: The file, and its ``hash`` or an empty text.
+        kind: The model of UR, such as ``"UR5e"``.
+        model: The built arm: fixed displacements at each joint and at the tip, beside the sources of the given model.
+        displacements: These displacements, ``[d; δ]`` in the axes of each seat, m and rad, ``(7, 6)``; the last is the
+            tip's.
         rms_position, largest_position: Distance of the tip from the nominal robot over 200 random poses, m.
     """
 
@@ -69,7 +70,7 @@ class FactoryCalibration(Outcome):
 
     @property
     def by_place(self) -> dict[str, Array]:
-        """The displacement of each joint and of the tip, by name."""
+        """Displacement of each joint and of the tip, by name."""
         chain = self.model.chain
         return dict(zip((*chain.joint_names, chain.tip), self.displacements, strict=True))
 
@@ -79,7 +80,7 @@ class FactoryCalibration(Outcome):
         return se3.displaced(at.posture.pose, at.exact(self.model.space.mean[:, None])[:, 0])
 
     def to_urdf(self, path: str | os.PathLike[str]) -> None:
-        """Write the built arm as a URDF, without loads and what else the model has beside the factory calibration.
+        """Write the built arm as a URDF, with nothing of the model but the factory calibration.
 
         Raises:
             OutputError: The file cannot be written.
@@ -99,15 +100,15 @@ class FactoryCalibration(Outcome):
 
 
 def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> FactoryCalibration:
-    """Return a UR robot as its factory calibration has it.
+    """Return a UR robot as in its factory calibration.
 
     Args:
         file: ``calibration.conf`` of the controller (differences to Denavit-Hartenberg parameters), or the YAML of
-            ``ur_calibration`` that the ROS driver reads. The angles of the latter are taken as URDF readers take them.
+            ``ur_calibration`` that the ROS driver reads. Its angles are read as by URDF readers.
         robot: The nominal arm of six joints, a UR3 to UR30, with any frames, base and tip; or a model of it.
 
     Raises:
-        InputError: The file cannot be read or is of another robot, or the robot is no UR.
+        InputError: The file cannot be read or is of another robot, or the robot is not a UR.
     """
     name = check_path("the factory calibration", file)
     if not isinstance(robot, ErrorModel | Chain):
@@ -137,13 +138,12 @@ def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> F
 
 
 def _distances(found: UrKinematics, q: Array, *kinds: str) -> Array:
-    """Return the distances of the flange from that of some models at poses ``(P, 6)``, m, ``(kinds, P)``."""
+    """Return the distances of the flange from some models' at poses ``(P, 6)``, m, ``(kinds, P)``."""
     tip, *others = (one.pose(q)[:, :3, 3] for one in (found, *map(nominal_ur, kinds)))
     return np.asarray(np.linalg.norm(np.array(others) - tip, axis=2))
 
 
 def _refuse_other_model(file: str, kind: str, found: UrKinematics, q: Array) -> None:
-    """Refuse the arm of a file that fits another model clearly better."""
     sizes = np.sqrt((_distances(found, q, *MODELS) ** 2).mean(axis=1))
     rms = dict(zip(MODELS, sizes.tolist(), strict=True))
     best = min(rms, key=lambda one: rms[one])
@@ -156,7 +156,7 @@ def _refuse_other_model(file: str, kind: str, found: UrKinematics, q: Array) -> 
 
 
 def _remarks(file: str, kind: str, found: UrKinematics, q: Array) -> tuple[Finding, ...]:
-    """Return warnings of a forearm that was turned back, or of angles that the two ways to read a YAML take otherwise."""
+    """Return warnings of a forearm turned back, or of angles that differ between the two ways to read a YAML."""
     if found.was_folded:
         message = (
             "the forearm points back at zero, as ur_calibration before June 2024 writes some robots; read as the robot that the "
@@ -199,7 +199,7 @@ def _model_of(chain: Chain) -> tuple[str, Array]:
 
 
 def _fitted(points: Array, directions: Array, places: Array, axes: Array) -> tuple[Array, float, float]:
-    """Return the pose that moves lines onto others, and the largest distance and angle left between them; ``(n, 3)`` each."""
+    """Return the pose that moves lines onto others, and the largest remaining distance and angle; ``(n, 3)`` each."""
     rotation = se3.nearest_rotation(axes.T @ directions)
     across = np.eye(3) - np.einsum("ki,kj->kij", axes, axes)
     wanted = np.einsum("kij,kj->i", across, places - points @ rotation.T)
@@ -215,10 +215,8 @@ def _fitted(points: Array, directions: Array, places: Array, axes: Array) -> tup
 
 
 def _placements(chain: Chain, kind: str, base: Array, found: UrKinematics, file: str) -> Array:
-    """Return the placements of the built arm: each seat at the point of its axis nearest to the nominal seat, turned least.
-
-    Where a frame lies along its axis, and how it turns about it at zero, changes no pose: only the axes and the tip at zero do.
-    """
+    """Return the built arm's placements: seats at their axes' points nearest to the nominal ones, turned least."""
+    # only the axes and the tip at zero change poses, not where a frame lies along its axis or how it turns about it
     seats = _seats(chain)
     new = []
     for k, frame in enumerate(base @ found.joints):

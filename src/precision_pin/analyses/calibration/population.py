@@ -37,21 +37,19 @@ _LARGEST: Final = 64 * 2**20
 _FEW: Final = 10
 """Robots below which a warning says that intervals are wide."""
 _UNSEEN: Final = 1e-3
-"""Share of a component's own information that must be left beside the others; below it only groups are determined."""
+"""Fraction of a component's own information left beside the others, below which only groups are determined."""
 
 
 @final
 @dataclass(frozen=True)
 class MeasuredTolerance(Record):
-    """The tolerance of a draw as several robots show it.
+    """The tolerance of a draw as shown by several robots.
 
     Attributes:
         names, numbers: The draws that share it, one or several that the sheet correlates, and their numbers.
-        scale, low, high: Standard deviation over that of the sheet, and its confidence interval; ``high`` may be
-            infinite.
+        scale, low, high: Standard deviation over the sheet's, and its confidence interval; ``high`` may be infinite.
         std: Measured standard deviation of the first number, SI.
-        means: Mean of each number less that of the sheet, in the sheet's standard deviations; zeros where means are not
-            estimated.
+        means: Mean of each number less the sheet's, in the sheet's standard deviations; zeros if not estimated.
     """
 
     KEYS: ClassVar[Keys] = ("draws=names", "numbers", "scale", "low", "high", "std", "means")
@@ -73,13 +71,13 @@ class MeasuredTolerance(Record):
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Population(Outcome):
-    """Tolerances that several robots show.
+    """Tolerances shown by several robots.
 
     Attributes:
-        robots, means, confidence: Number of robots, ``"sheet"`` or ``"estimated"`` means, and the confidence of each
-            interval.
-        tolerances, unseen, groups: What the readings show; draws that no reading of any robot shows, which keep their
-            tolerances; and draws of which the readings show only a joint tolerance.
+        robots, means, confidence: Number of robots, ``"sheet"`` or ``"estimated"`` means, and the confidence of
+            intervals.
+        tolerances, unseen, groups: What the readings show; draws that no reading shows, which keep their tolerances;
+            and draws of which the readings show only a joint tolerance.
         log_likelihood_ratio: Twice the logarithm of the likelihood of these tolerances over that of the sheet's.
         model: The model that was given.
     """
@@ -120,16 +118,15 @@ def population(
 ) -> Population:
     """Return the tolerances that several robots show, by maximum likelihood.
 
-    A calibration draws a robot's numbers towards the sheet, the more the less its readings say. So estimates of calibrated
-    robots are no sample of their law, and are not used as one: what enters is the likelihood of the readings alone, of a
-    calibration its posterior less its prior.
+    A calibration draws a robot's numbers towards the sheet, the more the less its readings say. So estimates of
+    calibrated robots are not a sample of their law. Instead the likelihood of the readings alone enters; for a
+    calibration, its posterior less its prior.
 
     Args:
-        model: The model, whose sheet has the laws whose widths are sought.
-        robots: Of each robot its readings (path of a CSV file, or a pair of poses and readings, as for
+        model: The model, whose sheet has the laws whose widths are estimated.
+        robots: For each robot its readings (path of a CSV file, or a pair of poses and readings, as for
             :func:`calibrate`) or its calibration with the prior of this model (the result, or the path of its JSON).
-        measurement: Instrument and set-up of the readings, or several as for :func:`calibrate`; those of the sheet if
-            left out.
+        measurement: Instrument and set-up of the readings, or several as for :func:`calibrate`; by default the sheet's.
         means: ``"sheet"``: the means are those of the sheet. ``"estimated"``: they are estimated too, and tolerances by
             the restricted likelihood.
         confidence: Of each interval, between 0 and 1.
@@ -203,7 +200,7 @@ def population(
 
 
 def _components(space: Space, unit: design.UnitNumbers) -> dict[tuple[str, ...], list[int]]:
-    """Return the numbers of each draw, or of draws that are correlated, by the names of these draws."""
+    """Return the numbers of each draw, or of correlated draws, by the names of these draws."""
     owner = {draw.name: draw.name for draw in space.draws}
     for correlation in space.correlations:
         linked = {owner[name] for name in correlation.names}
@@ -261,7 +258,7 @@ def _read(file: str) -> dict[str, Any]:
 
 
 def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, ...]) -> CalibrationData:
-    """Return the readings that a calibration keeps, of one whose estimates do not say what they show."""
+    """Return the readings stored in a calibration, for one whose estimates do not show their information."""
     own = {json.dumps(_set_up(one.to_dict()), sort_keys=True): one for one in measurements}
     try:
         stored = data.get("measurements", [data["measurement"]])
@@ -285,14 +282,14 @@ def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, 
 
 
 def _set_up(measurement: dict[str, Any]) -> dict[str, Any]:
-    """Return a measurement in the JSON without the name of its target, which a file of several targets gives."""
+    """Return a measurement in the JSON without the name of its target, given by a file of several targets."""
     return {"base_name": "", **measurement, "target_name": "", "nuisances": []}
 
 
 def _of_calibration(
     model: ErrorModel, unit: design.UnitNumbers, data: dict[str, Any], file: str
 ) -> tuple[Array, Array]:
-    """Return what a calibration says without its prior: the difference of the inverse covariances, and its score."""
+    """Return a calibration's information without its prior (difference of inverse covariances), and score."""
     if data.get("prior") is False:
         raise InputError(f"{file}: a calibration without prior does not say what its readings show; give its readings")
     try:
@@ -320,7 +317,7 @@ def _of_calibration(
 
 
 def _groups(names: Sequence[str], evidence: Evidence, blocks: Array) -> tuple[design.Group, ...]:
-    """Return the groups of components of which only a joint tolerance shows: by the information on variances at the sheet."""
+    """Return the groups of components with only a joint tolerance, by the information on variances at the sheet."""
     spread = np.eye(blocks.shape[1]) + evidence.information @ blocks.sum(axis=0)
     width = np.linalg.solve(spread, evidence.information)
     sides = np.einsum("rij,kjl->rkil", width, blocks)
@@ -352,17 +349,17 @@ def _remarks(
 
 
 _WIDEST: Final = 1e4
-"""Largest scale that an interval can end at; beyond it there is no upper limit."""
+"""Largest upper end of a scale's interval; beyond it there is no upper limit."""
 _ZERO: Final = 1e-6
 _STEPS: Final = 500
 _SLACK: Final = 1e-12
-"""Share of ln L that a search for an end of an interval may miss; the end is sought to 1e-4 of itself."""
+"""Fraction of ln L that a search for an interval's end may miss; the end is found to 1e-4 of itself."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the readings of R robots say of their U numbers, in prior standard deviations: A ``(R, U, U)`` and b ``(R, U)``."""
+    """Information of R robots' readings on their U numbers, in prior deviations: A ``(R, U, U)`` and b ``(R, U)``."""
 
     information: Array
     score: Array
@@ -375,10 +372,10 @@ class Evidence:
 
 
 class VarianceComponents(NamedTuple):
-    """Scales of K components, standard deviation over that of the sheet.
+    """Scales of K components, standard deviation over the sheet's.
 
-    ``scale``, ``low`` and ``high`` ``(K,)`` are estimate and interval, whose upper end may be infinite; ``means`` ``(U,)``
-    estimated means less those of the sheet, in prior deviations; the logarithms of likelihood have one constant.
+    ``scale``, ``low`` and ``high`` ``(K,)`` are estimate and interval, whose upper end may be infinite; ``means``
+    ``(U,)`` estimated means less the sheet's, in prior deviations; the log likelihoods share one constant.
     """
 
     scale: Array
@@ -435,10 +432,8 @@ class _Likelihood:
         return spread, width, means, score, moved
 
     def best(self, start: Array, fixed: int | None = None, tolerance: float = 1e-13) -> tuple[Array, float]:
-        """Return the scales of the largest likelihood and ln L there, one of them fixed at its start if it is named.
-
-        The search ends where a step gains less than ``tolerance`` of ln L.
-        """
+        """Return the scales of the largest likelihood and ln L there, perhaps with one scale fixed at its start."""
+        # the search ends at a step that gains less than `tolerance` of ln L
         free = np.array([k for k in range(start.size) if k != fixed], dtype=np.intp)
         if not free.size:
             return start, self.of(start)[0]
@@ -474,15 +469,15 @@ def variance_components(
 ) -> VarianceComponents:
     """Return the scales of components with the correlations ``blocks`` ``(K, U, U)``, and their intervals.
 
-    In units of the sheet's standard deviations the numbers of a robot are u with mean m and covariance ``D(s) = Σ s_k C_k``,
-    C_k the sheet's correlations of component k and s_k the square of its scale. Readings with unit noise, freed of what the
-    set-up explains, are ``y = H u + e``. They enter by ``A = HᵀH`` and ``b = Hᵀy`` alone:
+    In units of the sheet's standard deviations the numbers of a robot are u with mean m and covariance ``D(s) = Σ s_k
+    C_k``, C_k the sheet's correlations of component k and s_k the square of its scale. Readings with unit noise, with
+    the set-up projected out, are ``y = H u + e``. They enter by ``A = HᵀH`` and ``b = Hᵀy`` alone:
 
         2 ln L = Σ_r [ vᵀ D b̃ + 2 mᵀb - mᵀA m - ln det(I + A D) ],  v = (I + A D)⁻¹ b̃,  b̃ = b - A m.
 
-    That is the likelihood of the readings, without any prior on u. Means that are estimated too (``has_means``) cost degrees of
-    freedom; the restricted likelihood (Patterson and Thompson 1971) has ``-ln det Σ_r W_r`` besides, ``W = (I + A D)⁻¹ A``, over
-    the combinations that any robot shows. Intervals are those of the profile likelihood.
+    That is the likelihood of the readings, without any prior on u. Means that are estimated too (``has_means``) cost
+    degrees of freedom; the restricted likelihood (Patterson and Thompson 1971) adds ``-ln det Σ_r W_r``, ``W = (I + A
+    D)⁻¹ A``, over the combinations that any robot shows. Intervals are those of the profile likelihood.
     """
     likelihood = _Likelihood(evidence, blocks, has_means)
     scale, largest = likelihood.best(np.ones(len(blocks)))
@@ -500,7 +495,7 @@ def _interval(likelihood: _Likelihood, scale: Array, k: int, limit: float) -> tu
     """Return the scales of component k between which the profile likelihood stays above a limit."""
 
     def above(value: float) -> float:
-        # not from where the last search ended: the likelihood has several peaks
+        # from the optimum, not from the last search's end: the likelihood has several peaks
         start = scale.copy()
         start[k] = value
         return likelihood.best(start, k, _SLACK)[1] - limit
@@ -518,15 +513,15 @@ def _interval(likelihood: _Likelihood, scale: Array, k: int, limit: float) -> tu
 
 
 _WIDTHS: Final = ("uniform", "normal", "triangular", "arcsine", "disc", "circle", "two_point")
-"""Laws whose key is a width that their standard deviation is in proportion to."""
+"""Laws whose key is a width proportional to their standard deviation."""
 _DIGITS: Final = 6
 
 
 def population_sheet(result: Population, folder: Path) -> str:
     """Return the sheet of the model with the measured tolerances, each with its interval in a comment at the top.
 
-    A law keeps its kind: its width is multiplied by the measured scale. Laws without a width, and those whose scale has no upper
-    limit, stay as they are; a comment says so. The robot's file is named from ``folder``, where the sheet will lie.
+    A law keeps its kind: its width is multiplied by the measured scale. Laws without a width, or whose scale has no
+    upper limit, stay, as a comment says. The robot's path is relative to ``folder``, where the sheet will be.
     """
     sheet = result.model.sheet
     if sheet is None or sheet.contents is None:
@@ -562,7 +557,7 @@ def population_sheet(result: Population, folder: Path) -> str:
 
 
 def _scaled(values: list[Any], one: MeasuredTolerance) -> object:
-    """Return a law with its width multiplied, as a sheet has it; ``None`` where it has no width."""
+    """Return a law with its width multiplied, as in a sheet; ``None`` if it has no width."""
     if len(values) != 1:
         return None
     value = values[0]

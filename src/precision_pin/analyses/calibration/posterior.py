@@ -1,4 +1,4 @@
-"""What is known of a model's numbers after a calibration, and the errors that are left."""
+"""What is known of a model's numbers after a calibration, and the remaining errors."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import quantile_ranks
 
 LEVEL: Final = 0.95
-"""Probability of the intervals of numbers, and of the quantiles of the error that is left."""
+"""Probability of the intervals of numbers, and of the quantiles of the remaining error."""
 ROBOTS: Final = 10_000
-"""Robots that are sampled for the quantiles where a law is not normal."""
+"""Robots sampled for the quantiles if a law is not normal."""
 
 ERRORS: Final = ("before", "after", "seen", "floor")
-"""Which errors at a pose are told: before the calibration, after it, so in the instrument's axes, and what stays of any."""
+"""Errors reported at a pose: before and after the calibration, after in the instrument's axes, and the floor."""
 _SEED: Final = 0
 
 
@@ -63,11 +63,11 @@ class Posterior(Record):
 
     @cached_property
     def learned(self) -> Mapping[str, float]:
-        """Share of each number's prior variance that the measurements removed, 0 to 1."""
+        """Fraction of each number's prior variance that the measurements removed, 0 to 1."""
         return {name: float(np.clip(1 - (self.std[name] / self.prior_std[name]) ** 2, 0.0, 1.0)) for name in self.names}
 
     def covariance_of(self, one: str, other: str) -> float:
-        """Return the covariance of two numbers, by their names."""
+        """Return the covariance of two numbers, by name."""
         row, column = (self.names.index(check_name("component", name, self.names)) for name in (one, other))
         return float(self.covariance[row, column])
 
@@ -82,9 +82,9 @@ class ErrorLeft(Record):
         before: Mean ``(6,)`` of the error before the calibration.
         covariance_before, covariance_after, covariance_seen: ``(6, 6)``; after it the error is that from the calibrated
             arm's own pose, of mean zero; seen in the instrument's axes, which a free base shares.
-        floor: ``(6, 6)``, the part that pose- and visit-scope numbers cause, which no calibration removes.
-        sampled: Where a law is not normal: the sizes |d| and |δ| ``(2, N)`` of the errors ``before``, ``after``,
-            ``seen`` and ``floor`` of sampled robots in rising order, to first order.
+        floor: ``(6, 6)``, the part of pose- and visit-scope numbers, which no calibration removes.
+        sampled: If a law is not normal: sorted sizes |d| and |δ| ``(2, N)`` of sampled robots' errors ``before``,
+            ``after``, ``seen`` and ``floor``, to first order.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -109,14 +109,14 @@ class ErrorLeft(Record):
         return self.before[rows] if which == "before" else np.zeros(3), covariance[rows, rows]
 
     def rms(self, which: str, *, attitude: bool = False) -> float:
-        """Return the root mean square of the position's (or attitude's) error: ``before``, ``after``, ``seen`` or ``floor``."""
+        """Return the rms of the position (or attitude) error: ``before``, ``after``, ``seen`` or ``floor``."""
         mean, covariance = self._normal(which, attitude)
         return float(np.sqrt(max(np.trace(covariance), 0.0) + mean @ mean))
 
     def quantile(self, which: str, *, attitude: bool = False) -> float:
-        """Return the 95 % quantile of |d| (or |δ|): ``before``, ``after``, ``seen`` or ``floor``.
+        """Return the 95 % quantile of |d| (or |δ|), of the normal error or of sampled robots.
 
-        Where all laws are normal it is that of the normal error, otherwise that of the sampled robots.
+        ``which`` is ``before``, ``after``, ``seen`` or ``floor``; robots are sampled if a law is not normal.
         """
         if self.sampled:
             return float(np.quantile(self.sampled[which][int(attitude)], LEVEL))
@@ -126,7 +126,7 @@ class ErrorLeft(Record):
         return float(NormalNorm(mean.copy(), covariance.copy()).quantile(LEVEL))
 
     def quantile_interval(self, which: str, *, attitude: bool = False) -> tuple[float, float] | None:
-        """Return the distribution-free 95 % interval of a sampled :meth:`quantile`; None where it is that of a normal error."""
+        """Return the distribution-free 95 % interval of a sampled :meth:`quantile`; None for a normal error."""
         if not self.sampled:
             return None
         ordered = self.sampled[which][int(attitude)]
@@ -148,13 +148,7 @@ class ErrorLeft(Record):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PosesOutcome(Outcome):
-    """Result with the error that is left at the user's poses.
-
-    Attributes:
-        measurement: Instrument and set-up as given.
-        identifiability: What the readings determine.
-        poses: The error before and after at each of the user's poses.
-    """
+    """Result with the remaining error at the user's poses."""
 
     measurement: Measurement
     identifiability: Identifiability
@@ -162,7 +156,7 @@ class PosesOutcome(Outcome):
 
     @property
     def rank(self) -> int:
-        """How many independent combinations of the numbers the readings determine."""
+        """Number of independent combinations of the numbers that the readings determine."""
         return self.identifiability.rank
 
     @property
@@ -172,7 +166,7 @@ class PosesOutcome(Outcome):
 
     @cached_property
     def rms_position(self) -> dict[str, float]:
-        """Root mean square error of the position over the user's poses: ``before``, ``after``, ``seen``, ``floor``."""
+        """Root mean square position error over the user's poses: ``before``, ``after``, ``seen``, ``floor``."""
         return {which: float(np.sqrt(np.mean([entry.rms(which) ** 2 for entry in self.poses]))) for which in ERRORS}
 
     def _repr_html_(self) -> str:
@@ -183,9 +177,10 @@ class PosesOutcome(Outcome):
 class SampledRobots(NamedTuple):
     """Robots with the laws of the sheet, each measured once: what the linear estimate leaves of their numbers.
 
-    With C the covariance of z after measuring, the estimate leaves ``C z`` of z, and of the noise of the readings a normal part
-    with the covariance ``C - C²``: z enters with its law. ``deviations`` ``(d, N)`` are all numbers minus their means, ``z``
-    ``(r, N)`` those of unit scope in units of their root, ``left`` ``(r + k, N)`` what is left of z and the nuisances' errors.
+    With C the covariance of z after measuring, the estimate leaves ``C z`` of z, and of the readings' noise a normal
+    part with the covariance ``C - C²``: z enters with its law. ``deviations`` ``(d, N)`` are all numbers minus their
+    means, ``z`` ``(r, N)`` those of unit scope in units of their root, ``left`` ``(r + k, N)`` the rest of z and the
+    nuisances' errors.
     """
 
     deviations: Array
@@ -194,7 +189,7 @@ class SampledRobots(NamedTuple):
 
     @classmethod
     def of(cls, space: Space, unit: UnitNumbers, estimator: Estimator) -> SampledRobots | None:
-        """Return the robots; None where all laws are normal, or no prior says how robots differ."""
+        """Return the robots; None if all laws are normal, or no prior says how robots differ."""
         if not estimator.has_prior or all(draw.law.is_normal for draw in space.draws):
             return None
         deviations = space.sample(_SEED, 0, ROBOTS) - space.mean[:, None]
@@ -225,7 +220,7 @@ class SampledRobots(NamedTuple):
 def errors_left(
     tasks: Iterable[tuple[str, PoseModel]], unit: UnitNumbers, estimator: Estimator, displaces_base: bool, space: Space
 ) -> tuple[ErrorLeft, ...]:
-    """Return the error at each named pose before and after a calibration; the first six nuisances may displace the base."""
+    """Return the error at each named pose before and after; the first six nuisances may displace the base."""
     robots, found = SampledRobots.of(space, unit, estimator), []
     for name, at in tasks:
         slopes = at.jacobian[:, unit.columns] @ unit.root
@@ -248,7 +243,7 @@ def errors_left(
 
 
 _NOTHING: Final = 1e-9
-"""Share of a variance below which nothing is learned."""
+"""Fraction of a variance below which nothing counts as learned."""
 _REACH: Final = 9.0
 """Deviations s beyond which the readings leave nothing of the law."""
 _WITHIN: Final = 6.0
@@ -259,13 +254,14 @@ _CELLS: Final = 1000
 def interval_after(
     law: Law, number: int, estimate: float, std: float, variance_left: float, probability: float
 ) -> tuple[float, float]:
-    """Return the interval of a number after a calibration, with the probability outside split evenly over both sides.
+    """Return the interval of a number after a calibration, with equal probability outside on both sides.
 
-    Its own law in the sheet is weighed by what the readings say of it. With v₀ and v the number's variance before and after, and
-    x̂ its estimate where no law has bounds, they say what one reading ``y ± s`` of the number itself would: 1/s² = 1/v - 1/v₀ and
-    y/s² = x̂/v - μ/v₀ (all other numbers taken as normal). The interval is that of the law times ``exp(-(x - y)²/2s²)``. A number
-    of which little is learned keeps the interval of its law, which a normal one would miss: ± 1.96 standard deviations of a
-    uniform law lie beyond its ends. ``std`` is v₀'s root, ``variance_left`` v/v₀, above 0 and up to 1.
+    The number's law in the sheet is weighted by the readings. With v₀ and v its variance before and after, and x̂ its
+    estimate for laws without bounds, they act like one reading ``y ± s`` of the number itself: 1/s² = 1/v - 1/v₀ and
+    y/s² = x̂/v - μ/v₀ (all other numbers taken as normal). The interval is that of the law times ``exp(-(x -
+    y)²/2s²)``. A number of which little is learned keeps the interval of its law, which a normal one would miss: ± 1.96
+    standard deviations of a uniform law lie beyond its ends. ``std`` is v₀'s root, ``variance_left`` v/v₀, above 0 and
+    up to 1.
     """
     mean = float(law.mean_vector[number])
     projection = law.projection(np.eye(law.size)[number])
@@ -288,7 +284,7 @@ def normal_interval(mean: float, std: float, probability: float) -> tuple[float,
 
 
 def _quantiles(projection: Projection, reading: float, std: float, probability: float) -> tuple[float, float]:
-    """Return both ends of the interval of a law of zero mean times ``exp(-(x - reading)²/2 std²)``."""
+    """Return the ends of the interval of a law of zero mean times ``exp(-(x - reading)²/2 std²)``."""
     ends = projection.within(_WITHIN)
     for low, high in ((reading - _REACH * std, reading + _REACH * std), ends):
         edges = np.linspace(max(ends[0], low), min(ends[1], high), _CELLS + 1)
@@ -296,7 +292,7 @@ def _quantiles(projection: Projection, reading: float, std: float, probability: 
         if edges[0] == ends[0]:
             below[0] = 0.0
         share = np.diff(below)
-        # nothing: the readings are beyond an end of the law, or between its single values
+        # nothing left: the readings are beyond an end of the law, or between its single values
         if edges[0] < edges[-1] and (share > 0).any():
             break
     exponent = -0.5 * (((edges[1:] + edges[:-1]) / 2 - reading) / std) ** 2

@@ -1,8 +1,8 @@
-"""The laws that random numbers follow, one file for each.
+"""The laws that random numbers follow.
 
-A law is a distribution of ``size`` numbers together. Each gives: a sample from as many independent variates, mean,
-covariance, the support function h(w) = max over its support of w·x (infinite if unbounded) and the characteristic
-function E exp(i t·x). Numbers are SI.
+A law is a distribution of ``size`` numbers together, in SI. Each gives a sample from as many independent variates,
+mean, covariance, the support function h(w) = max over its support of w·x (infinite if unbounded) and the characteristic
+function E exp(i t·x).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ LAWS: Final[tuple[type[Law], ...]] = (
     JointNormal,
     Rows,
 )
-"""Every law, in the order in which messages, the schema and the documentation list them."""
+"""Every law, in the order of messages, schema and documentation."""
 
 
 def laws_of_sheets() -> Mapping[str, type[Law]]:

@@ -36,12 +36,11 @@ class JointNormal(Law):
     Args:
         matrix: Covariance, row by row; symmetric and positive semi-definite.
         centre: Mean, zero if left out.
-        bounds: Lowest and highest value of each number, infinite for none, as a calibration leaves them: a sample
-            beyond is put on its bound. Mean, covariance and characteristic function are those without bounds. No bounds
-            if left out.
+        bounds: Lowest and highest value of each number (infinite for none), as a calibration leaves them: samples
+            beyond are moved to the bound. Mean, covariance and characteristic function are those without bounds.
 
     Raises:
-        InputError: The matrix is not square, not symmetric or not positive semi-definite, or a bound is none.
+        InputError: The matrix is not square, not symmetric or not positive semi-definite, or a bound is not a pair.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
@@ -137,7 +136,7 @@ class JointNormal(Law):
         return np.clip(value, low[:, None], high[:, None])
 
     def support(self, direction: ArrayLike) -> float:
-        """Return infinity, or w·mean where the law does not vary along w; with bounds that of their box."""
+        """Return infinity, or w·mean if the law does not vary along w; with bounds that of their box."""
         w = np.asarray(direction, dtype=float)
         if self.bounds:
             ends = [x * (high if x > 0 else low) for x, (low, high) in zip(w, self.bounds, strict=True) if x]
@@ -168,7 +167,7 @@ class JointNormal(Law):
         return f"{self.size} numbers jointly normal, {deviations(self.components, covariance, quantities)}, {together}"
 
     def kernel_row(self) -> KernelRow:
-        """Return the mean, with the root of the covariance and any bounds below it."""
+        """Return the mean, the root of the covariance and any bounds, row by row."""
         root = self.root
         reaches = np.abs(root).sum(axis=1) * FARTHEST_NORMAL
         ends = zip((self.mean_vector - reaches).tolist(), (self.mean_vector + reaches).tolist(), strict=True)
@@ -186,7 +185,7 @@ class JointNormal(Law):
 
 
 def _check_bounds(bounds: object, size: int) -> tuple[tuple[float, float], ...]:
-    """Return bounds as pairs of floats; infinite ones are allowed."""
+    """Return bounds, perhaps infinite, as pairs of floats."""
     if isinstance(bounds, tuple) and not bounds:
         return ()
     what = f"{size} pairs of a lowest and a highest value, or none"
@@ -202,7 +201,6 @@ def _check_bounds(bounds: object, size: int) -> tuple[tuple[float, float], ...]:
 
 
 def _correlation(reader: SheetReader, size: int) -> Array:
-    """Return the correlation matrix of a sheet."""
     where = ("correlation",)
     rows = reader.settings.get("correlation", np.eye(size).tolist())
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):

@@ -1,9 +1,9 @@
-"""The base class of all laws, the row of a law in the tables of the compiled loops, and what follows from quantiles alone.
+"""The base class of laws, a law's row in the tables of the compiled loops, and what follows from quantiles alone.
 
-For the last, the normal scores from -8.6 to 8.6 are cut into panels, where the law jumps or bends and otherwise evenly. Of
-the density in each panel a Legendre series in the value is kept, whose coefficients are integrals over the scores; no
-inversion is needed. The wave exp(iωx) has a Legendre series with spherical Bessel functions as coefficients (Rayleigh), so
-that the characteristic function costs the same at every frequency.
+For the last, the normal scores from -8.6 to 8.6 are cut into panels, where the law jumps or bends and otherwise evenly.
+The density in each panel is kept as a Legendre series in the value, whose coefficients are integrals over the scores;
+no inversion is needed. The wave exp(iωx) has a Legendre series with spherical Bessel functions as coefficients
+(Rayleigh), so that the characteristic function costs the same at every frequency.
 """
 
 from __future__ import annotations
@@ -54,13 +54,11 @@ DEVIATIONS: Final = object_schema({"std": {}}, "std")
 @final
 @dataclass(frozen=True)
 class LawOption:
-    """A key that is allowed beside a law's own.
+    """A key allowed beside a law's own.
 
     Attributes:
-        key: The key.
-        meaning: Text for the schema and the documentation; the texts of several laws for one key are joined.
+        meaning: Text for schema and documentation; texts of several laws for one key are joined.
         example: A value that fits the law's example.
-        is_ratio: True for a number without a unit.
     """
 
     key: str
@@ -80,8 +78,7 @@ class SheetForm:
     Attributes:
         key: The key that names it; empty if no sheet can.
         example: A law as a mapping, with lengths as its numbers.
-        meaning: A line for the documentation.
-        options: The keys allowed beside the law's own; ``scope`` is allowed beside any.
+        options: The keys allowed beside the law's own and ``scope``.
         schema: JSON schema of the value under the key.
     """
 
@@ -93,7 +90,7 @@ class SheetForm:
 
 
 class SheetReader(Protocol):
-    """Reader of a law's settings, which are numbers of one quantity; an error names its place in the sheet."""
+    """Reader of a law's settings, which are numbers of one quantity; errors name their place in the sheet."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -109,13 +106,13 @@ class SheetReader(Protocol):
         """Return the numbers at a place: a list with a unit for each, or text with one unit for all."""
 
     def half_width(self, *where: str | int) -> float:
-        """Return the number at a place, which must not be negative."""
+        """Return the number at a place; raise if negative."""
 
     def mean(self) -> float:
         """Return the mean, 0 if left out."""
 
     def ratio(self, *where: str | int) -> float:
-        """Return the number without a unit at a place."""
+        """Return the unitless number at a place."""
 
     def file(self, *where: str | int) -> Measured:
         """Return the contents of the file at a place, its path relative to the sheet."""
@@ -124,10 +121,10 @@ class SheetReader(Protocol):
         """Return a file's column in SI."""
 
     def ratio_column(self, table: Measured, name: str, where: Place) -> tuple[float, ...]:
-        """Return a file's column of numbers without a unit."""
+        """Return a file's column of unitless numbers."""
 
     def only(self, where: Place, *keys: str) -> None:
-        """Refuse anything but a mapping of these keys at a place; the first key is required."""
+        """Raise unless a place holds a mapping of these keys; the first is required."""
 
     def error(self, where: Place, reason: str) -> InputError:
         """Return an error at a place."""
@@ -170,8 +167,8 @@ def deviations(components: Sequence[str], covariance: Array, quantities: Sequenc
 class Law(ABC):
     """A distribution of one or several numbers.
 
-    :meth:`sample` is all that a law of one number needs; what else there is then follows from its quantiles, and the compiled
-    loops draw from straight lines between them. A closed form overrides what follows so.
+    :meth:`sample` is all that a law of one number needs: the rest follows from its quantiles, and the compiled loops
+    draw from straight lines between them. Closed forms override what follows so.
 
     Attributes:
         variates: The input of :meth:`sample`: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
@@ -185,18 +182,14 @@ class Law(ABC):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Law:
-        """Return the law written in a sheet: the size under its key, and the options that are given, by their names.
-
-        Raises:
-            InputError: A setting is wrong.
-        """
+        """Return the law in a sheet: the size under its key, and options; raise InputError for a wrong setting."""
         size = reader.half_width(cls.form.key)
         given = [option for option in cls.form.options if option.key in reader.settings]
         options = {option.key: (reader.ratio if option.is_ratio else reader.number)(option.key) for option in given}
         return cls(size, **options)  # type: ignore[call-arg]
 
     def __post_init__(self) -> None:
-        """Check the numbers of a law that sheets can name: the first is its size, zero or more."""
+        """Check the numbers of a law with a sheet form: the first is its size, zero or more."""
         key = self.form.key.replace("_", "-")
         numbers = [field.name for field in fields(cast("Any", self)) if field.type in ("float", float)] if key else []
         for k, name in enumerate(numbers):
@@ -205,7 +198,7 @@ class Law(ABC):
 
     @property
     def size(self) -> int:
-        """Number of numbers that the law draws together."""
+        """How many numbers the law draws together."""
         return 1
 
     @property
@@ -256,35 +249,27 @@ class Law(ABC):
         return range(self.size)
 
     def kernel_row(self) -> KernelRow | None:
-        """Return the law's row for the compiled loops; None if they have no loop for it."""
+        """Return the law's row for the compiled loops; None if no loop fits."""
         lines = straight_lines(self) if self.size == 1 and self.variates == "uniform" else None
         return None if lines is None else KernelRow("empirical", lines)
 
     def projection(self, weights: Array) -> Projection | None:
         """Return the law of the number ``w·(x - mean)``, for weights w ``(size,)`` along which the law varies.
 
-        None of a normal law, or if only the characteristic function is known.
+        None for a normal law, or if only the characteristic function is known.
         """
         series = None if self.size > 1 or self.is_normal else series_of(self)
         return None if series is None else DerivedProjection(self, float(weights[0]), series)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words.
-
-        Args:
-            quantities: The quantity of each number; None where it is unknown, and the number is then written in SI.
-        """
+        """Return the law in words, with numbers in SI where their quantity is None."""
         name = type(self).__name__
         if self.size > 1:
             return f"{name} of {self.size} numbers, {deviations(self.components, self.covariance, quantities)}"
         return name + spread(self.mean_vector, self.covariance, quantities[0])
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return its range in short: ``±0.3 mm``, ``0 mm to 2 mm``, ``σ 0.1 mm``; empty where no quantity is known.
-
-        Args:
-            quantities: The quantity of each number.
-        """
+        """Return its range in short: ``±0.3 mm``, ``0 mm to 2 mm``, ``σ 0.1 mm``; empty if no quantity is known."""
         quantity = quantities[0] if quantities else None
         if quantity is None or not quantity.si or any(other != quantity for other in quantities):
             return ""
@@ -303,10 +288,8 @@ class Law(ABC):
     def interval(self, number: int) -> tuple[float, float]:
         """Return the bounds of a number of the law (0-based) in every sample.
 
-        They are the ends of its support. For a law made from normal numbers they are its values at ±8.6 standard deviations.
-
-        Raises:
-            InputError: The law has no such number.
+        The ends of its support, or for a law made from normal numbers its values at ±8.6 standard deviations. Raises
+        InputError if the law has no such number.
         """
         check_whole("the index of a number of the law", number, 0, self.size - 1)
         direction = np.zeros(self.size)
@@ -325,39 +308,36 @@ class Law(ABC):
 
     @property
     def lines(self) -> Array | None:
-        """Straight lines ``(k, 4)`` between :attr:`cell_edges`: begin, value there, slope, value at the end; or None."""
+        """Lines ``(k, 4)`` between :attr:`cell_edges`: begin, value there, slope, value at the end; or None."""
         return None
 
     @property
     def measured(self) -> Array | None:
-        """The samples ``(n, size)`` that the law was made from; None if there are none or they are unknown."""
+        """The samples ``(n, size)`` that the law was made from; None if unknown."""
         return None
 
     @property
     def extreme_points(self) -> Array | None:
-        """Points ``(n, size)`` whose convex hull is that of the support; None if no such points are known."""
+        """Points ``(n, size)`` whose convex hull is that of the support; None if unknown."""
         return None
 
     def ellipsoid(self, k: float) -> Array | None:
-        """Return the root ``(size, size)`` of the ellipsoid about the mean that contains the law.
-
-        An unbounded law is cut off at k standard deviations. None if the support is no ellipsoid.
-        """
+        """Return the root ``(size, size)`` of the ellipsoid that contains the law (unbounded: to k std), or None."""
         return None
 
     def standardised_moments(self) -> Moments | None:
-        """Return the moments of its standardised numbers; None if they are unknown or other mixed moments do not vanish."""
+        """Return the moments of its standardised numbers; None if unknown or if other mixed moments do not vanish."""
         return None if self.size > 1 else moments_by_quadrature(self.at_scores, self.breaks)
 
     def cumulants(self) -> Array | None:
         """Return the second, third, fourth and sixth cumulant of each number, ``(4, size)``.
 
-        None for a law whose tails are no heavier than a normal law's; it may be treated as normal.
+        None if its tails are no heavier than a normal law's, so that it may be treated as normal.
         """
         return None
 
     def covariance_with(self, other: Law, correlation: float) -> float | None:
-        """Return the covariance with a number whose normal score is correlated; None if there is no closed form."""
+        """Return the covariance with a number whose normal score is correlated; None without a closed form."""
         return None
 
     def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float | None:
@@ -367,28 +347,28 @@ class Law(ABC):
 
         Args:
             correlation: Of the two normal scores.
-            nodes: Takes a distance beyond the usual range. Returns the scores z of the other number up to there, and
-                (value - mean) × density × weight at each.
+            nodes: Takes a distance beyond the usual range; returns the other number's scores z up to there, and (value
+                - mean) × density × weight at each.
         """
         return None
 
     def from_normals(self, normals: Array) -> Array:
-        """Return samples from independent standard normal numbers ``(size, N)``, by the smoothest function available."""
+        """Return samples from independent standard normal numbers ``(size, N)``, by the smoothest function."""
         return self.at_scores(normals)
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Uniform numbers between 0 and 1 at which the inverse of a law of one number jumps or bends; none by default."""
+        """Uniform numbers in (0, 1) at which the inverse of a law of one number jumps or bends."""
         return ()
 
     @final
     def inverse(self, uniforms: Array) -> Array:
-        """Return samples from uniform numbers only (quasi-random points), whatever :attr:`variates` is."""
+        """Return samples from uniform numbers (quasi-random points), whatever :attr:`variates` is."""
         return self.sample(uniforms if self.variates == "uniform" else lazy_special.ndtri(uniforms))
 
     @final
     def at_scores(self, scores: Array) -> Array:
-        """Return samples from standard normal numbers only (correlated draws), whatever :attr:`variates` is."""
+        """Return samples from standard normal numbers (correlated draws), whatever :attr:`variates` is."""
         return self.sample(scores if self.variates == "normal" else cumulative(scores))
 
 
@@ -399,31 +379,19 @@ def cumulative(scores: Array) -> Array:
 
 
 def take_size(law: Law, field: str, what: str, *, zero: bool = True) -> None:
-    """Store a field as a float; refuse all but finite numbers of zero or more (above zero without ``zero``).
-
-    Raises:
-        InputError: The field is something else.
-    """
+    """Store a field as a float; raise InputError unless finite and zero or more (positive without ``zero``)."""
     allowed = f"{'zero or more' if zero else 'positive'} and finite"
     size = check_number(what, getattr(law, field), allowed, lambda value: value > 0 or (value == 0 and zero))
     object.__setattr__(law, field, size)
 
 
 def take_number(law: Law, field: str, what: str) -> None:
-    """Store a field as a float; refuse all but finite numbers.
-
-    Raises:
-        InputError: The field is something else.
-    """
+    """Store a field as a float; raise InputError unless it is a finite number."""
     object.__setattr__(law, field, check_number(what, getattr(law, field)))
 
 
 def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Array:
-    """Store a field as tuples of floats and return the array; refuse all but finite numbers in rows of one length.
-
-    Raises:
-        InputError: The field is something else.
-    """
+    """Store a field as tuples of floats and return the array; raise InputError unless finite, in rows of one length."""
     given = getattr(law, field)
     if isinstance(given, list | tuple) and all(isinstance(row, list | tuple) for row in given):
         for k, row in enumerate(given):
@@ -454,7 +422,7 @@ Branch = Literal[
     "empirical",
     "table",
 ]
-"""The loops of ``apply_laws`` in kernel/loops.py; several laws may use one."""
+"""The loops of ``apply_laws`` in kernel/loops.py; laws may share one."""
 
 
 @final
@@ -482,14 +450,14 @@ _TERMS: Final = 20
 """Terms of the Legendre series in each panel."""
 
 _SLOW: Final = 10.0
-"""Phase across half a panel up to which the wave is summed over the scores, beyond by its Legendre series."""
+"""Phase across half a panel up to which the wave is summed over the scores; beyond, its Legendre series."""
 
 _NARROW: Final = 1e-7
-"""Width of a panel in standard deviations below which rounding leaves no series; its density is taken as constant."""
+"""Panel width in standard deviations below which rounding spoils a series; the density counts as constant."""
 
 _LEVELS: Final = 100
 _MARGIN: Final = 1.05
-"""Levels at which a density is cut off for the bound of its characteristic function; margin for the spread in a cell."""
+"""Levels that cut off a density to bound its characteristic function; margin for the spread in a cell."""
 
 _LINE_ERROR: Final = 1e-7
 """Largest distance of the straight lines from the quantile function, in standard deviations."""
@@ -499,7 +467,7 @@ _MOST_LINES: Final = 2**17
 
 @lru_cache(maxsize=256)
 def mean_and_variance(law: Law) -> tuple[float, float]:
-    """Return mean and variance of a law of one number, to 13 digits of the largest value: the rest is rounding."""
+    """Return mean and variance of a law of one number, to 13 digits of the largest value; the rest is rounding."""
     z, weights, _ = score_panels(law.breaks, _NODES)
     values, shares = _values(law, z).ravel(), weights.ravel() / weights.sum()
     mean = float(shares @ values)
@@ -508,7 +476,7 @@ def mean_and_variance(law: Law) -> tuple[float, float]:
 
 
 def _values(law: Law, scores: Array) -> Array:
-    """Return a law's values at normal scores; beyond the last uniform number, 1 - 2⁻⁵³, that number's value."""
+    """Return a law's values at normal scores, none beyond that of the last uniform number, 1 - 2⁻⁵³."""
     if law.variates == "uniform":
         scores = np.minimum(scores, lazy_special.ndtri(LAST_UNIFORM))
     return law.at_scores(scores.reshape(1, -1))[0].reshape(scores.shape)
@@ -522,10 +490,9 @@ class Series(Fixed):
     Attributes:
         points, weights: Values and their probabilities, ``(panels, nodes)``.
         low, high: Ends of the panels, ``(panels,)``.
-        moments: E of the Legendre polynomials in each panel, ``(panels, terms)``; zero of all but the first in a narrow
-            panel.
-        cells: Density in cells of rising values, ``(cells,)``, zero in gaps, infinite for values with a probability of
-            their own.
+        moments: E of the Legendre polynomials in each panel, ``(panels, terms)``; only the first in a narrow panel.
+        cells: Density in cells of rising values, ``(cells,)``, zero in gaps, infinite for values with their own
+            probability.
         shares: Probability of each cell, ``(cells,)``.
     """
 
@@ -549,12 +516,12 @@ class Series(Fixed):
 
     @cached_property
     def coefficients(self) -> Array:
-        """Of the density in each panel, over -1 to 1: ``(panels, terms)``."""
+        """Series ``(panels, terms)`` of the density in each panel, over -1 to 1."""
         return self.moments * (np.arange(_TERMS) + 0.5)
 
     @cached_property
     def integrals(self) -> Array:
-        """Of the probability below a value in each panel: ``(panels, terms + 1)``."""
+        """Series ``(panels, terms + 1)`` of the probability below a value in each panel."""
         value: Array = np.asarray(legendre.legint(self.coefficients, lbnd=-1, axis=1), dtype=float)
         value[:, 0] += np.cumsum(self.moments[:, 0]) - self.moments[:, 0]
         return value
@@ -573,10 +540,10 @@ class Series(Fixed):
 
 @lru_cache(maxsize=64)
 def series_of(law: Law) -> Series | None:
-    """Return the series of a law of one number; None if its samples do not rise with their uniform numbers."""
+    """Return the series of a law of one number; None if its samples do not rise with the uniform numbers."""
     z, weights, edges = score_panels(law.breaks, _NODES)
     mean, scale = float(law.mean_vector[0]), math.sqrt(law.covariance[0, 0])
-    # just inside the panels: at an edge the law may jump
+    # just inside the panels, because the law may jump at an edge
     cuts = np.linspace(edges[:-1] + 1e-12, edges[1:] - 1e-12, _NODES + 1, axis=1)
     points, values = _values(law, z) - mean, _values(law, cuts) - mean
     # the farthest panels, too narrow to be resolved, hold less than rounding changes
@@ -612,7 +579,7 @@ class DerivedProjection(Projection):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The ends of the support; of a law without an end the farthest value that is drawn."""
+        """The ends of the support, or the farthest value drawn of an unbounded law."""
         mean = float(self.law.mean_vector[0])
         low, high = self.law.interval(0)
         low, high = sorted((self.size * (low - mean), self.size * (high - mean)))
@@ -629,7 +596,7 @@ class DerivedProjection(Projection):
         return tuple(self.position(np.array(self.breaks)).tolist())
 
     def _panels(self, z: Array) -> tuple[Array, NDArray[np.intp], Array]:
-        """Return deviations, the panel of each and its place there, -1 to 1."""
+        """Return deviations, their panels and their places there, -1 to 1."""
         x = z / self.size
         k = np.clip(np.searchsorted(self.series.low, x, side="right") - 1, 0, None)
         half = self.series.half[k]
@@ -692,11 +659,11 @@ class DerivedProjection(Projection):
 
     @property
     def characteristic_error(self) -> float:
-        """Measured against closed forms, and the size of the last terms."""
+        """Error measured against closed forms, plus the size of the last terms."""
         return 1e-12 + 5.0 * float(np.abs(self.series.moments[:, -2:]).sum())
 
     def envelope(self, frequency: Array) -> Array:
-        """Return the least of the bounds P(density above c) + V_c/ω, with V_c the variation of the density cut off at c."""
+        """Return the least bound P(density above c) + V_c/ω, with V_c the variation of the density cut off at c."""
         omega = abs(self.size) * np.asarray(frequency, dtype=float)
         bound = np.ones_like(omega)
         for above, turn in zip(*self.series.bounds, strict=True):
@@ -706,14 +673,14 @@ class DerivedProjection(Projection):
 
 @lru_cache(maxsize=64)
 def straight_lines(law: Law) -> Array | None:
-    """Return lines ``(k, 4)`` close to the quantile function of a law of uniform numbers: begin, value, slope, end value.
+    """Return lines ``(k, 4)`` close to the quantile function of a law: begin, value, slope, end value.
 
-    None if the law's samples do not rise with their uniform numbers, or more than 131,072 lines would be needed.
+    None if the samples do not rise with the uniform numbers, or more than 131,072 lines would be needed.
     """
     scale = math.sqrt(law.covariance[0, 0])
     edges = np.union1d(np.linspace(0, 1, 257), np.array(law.breaks, dtype=float))
     while True:
-        # just inside the ends: at an edge the law may jump; 0 and 1 are never drawn
+        # just inside the ends, because the law may jump at an edge; 0 and 1 are never drawn
         u = np.stack([np.nextafter(edges[:-1], 2), (edges[:-1] + edges[1:]) / 2, np.nextafter(edges[1:], -1)])
         begin, middle, end = law.sample(np.clip(u, 1 - LAST_UNIFORM, LAST_UNIFORM).reshape(1, -1))[0].reshape(u.shape)
         bent = np.abs(middle - (begin + end) / 2) > _LINE_ERROR * scale

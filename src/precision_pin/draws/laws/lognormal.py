@@ -1,13 +1,13 @@
 """The lognormal law.
 
-Sums with other numbers need its characteristic function, and a bound of it, at very many frequencies. With
-x = exp(σz - σ²/2) of mean 1 and z normal, E exp(i t (x - 1)) is an integral over z (see :meth:`Lognormal.characteristic`).
-It is smooth as a function of ln t and is interpolated octave by octave at Chebyshev points. A million frequencies then
-take little more than a thousand integrals.
+Sums with other numbers need its characteristic function, and a bound of it, at very many frequencies. With x = exp(σz -
+σ²/2) of mean 1 and z normal, E exp(i t (x - 1)) is an integral over z (:meth:`Lognormal.characteristic`). Being smooth
+in ln t, it is interpolated octave by octave at Chebyshev points, so that a million frequencies take little more than a
+thousand integrals.
 
-Bound: on the line at height η the integrand is no larger than exp((η² - z²)/2 - t exp(-σ²/2) sin(ση) exp(σz)), so that
-|E exp(i t x)| ≤ exp(η²/2) L(t sin ση) with L the Laplace transform of x, for every η from 0 to π/σ. Each
-of these bounds falls with t, and so does the least of them.
+Bound: on the line at height η the integrand is at most exp((η² - z²)/2 - t exp(-σ²/2) sin(ση) exp(σz)), so that |E
+exp(i t x)| ≤ exp(η²/2) L(t sin ση) with L the Laplace transform of x, for every η from 0 to π/σ. Each of these bounds
+falls with t, and so does the least of them.
 """
 
 from __future__ import annotations
@@ -53,20 +53,20 @@ _BATCH: Final = 1000
 """Frequencies integrated at once, which bounds the memory."""
 
 _MOST_INTEGRALS: Final = 2000
-"""Up to this many frequencies each has its own integral; more are interpolated."""
+"""Most frequencies that each get their own integral; more are interpolated."""
 
 _DEGREES: Final = (24, 48, 96)
 """Degrees of the Chebyshev series, tried in turn."""
 
 _SERIES_TOLERANCE: Final = 2e-14
-"""Sum of a series' last four coefficients at which it has converged."""
+"""Sum of the last four coefficients at which a series has converged."""
 
 _SMALL_SIGMA: Final = 0.3
 """Up to this σ the phase varies least relative to the mean, above it relative to zero."""
 
 _PER_OCTAVE: Final = 4
 _OCTAVES: Final = (-30, 170)
-"""Frequencies of the table of bounds: the exponents of 2 of its ends, and its entries in each octave."""
+"""Table of bounds: exponents of 2 of its end frequencies, and its entries in each octave."""
 
 _HEIGHTS: Final = np.linspace(0.1, 9.0, 60)
 _SCORES: Final = np.arange(-38.0, 9.01, 0.2)
@@ -79,8 +79,8 @@ _MARGIN: Final = 1.0 + 1e-6
 class Lognormal(Law):
     """The exponential of a normal number, for what is never negative and varies by a factor, such as a stiffness.
 
-    With mean m and standard deviation s of the number itself, its logarithm has the variance σ² = ln(1 + s²/m²) and the
-    mean ln m - σ²/2 (JCGM 101:2008, table 1, and C.3 of Johnson, Kotz and Balakrishnan, chapter 14).
+    For mean m and standard deviation s, the logarithm has the variance σ² = ln(1 + s²/m²) and the mean ln m - σ²/2
+    (JCGM 101:2008, table 1, and C.3 of Johnson, Kotz and Balakrishnan, chapter 14).
 
     Attributes:
         std: Standard deviation of the number itself.
@@ -142,7 +142,7 @@ class Lognormal(Law):
         return self.mean * np.exp(self.log_std * variates - self.log_std**2 / 2)
 
     def support(self, direction: ArrayLike) -> float:
-        """Return infinity above zero, 0 below; w·m where the number does not vary."""
+        """Return infinity above zero, 0 below; w·m if the number does not vary."""
         w = float(np.asarray(direction, dtype=float)[0])
         if not self.std:
             return w * self.mean
@@ -151,10 +151,10 @@ class Lognormal(Law):
     def cumulants(self) -> Array:
         """Return the cumulants from the moments, by the recursion over powers of exp(σ²)."""
         if self.log_std < 0.05:
-            # here the differences of the moments are rounding error, and the law is almost normal
+            # differences of the moments are rounding error here, and the law is almost normal
             return np.array([[self.std**2], [0.0], [0.0], [0.0]])
         w = math.exp(self.log_std**2)
-        # in units of mean; with w - 1 = v the terms of high order in v are those of a heavy tail (Johnson and Kotz, ch. 14)
+        # in units of the mean; terms of high order in w - 1 are those of a heavy tail (Johnson and Kotz, ch. 14)
         raw = [w ** (r * (r - 1) / 2) for r in range(7)]
         central = [sum(math.comb(r, k) * (-1) ** (r - k) * raw[k] for k in range(r + 1)) for r in range(7)]
         m2, m3, m4, m6 = (central[r] * self.mean**r for r in (2, 3, 4, 6))
@@ -186,10 +186,10 @@ class Lognormal(Law):
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return E exp(i t x), t ``(1, …)``, within 1e-12.
 
-        There is no closed form. The integral over the normal number z is taken along a line parallel to the real axis: at
-        the height of the saddle point of its integrand, -W(-i t m σ² exp(-σ²/2))/σ with Lambert's W, or higher, so that
-        the integrand neither cancels nor oscillates where it is large. There the trapezoidal rule converges faster than any
-        power of its step (Trefethen and Weideman, SIAM Review 56, 2014).
+        The integral over the normal number z runs along a line parallel to the real axis: at the height of the
+        integrand's saddle point, -W(-i t m σ² exp(-σ²/2))/σ with Lambert's W, or higher, so that the integrand neither
+        cancels nor oscillates where it is large. There the trapezoidal rule converges faster than any power of its step
+        (Trefethen and Weideman, SIAM Review 56, 2014).
         """
         t = np.asarray(frequency, dtype=float)
         if not self.log_std:
@@ -216,7 +216,7 @@ class _Projection(Projection):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The lowest and the highest value that can be drawn."""
+        """The lowest and highest value that can be drawn."""
         low, high = self.position(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
         return float(low), float(high)
 
@@ -270,7 +270,7 @@ class _Projection(Projection):
         return LOGNORMAL_ERROR
 
     def envelope(self, frequency: Array) -> Array:
-        """Return the least of 1, V/ω and a table; V is the total variation of the density, twice its highest value."""
+        """Return the least of 1, V/ω and a table; V is the density's total variation, twice its highest value."""
         scale = abs(self.weight_of_number) * self.mean
         height = scale * math.exp(-(self.log_std**2)) * self.log_std
         return np.minimum(
@@ -280,19 +280,14 @@ class _Projection(Projection):
 
 
 def lognormal_characteristic(frequency: Array, log_std: float) -> NDArray[np.complex128]:
-    """Return E exp(i t (x - 1)) of x lognormal with mean 1, t ``(N,)``.
-
-    Args:
-        frequency: t.
-        log_std: σ, the standard deviation of ln x.
-    """
+    """Return E exp(i t (x - 1)) for x lognormal with mean 1, t ``(N,)``; ``log_std`` is σ of ln x."""
     t = np.abs(frequency)
     value = _integrate(t, log_std) if t.size <= _MOST_INTEGRALS else _interpolate(t, log_std)
     return np.where(frequency < 0, value.conj(), value)
 
 
 def _saddle_nodes(scaled: Array, sigma: float) -> NDArray[np.complex128]:
-    """Return the nodes ``(N, 721)`` on a line through the saddle point at each frequency or above it."""
+    """Return the nodes ``(N, 721)`` on a line through or above the saddle point at each frequency."""
     saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
     height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
     centre = -lazy_special.lambertw(scaled * sigma**2 * np.sin(sigma * height)).real / sigma
@@ -323,7 +318,7 @@ def _interpolate(t: Array, sigma: float) -> NDArray[np.complex128]:
 
 
 def _octave(t: Array, high: float, sigma: float, turn: float) -> NDArray[np.complex128] | None:
-    """Return the function times exp(i turn t), interpolated between high/2 and high; ``None`` where fewer integrals do."""
+    """Return the function times exp(i turn t), interpolated from high/2 to high; ``None`` if integrals are fewer."""
     for degree in _DEGREES:
         if t.size <= degree + 1:
             return None
@@ -339,9 +334,9 @@ def _octave(t: Array, high: float, sigma: float, turn: float) -> NDArray[np.comp
 
 
 def lognormal_envelope(frequency: Array, log_std: float) -> Array:
-    """Return a non-increasing bound of |E exp(i t x)| of x lognormal with mean 1, t ``(N,)`` not negative."""
+    """Return a non-increasing bound of |E exp(i t x)| for x lognormal with mean 1, t ``(N,)`` not negative."""
     table = _table(log_std)
-    # the table's value at the nearest lower frequency, an upper bound since the table falls
+    # the value at the nearest lower frequency of the table, an upper bound since it falls
     octaves = np.log2(np.maximum(frequency, 2.0 ** _OCTAVES[0]))
     index = np.floor((octaves - _OCTAVES[0]) * _PER_OCTAVE - 1e-9).astype(int)
     bound: Array = table[np.clip(index, 0, table.size - 1)]
@@ -354,7 +349,7 @@ def _table(sigma: float) -> Array:
     t = np.exp2(exponents)
     heights = _HEIGHTS[sigma * _HEIGHTS < math.pi]
     sines = np.sin(sigma * heights)
-    # the Laplace transform at s, from its own table at the nearest lower s: an upper bound, since it falls
+    # the Laplace transform at the nearest lower s of its table, an upper bound since it falls
     low = (_OCTAVES[0] - 20) * _PER_OCTAVE
     places = np.arange(low, exponents[-1] * _PER_OCTAVE + 1) / _PER_OCTAVE
     exponent = -np.exp2(places)[:, None] * np.exp(sigma * _SCORES - sigma**2 / 2) - _SCORES**2 / 2

@@ -128,7 +128,7 @@ class Empirical(BoundedLaw):
     def from_samples(cls, samples: Iterable[float]) -> Empirical:
         """Return the law of n samples, with the k-th smallest as the quantile at (k - 1/2)/n (Hazen).
 
-        Half of the probability of the smallest and of the largest sample stays at that sample, which keeps the samples' mean.
+        Half of the probability of the smallest and of the largest sample stays at it, which keeps the mean.
 
         Raises:
             InputError: No sample, or one that is not finite.
@@ -161,7 +161,7 @@ class Empirical(BoundedLaw):
     @cached_property
     @returns_read_only
     def segments(self) -> Array:
-        """The straight lines ``(s, 4)``: probability and value at the begin of each, its slope, the value at its end."""
+        """Straight lines ``(s, 4)``: probability and value at the begin of each, its slope, the value at its end."""
         p, x = self._knots
         step = np.diff(p)
         slopes = np.divide(np.diff(x), step, out=np.zeros_like(step), where=step > 0)
@@ -186,7 +186,7 @@ class Empirical(BoundedLaw):
         return np.array([[self._shares @ (a * a + a * b + b * b) / 3]])
 
     def sample(self, variates: Array) -> Array:
-        """Return the quantiles at u, by straight lines."""
+        """Return the quantiles at u."""
         begin, value, slope, end = self.segments.T
         k = np.searchsorted(begin, variates, side="right") - 1
         return np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
@@ -206,7 +206,7 @@ class Empirical(BoundedLaw):
         return np.array(self.quantiles[1:-1], dtype=float)[:, 1:] if self.sample_count is not None else None
 
     def cumulants(self) -> Array:
-        """Return the cumulants of the lines, by Gauss-Legendre quadrature with four nodes, which is exact."""
+        """Return the cumulants of the lines, exactly, by Gauss-Legendre quadrature with four nodes."""
         begin, value, _, end = self.segments.T
         nodes, weights = np.polynomial.legendre.leggauss(4)
         middles = (1 + nodes[:, None]) / 2
@@ -244,7 +244,7 @@ class Empirical(BoundedLaw):
 
 
 def _column(reader: SheetReader, table: Measured, where: Place, *others: str) -> tuple[float, ...]:
-    """Return the named column, or the only one besides ``others``."""
+    """Return the named column, or else the only one besides ``others``."""
     rest = [name for name in table.names if name not in others]
     name = reader.value(*where).get("column")
     if name is None and len(rest) != 1:
@@ -270,7 +270,7 @@ class TwoPoint(BoundedLaw):
 
     Attributes:
         half_width: Half the distance between the two.
-        centre: Halfway between them; the mean only where both are equally likely.
+        centre: Their midpoint; the mean only if both are equally likely.
         probability: Probability of the upper one.
     """
 
@@ -367,7 +367,7 @@ _ROWS_SCHEMA: Final[Mapping[str, Any]] = {"anyOf": [{"type": "array", "minItems"
 @final
 @dataclass(frozen=True)
 class Rows(Law):
-    """Several numbers that were measured together: the rows of a table, all equally likely.
+    """Several numbers measured together: the rows of a table, all equally likely.
 
     Args:
         table: The rows, all of one length.
@@ -437,12 +437,12 @@ class Rows(Law):
 
     @property
     def covariance(self) -> Array:
-        """Covariance ``(size, size)`` of the rows as the whole population: divided by their number, not by one less."""
+        """Covariance ``(size, size)`` of the rows as the whole population, divided by their number."""
         centred = self.array - self.mean_vector
         return centred.T @ centred / len(self.table)
 
     def sample(self, variates: Array) -> Array:
-        """Return row ⌊u₀ n⌋ of n; the other uniform numbers are not used."""
+        """Return row ⌊u₀ n⌋ of n; the other uniform numbers are unused."""
         chosen = np.floor(variates[0] * len(self.table)).astype(np.intp)
         return self.array[chosen].T
 
@@ -451,7 +451,7 @@ class Rows(Law):
 
     @property
     def cell_edges(self) -> Array:
-        """Uniform numbers between which one row is drawn, all equally far apart."""
+        """Evenly spaced uniform numbers between which one row is drawn."""
         return np.arange(len(self.table) + 1) / len(self.table)
 
     @property
@@ -460,7 +460,7 @@ class Rows(Law):
 
     @property
     def extreme_points(self) -> Array:
-        """The rows, each once."""
+        """The distinct rows."""
         return np.unique(self.array, axis=0)
 
     def standardised_moments(self) -> Moments | None:

@@ -24,12 +24,11 @@ LARGEST_SCALED_BESSEL: Final = 0.82504
 
 @dataclass(frozen=True)
 class PlaneLaw(Law):
-    """A law of two numbers with circular symmetry about the origin; in a sheet the radius is the value under its key.
+    """A law of two numbers with circular symmetry about the origin; its key in a sheet holds the radius.
 
     Attributes:
         along: Its projection on any direction, given the radius.
         divisor: Square of the radius over the variance on either axis.
-        words: Where the point is.
     """
 
     size: ClassVar = 2
@@ -71,8 +70,6 @@ class PlaneLaw(Law):
 @final
 @dataclass(frozen=True)
 class _DiscProjection(SineProjection):
-    """Projection of a disc."""
-
     def cumulative(self, z: Array) -> Array:
         t = self.scale_to_reach(z)
         return 0.5 + (t * np.sqrt((1 - t) * (1 + t)) + np.arcsin(t)) / np.pi
@@ -111,7 +108,7 @@ class Disc(PlaneLaw):
         return self.radius * np.sqrt(variates[0]) * direction(variates[1])
 
     def from_normals(self, normals: Array) -> Array:
-        """Return r √(1 - exp(-|z|²/2)) in the direction of z: smoother than polar coordinates, which jump at one angle."""
+        """Return r √(1 - exp(-|z|²/2)) in the direction of z: polar coordinates would jump at one angle."""
         length = np.hypot(*normals)
         unit = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
         return self.radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
@@ -140,7 +137,7 @@ class Circle(PlaneLaw):
     """The second variate, which gives the angle."""
 
     def sample(self, variates: Array) -> Array:
-        """Return the point at the angle 2π u₁; u₀ is not used, so that a circle in place of a disc keeps its angles."""
+        """Return the point at the angle 2π u₁; u₀ is unused, so that a circle in place of a disc keeps its angles."""
         return self.radius * direction(variates[1])
 
     def from_normals(self, normals: Array) -> Array:

@@ -1,7 +1,7 @@
-"""The projection of a draw on one direction, the random number ``z = w·(x - mean)``, and the numerics that laws share.
+"""The projection of a draw on one direction, the random number ``z = w·(x - mean)``, and numerics shared by laws.
 
-Each projection has its cumulative law and density in closed form, a smooth parametrisation to integrate along, and a
-non-increasing bound of its characteristic function. This bound certifies the truncation error of an inversion.
+A projection has cumulative law and density in closed form, a smooth parametrisation to integrate along, and a
+non-increasing bound of its characteristic function, which certifies the truncation error of an inversion.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from precision_pin.draws import lazy_special
 class Projection(ABC):
     """The number along one direction of a law, of zero mean (of any mean for :class:`Lines`).
 
-    The parametrisation: z = position(s) with the probability weight(s) ds, s from the first to the last of ``breaks``,
-    both functions smooth between the breaks.
+    Parametrised as z = position(s) with the probability weight(s) ds, s from the first to the last of ``breaks``; both
+    functions are smooth between the breaks.
     """
 
     @property
@@ -39,7 +39,7 @@ class Projection(ABC):
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Values between which the cumulative law is smooth and its slope varies little."""
+        """Values between which the cumulative law is smooth with little change of slope."""
         return self.ends
 
     @abstractmethod
@@ -48,7 +48,7 @@ class Projection(ABC):
 
     @abstractmethod
     def density(self, z: Array) -> Array:
-        """Return the density; not-a-number where it has none."""
+        """Return the density; NaN where it has none."""
 
     @abstractmethod
     def position(self, s: Array) -> Array:
@@ -60,7 +60,7 @@ class Projection(ABC):
 
     @abstractmethod
     def parameter(self, z: Array) -> Array:
-        """Return the parameter of a value; a value beyond an end has the parameter of that end."""
+        """Return the parameter of a value; beyond an end, that of the end."""
 
     @abstractmethod
     def envelope(self, frequency: Array) -> Array:
@@ -108,7 +108,7 @@ class SymmetricProjection(Projection):
 @final
 @dataclass(frozen=True, eq=False)
 class Lines(Fixed, Projection):
-    """A projection of uniform pieces and single values: of empirical and two-point laws and of rows of a table.
+    """Uniform pieces and single values: projection of empirical and two-point laws and of rows of a table.
 
     Attributes:
         shares: Probability of each piece, ``(s,)``.
@@ -140,7 +140,7 @@ class Lines(Fixed, Projection):
 
     @property
     def has_jumps(self) -> bool:
-        """True if some value has a probability of its own."""
+        """True if some value has its own probability."""
         return bool((self.begins == self.stops).any())
 
     def cumulative(self, z: Array) -> Array:
@@ -150,7 +150,7 @@ class Lines(Fixed, Projection):
         return passed @ self.shares
 
     def density(self, z: Array) -> Array:
-        """Return the density; not-a-number where any value has a probability of its own."""
+        """Return the density; NaN if any value has its own probability."""
         if self.has_jumps:
             return np.full_like(z, np.nan)
         inside = (z[..., None] >= self.begins) & (z[..., None] < self.stops)
@@ -196,10 +196,10 @@ def power_bound(factor: float, power: float, z: Array) -> Array:
 
 
 FARTHEST_NORMAL: Final = 8.6
-"""Largest normal number that is drawn, in standard deviations: the smallest uniform number is 2⁻⁵³."""
+"""Largest normal number drawn, in standard deviations: the smallest uniform number is 2⁻⁵³."""
 
 LAST_UNIFORM: Final = 1 - 2.0**-53
-"""Largest uniform number that is drawn; the smallest is the same distance from zero."""
+"""Largest uniform number drawn; the smallest is as far from zero."""
 
 Moments = tuple[float, float, float]
 """E ζ³, E ζ⁴ of standardised numbers and E ζ_k² ζ_l² of two of them."""
@@ -207,7 +207,7 @@ Moments = tuple[float, float, float]
 NORMAL_MOMENTS: Final[Moments] = (0.0, 3.0, 1.0)
 
 _PANELS: Final = 36
-"""Panels of the quadrature over normal scores, besides those that the breaks add."""
+"""Panels of the quadrature over normal scores, before splitting at the breaks."""
 
 _CHUNK: Final = 2**20
 """Numbers that :func:`in_chunks` holds in memory at once."""
@@ -216,13 +216,7 @@ _CHUNK: Final = 2**20
 def in_chunks(
     function: Callable[[Array], NDArray[np.complex128]], frequency: Array, width: int
 ) -> NDArray[np.complex128]:
-    """Return the values of a function ``(m, T) → (T,)`` at frequencies ``(m, …)``, computed in chunks to bound the memory.
-
-    Args:
-        function: Takes the memory of about ``width`` numbers for each of its T columns.
-        frequency: ``(m, …)``.
-        width: Numbers in memory for each frequency.
-    """
+    """Return ``function``: ``(m, T) → (T,)`` at frequencies ``(m, …)``, in chunks, at ``width`` numbers a column."""
     flat = frequency.reshape(frequency.shape[0], -1)
     step = max(1, _CHUNK // max(width, 1))
     parts = [function(flat[:, first : first + step]) for first in range(0, flat.shape[1], step)]
@@ -241,7 +235,7 @@ def triangular_root(covariance: Array) -> Array:
 
 
 def moments_of(values: Array, weights: Array) -> Moments:
-    """Return the moments of a number with weighted values; those of a normal number if it does not vary."""
+    """Return the moments of weighted values; those of a normal number if they do not vary."""
     deviations = values - weights @ values
     variance = float(weights @ deviations**2)
     if variance <= 0:
@@ -253,16 +247,15 @@ def moments_of(values: Array, weights: Array) -> Moments:
 def moments_by_quadrature(at_scores: Callable[[Array], Array], breaks: Sequence[float]) -> Moments:
     """Return the moments of a number from its values at normal scores, by Gauss-Legendre panels.
 
-    Args:
-        at_scores: The values ``(1, N)`` at scores ``(1, N)``.
-        breaks: Uniform numbers at which the values jump or bend; the panels are split there.
+    ``at_scores`` maps scores ``(1, N)`` to values ``(1, N)``; panels are split at ``breaks``, the uniform numbers at
+    which the values jump or bend.
     """
     z, weights, _ = score_panels(breaks, 16)
     return moments_of(at_scores(z.reshape(1, -1))[0], weights.ravel())
 
 
 def score_panels(breaks: Sequence[float], count: int) -> tuple[Array, Array, Array]:
-    """Return normal scores ``(panels, count)``, their probabilities and the edges of the panels, which the breaks split."""
+    """Return normal scores ``(panels, count)``, their probabilities and the panels' edges, split at the breaks."""
     bends = lazy_special.ndtri(np.array(breaks, dtype=float))
     bends = bends[np.abs(bends) < FARTHEST_NORMAL]
     edges = np.union1d(np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, _PANELS + 1), bends)
@@ -278,8 +271,8 @@ def _rule(count: int) -> tuple[Array, Array]:
 
 
 def cumulants_of(values: Array, weights: Array) -> Array:
-    """Return the second, third, fourth and sixth cumulant ``(4, size)`` of values ``(N, size)`` with weights ``(N,)``."""
-    # sums, not BLAS, whose bits may differ from process to process
+    """Return the 2nd, 3rd, 4th and 6th cumulant ``(4, size)`` of values ``(N, size)`` with weights ``(N,)``."""
+    # sums, not BLAS, whose bits vary between processes
     residuals = values - (weights[:, None] * values).sum(axis=0)
     m2, m3, m4, m6 = ((weights[:, None] * residuals**power).sum(axis=0) for power in (2, 3, 4, 6))
     return np.stack([m2, m3, m4 - 3 * m2**2, m6 - 15 * m4 * m2 - 10 * m3**2 + 30 * m2**3])

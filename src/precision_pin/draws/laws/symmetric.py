@@ -74,7 +74,7 @@ class SymmetricLaw(Law):
 
 @dataclass(frozen=True)
 class HalfWidthLaw(SymmetricLaw):
-    """A symmetric law on mean ± half_width; in a sheet the half-width is the value under the law's key."""
+    """A symmetric law on mean ± half_width; its key in a sheet holds the half-width."""
 
     along: ClassVar[type[SymmetricProjection]]
     divisor: ClassVar[float]
@@ -106,7 +106,7 @@ class HalfWidthLaw(SymmetricLaw):
 @final
 @dataclass(frozen=True)
 class Fixed(SymmetricLaw):
-    """A number that does not vary; it is a parameter, so that derivatives with respect to it exist."""
+    """A number that does not vary, but is a parameter, so that derivatives by it exist."""
 
     is_normal: ClassVar[bool] = True
     form: ClassVar = SheetForm(
@@ -325,7 +325,7 @@ class TruncatedNormal(SymmetricLaw):
         return self.k * self.std
 
     def sample(self, variates: Array) -> Array:
-        """Return the inverse of the cumulative law, from the nearer end (so that it is symmetric)."""
+        """Return the inverse of the cumulative law, symmetrically from the nearer end."""
         tail = np.minimum(variates, 1 - variates)
         cut = lazy_special.ndtr(-self.k)
         score = lazy_special.ndtri(cut + tail * math.erf(self.k / math.sqrt(2)))
@@ -395,11 +395,9 @@ class _TruncatedProjection(SymmetricProjection):
         return 2e-15 / self._inner
 
     def envelope(self, frequency: Array) -> Array:
-        """Return the bound of the normal law plus that of the removed tails, over P(|z| < k).
-
-        The bound of the tails is the smaller of their probability and their total variation over ω, 4φ(k)/ω. For small k
-        the total variation of the whole density over ω is the smaller bound.
-        """
+        """Return the bound of the normal law plus that of the removed tails, over P(|z| < k)."""
+        # The tails' bound is the smaller of their probability and their total variation over ω, 4φ(k)/ω. For small k,
+        # the total variation of the whole density over ω is smaller.
         omega = np.maximum(self.reach / self.k * frequency, 1e-300)
         height = math.exp(-(self.k**2) / 2) / math.sqrt(2 * math.pi)
         tails = np.minimum(2 * lazy_special.ndtr(-self.k), 4 * height / omega)
@@ -417,7 +415,7 @@ class Normal(SymmetricLaw):
     """Normal of standard deviation ``std``.
 
     Attributes:
-        k: Standard deviations in the half-width that it was made from; ``None`` where it was made from ``std``.
+        k: Standard deviations in the half-width that it was made from; ``None`` if made from ``std``.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
@@ -495,7 +493,7 @@ class Normal(SymmetricLaw):
         return f"normal, standard deviation {write_number(self.std, quantity)}{mean}"
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the half-width with the standard deviation, ``±0.01° (σ 0.0033°)``; without a half-width ``σ 0.1 mm``."""
+        """Return half-width and standard deviation, ``±0.01° (σ 0.0033°)``; without a half-width ``σ 0.1 mm``."""
         deviation = super().tolerance(quantities)
         if self.k is None or not deviation:
             return deviation

@@ -1,7 +1,7 @@
 """Strict reader of URDF files, run before any C++ code; their canonical form; changes of root.
 
-`read` refuses a file that a lenient parser would turn into a silently wrong robot; `check` lists all findings
-about a file; `canonical` writes the only form that Pinocchio reads.
+`read` refuses a file that a lenient parser would turn into a silently wrong robot; `check` lists all findings about a
+file; `canonical` writes the only form that Pinocchio reads.
 """
 
 from precision_pin.robot.urdf.meshes import locate_mesh as locate_mesh

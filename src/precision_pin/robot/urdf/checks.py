@@ -1,4 +1,4 @@
-"""Checks of a URDF that has been read as a whole: names, mimics, angles, the tree, inertias, size."""
+"""Checks of a whole URDF: names, mimics, angles, the tree, inertias, size."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MOST_DECIMALS: Final = 5
 WIDEST: Final = 4 * math.pi
 Verdict = Literal["physical", "point", "negative", "triangle"]
 
-# inertias are often written with three digits; those of a plate then violate ixx + iyy = izz by as much
+# inertias often have three digits; those of a plate then violate ixx + iyy = izz by as much
 ROUNDING = 1e-3
 # radius of gyration of one micrometre: export programs write such inertias for zeros
 POINT_RADIUS = 1e-6
@@ -71,7 +71,7 @@ def check_names(links: Sequence[Link], joints: Sequence[Joint], findings: Findin
 
 
 def _find_odd_character(name: str) -> str | None:
-    """Return a phrase for the unusual character of a name, None if there is none."""
+    """Return a phrase for an unusual character of a name, None if there is none."""
     if name[0] in "-.:":
         return f"a leading {name[0]!r}"
     for character in name:
@@ -81,17 +81,15 @@ def _find_odd_character(name: str) -> str | None:
 
 
 def _skeleton(name: str) -> str:
-    """Return a name as a quick reader sees it: without case, width, script and invisible characters."""
+    """Return a name as seen at a glance: without case, width, script and invisible characters."""
     folded = unicodedata.normalize("NFKC", name).casefold().translate(LOOK_ALIKE)
     return "".join(character for character in folded if unicodedata.category(character)[0] not in "CZ")
 
 
 def find_exact_angle(angle: float) -> float | None:
-    """Return the multiple of 45° that an angle is rounded from, None if it is not rounded.
-
-    A right angle counts as rounded if it is off by up to 2 mrad and written with up to five decimals, since more
-    decimals look measured. An odd multiple of 45° must be truncated or rounded at its last decimal.
-    """
+    """Return the multiple of 45° that an angle is rounded from, None if it is not rounded."""
+    # A right angle counts as rounded if it is off by up to 2 mrad and has up to five decimals, since more look
+    # measured. An odd multiple of 45° must be truncated or rounded at its last decimal.
     if abs(angle) > WIDEST:
         return None
     turns = round(angle / EIGHTH)
@@ -107,7 +105,7 @@ def find_exact_angle(angle: float) -> float | None:
 
 
 def check_joints(joints: Sequence[Joint], findings: Findings) -> None:
-    """Refuse mimics without sense (``E_MIMIC``); warn of rounded right angles in origins (``W_ANGLE_ROUNDED``)."""
+    """Refuse meaningless mimics (``E_MIMIC``); warn of rounded right angles in origins (``W_ANGLE_ROUNDED``)."""
     by_name = {joint.name: joint for joint in joints}
     for joint in joints:
         if joint.mimic is None:
@@ -139,7 +137,7 @@ def check_joints(joints: Sequence[Joint], findings: Findings) -> None:
 
 
 def without_twins(things: Sequence[Named | None], kind: str, code: str, findings: Findings) -> tuple[Named, ...]:
-    """Return links or joints that were read with the first of each name; add ``E_DUP_LINK`` or ``E_DUP_JOINT``."""
+    """Return the first link or joint of each name; add ``E_DUP_LINK`` or ``E_DUP_JOINT`` for others."""
     kept: dict[str, Named] = {}
     for thing in things:
         if thing is None:
@@ -152,7 +150,7 @@ def without_twins(things: Sequence[Named | None], kind: str, code: str, findings
 
 
 def check_tree(links: Sequence[Link], joints: Sequence[Joint], findings: Findings) -> bool:
-    """Return whether the joints make one tree of the links; else say what is wrong."""
+    """Return whether the joints make one tree of the links; else add findings."""
     by_name = {link.name for link in links}
     parents: dict[str, Joint] = {}
     before = findings.errors
@@ -199,7 +197,6 @@ def _check_roots(links: Sequence[Link], parents: dict[str, Joint], findings: Fin
 
 
 def _find_circles(starts: Iterable[str], follow: Callable[[str], str | None]) -> list[list[str]]:
-    """Return the names on each circle that is reached by following names, from the first that is met on."""
     done: set[str] = set()
     circles = []
     for start in starts:
@@ -268,9 +265,9 @@ def _list_names(names: Sequence[str]) -> str:
 def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findings) -> None:
     """Refuse unphysical inertias (``E_INERTIA_PD``, ``E_INERTIA_TRIANGLE``).
 
-    A link that fixed joints make part of a larger rigid body only gets a warning (``W_INERTIA``) if the whole body is
-    physical, because only the body's inertia has an effect. A link with mass and no inertia is a point mass
-    (``W_INERTIA_ZERO``); one zero principal moment (a slender rod) is allowed. ``robot`` is None if there is no tree.
+    Links that fixed joints join to a physical body only get a warning (``W_INERTIA``), because only the body's inertia
+    has an effect. A link with mass and no inertia is a point mass (``W_INERTIA_ZERO``); one zero principal moment (a
+    slender rod) is allowed. ``robot`` is None if there is no tree.
     """
     bodies = {} if robot is None else _bodies(robot)
     for link in links:
@@ -298,10 +295,8 @@ def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findi
 
 
 def mended_inertias(links: tuple[Link, ...]) -> dict[str, dict[str, float]]:
-    """Return the parts of the nearest inertia that a body can have, by the name of each link that has none such.
-
-    The second moments of its mass, tr(I)/2 - I, that are negative become zero; mass and centre of mass stay.
-    """
+    """Return the parts of the nearest physical inertia, by name of each link with an unphysical one."""
+    # negative second moments of its mass, tr(I)/2 - I, become zero; mass and centre of mass stay
     found = {}
     for link in links:
         if link.inertial is not None and _verdict(_moments(link.inertial.tensor), link.inertial.mass) in WHAT:
@@ -315,7 +310,6 @@ def mended_inertias(links: tuple[Link, ...]) -> dict[str, dict[str, float]]:
 
 
 def _verdict(moments: Array, mass: float) -> Verdict:
-    """Return the verdict on principal moments in rising order."""
     if np.abs(moments).max() <= abs(mass) * POINT_RADIUS**2:
         return "point"
     if moments[0] < -ROUNDING * moments[2]:
@@ -346,7 +340,6 @@ class _Body:
 
 
 def _bodies(robot: Robot) -> dict[str, _Body]:
-    """Return the rigid body of each link, by the link's name."""
     top: dict[str, str] = {robot.root: robot.root}
     poses: dict[str, Array] = {robot.root: np.eye(4)}
     for joint in robot.joints_from_root:

@@ -1,4 +1,4 @@
-"""Editor of placements and inertias in a URDF's text: every other byte stays unchanged."""
+"""Editor of placements and inertias in a URDF's text; every other byte stays."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ START_TAG: Final = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 ATTRIBUTE: Final = re.compile(rb"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 DECLARATION: Final = re.compile(rb"<\?xml\s.*?\?>", re.DOTALL)
 Edit = tuple[int, int, bytes]
-"""Replace the bytes from the first to before the second position."""
+"""Replacement of the bytes from the first position to before the second."""
 
 
 @final
 @dataclass(frozen=True)
 class Placement:
-    """New position (m) and roll, pitch, yaw (rad) of a joint's ``<origin>``; ``None`` leaves a vector as written."""
+    """New position (m) and roll, pitch, yaw (rad) of a joint's ``<origin>``; ``None`` keeps a vector as written."""
 
     xyz: Vector | None
     rpy: Vector | None
@@ -32,7 +32,7 @@ class Placement:
 @final
 @dataclass(frozen=True)
 class AddedFrame:
-    """A link without mass, and the fixed joint that carries it at a pose (m, rad) in its parent's axes."""
+    """A massless link, and the fixed joint that carries it at a pose (m, rad) in its parent's axes."""
 
     link: str
     joint: str
@@ -43,8 +43,6 @@ class AddedFrame:
 
 @dataclass(frozen=True)
 class _JointText:
-    """Byte positions in a ``<joint>``: of its first child element, and of its ``<origin>`` if it has one."""
-
     first_child: int
     origin: int | None
 
@@ -52,10 +50,10 @@ class _JointText:
 @final
 @dataclass(frozen=True, eq=False)
 class UrdfText:
-    """The text of a URDF that was read without error, in UTF-8, and the byte positions of what can be edited.
+    """The text of a URDF read without error, in UTF-8, and the byte positions of what can be edited.
 
-    ``joints`` and ``inertias`` (of links) are by name, ``end`` is that of the root's end tag; ``meshes`` are file names as
-    written, without repeats.
+    ``joints`` and ``inertias`` (of links) are by name, ``end`` is that of the root's end tag; ``meshes`` are distinct
+    file names as written.
     """
 
     data: bytes
@@ -66,7 +64,7 @@ class UrdfText:
 
     @classmethod
     def scan(cls, data: bytes) -> UrdfText:
-        """Return the text, which `parse` accepts but for inertias, with the positions of what can be edited."""
+        """Return the text, which `parse` accepts except for inertias, with the positions of what can be edited."""
         text = utf8_text(data)
         scanner = _Scanner(text)
         return cls(text, scanner.joints, scanner.inertias, scanner.end, tuple(dict.fromkeys(scanner.meshes)))
@@ -80,9 +78,9 @@ class UrdfText:
     ) -> bytes:
         """Return the text with other placements of joints; one without ``<origin>`` gets one.
 
-        ``inertias`` are the attributes of ``<inertia>`` of links, by name. ``added`` frames are written at the end of the robot,
-        the lines of ``comment`` at the top, after the XML declaration; a blank separates two dashes in a row, which would end the
-        comment.
+        ``inertias`` are the attributes of links' ``<inertia>``, by link name. ``added`` frames go to the end of the
+        robot, the ``comment`` lines to the top, after the XML declaration; a blank separates two dashes in a row, which
+        would end the comment.
         """
         edits: list[Edit] = []
         for name, placement in placements.items():
@@ -121,7 +119,6 @@ class UrdfText:
         return self._edit_attributes(joint.origin, b"<origin", values)
 
     def _edit_attributes(self, position: int, tag: bytes, values: dict[bytes, bytes]) -> list[Edit]:
-        """Return the edits that give the tag at a position these attributes."""
         match = START_TAG.match(self.data, position)
         assert match is not None
         edits: list[Edit] = []
@@ -163,7 +160,7 @@ def _quote(name: str) -> str:
 
 
 def _make_safe(line: str) -> str:
-    """Return a line that is safe in a comment: it ends neither the comment nor the line."""
+    """Return a line that ends neither a comment nor the line."""
     visible = "".join(one if one.isprintable() else " " for one in line)
     return re.sub("-(?=-)", "- ", visible)
 

@@ -1,4 +1,4 @@
-"""Grammar of URDF: one table of elements and attributes, and the reader of numbers and names that follows it."""
+"""Grammar of URDF: a table of elements and attributes, and the reader of numbers and names that follows it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BLANKS: Final = re.compile(r"[ \t\r\n]+")
 @final
 @dataclass(frozen=True)
 class Form:
-    """Form of an attribute: how many numbers, none for text; whether it must be there, and may be infinite."""
+    """Form of an attribute: how many numbers, 0 for text; whether it is required, and may be infinite."""
 
     count: int = 1
     required: bool = False
@@ -35,10 +35,10 @@ class Form:
 @final
 @dataclass(frozen=True)
 class Element:
-    """What an element may hold.
+    """Possible contents of an element.
 
-    ``is_closed`` elements are those whose numbers or names are used: unknown attributes of others change nothing.
-    ``missing`` is the finding where a required element is left out, after its owner's name.
+    ``is_closed`` elements are those whose numbers or names are used; unknown attributes of others change nothing.
+    ``missing`` is the finding for a missing required element, after its owner's name.
     """
 
     attributes: Mapping[str, Form]
@@ -86,7 +86,7 @@ GRAMMAR: Final[Mapping[str, Element]] = {
 @final
 @dataclass(frozen=True)
 class Owner:
-    """The robot, link or joint whose elements are read; each finding begins with its name."""
+    """The robot, link or joint whose elements are read; its name starts each finding."""
 
     name: str
     findings: Findings
@@ -96,7 +96,7 @@ class Owner:
         self.findings.add(code, self.name + text, line)
 
     def child(self, node: Node, tag: str) -> Node | None:
-        """Return the first child with a tag; where there is none, add the table's finding."""
+        """Return the first child with a tag, or add the table's finding."""
         element = node.first(tag)
         if element is None:
             self.say(*GRAMMAR[tag].missing, node.line)
@@ -107,7 +107,7 @@ class Owner:
         return {name: self.read(element, name) for name, form in GRAMMAR[element.tag].attributes.items() if form.count}
 
     def read(self, node: Node, attribute: str) -> tuple[float, ...] | None:
-        """Return the numbers of one attribute; None if it is wrong, or left out and not required."""
+        """Return the numbers of one attribute; None if wrong, or absent and not required."""
         form, text = GRAMMAR[node.tag].attributes[attribute], node.get(attribute)
         if text is None:
             if form.required:
@@ -126,13 +126,13 @@ class Owner:
         return result
 
     def placement(self, node: Node) -> tuple[Vector, Vector]:
-        """Return position and angles of an element's origin, zeros where they are missing or wrong."""
+        """Return position and angles of an element's origin, zeros if missing or wrong."""
         origin = node.first("origin")
         xyz, rpy = (None, None) if origin is None else map(as_vector, self.numbers(origin).values())
         return xyz or ZERO3, rpy or ZERO3
 
     def check_children(self, node: Node) -> None:
-        """Refuse a second element where one is allowed (``E_DUP_ELEMENT``); warn of unknown ones."""
+        """Refuse duplicates of single elements (``E_DUP_ELEMENT``); warn of unknown ones."""
         once, often = GRAMMAR[node.tag].once, GRAMMAR[node.tag].often
         seen: set[str] = set()
         for child in node.children:
@@ -161,14 +161,14 @@ class Owner:
                 self.findings.group("W_UNKNOWN_ATTRIBUTE", message, self.name, node.line)
 
     def check_placement(self, node: Node, xyz: Vector, rpy: Vector, position: str, angles: str) -> None:
-        """Check position and angles of an element's origin, each with its name in messages."""
+        """Check position and angles of an element's origin, with their names for messages."""
         origin = node.first("origin")
         if origin is not None:
             self._check_units(xyz, position, origin.line, angles=False)
             self._check_units(rpy, angles, origin.line, angles=True)
 
     def _check_units(self, vector: Vector, what: str, line: int, *, angles: bool) -> None:
-        """Refuse numbers beyond 1e6 (``E_UNITS``), warn of lengths beyond 20 m and angles beyond a turn (``W_UNITS``)."""
+        """Refuse numbers beyond 1e6 (``E_UNITS``), warn of lengths over 20 m and angles over a turn (``W_UNITS``)."""
         largest = max(vector, key=abs)
         if angles:
             is_wide, unit, doubt = abs(largest) > WIDEST_ANGLE, "rad", ", over a full turn; are these degrees?"
@@ -195,14 +195,14 @@ def read_name(node: Node, findings: Findings) -> str | None:
 @final
 @dataclass(frozen=True)
 class BadNumbers:
-    """Reason that a text is not numbers, with its code (``E_NUMBER`` or ``E_NOT_FINITE``)."""
+    """Reason why a text is not numbers, with its code (``E_NUMBER`` or ``E_NOT_FINITE``)."""
 
     code: str
     reason: str
 
 
 def parse_numbers(text: str, count: int, *, infinite: bool = False) -> tuple[float, ...] | BadNumbers:
-    """Return ``count`` plain ASCII decimals, blanks between and around, or the reason that the text is something else.
+    """Return ``count`` plain ASCII decimals, blanks between and around, or why the text is something else.
 
     ``infinite`` accepts ``inf`` and ``-inf``; an overflow such as ``1e400`` is never accepted.
     """
@@ -234,7 +234,7 @@ def _describe_count(count: int) -> str:
 
 
 def is_misread(text: str, count: int) -> bool:
-    """Return whether urdfdom fails on valid numbers, since it splits them at blanks only."""
+    """Return whether urdfdom, which splits only at blanks, fails on valid numbers."""
     pieces = [text] if count == 1 else text.split(" ")
     return any(piece[-1].isspace() or len(piece.split()) > 1 for piece in pieces if piece)
 

@@ -1,6 +1,6 @@
 """Mesh files of a URDF: located, read within limits, and checked before any mesh library reads them.
 
-Mesh loaders are known to crash on broken files, or to open any file that a mesh names, so no loader is called here.
+Mesh loaders are known to crash on broken files, or to open any file that a mesh names, so none is called here.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
 LONGEST_NAME = 4096
 
 Companion = Callable[[str], bytes]
-"""Function that returns the bytes of a file that a mesh names, or raises `BrokenMeshError`."""
+"""Returns the bytes of a file that a mesh names, or raises `BrokenMeshError`."""
 
 MOST_TRIANGLES: Final = 4_000_000
-"""Triangles of one file, every instance counted, and corners of one list."""
+"""Most triangles of a file, counting every instance, and most corners of a list."""
 MOST_DEPTH: Final = 200
 LONGEST_JSON: Final = 16 * 1024 * 1024
 GLB_HEADER: Final = 12
@@ -57,7 +57,7 @@ class BrokenMeshError(Exception):
 
 
 def check_numbers(numbers: ArrayLike) -> None:
-    """Refuse coordinates, or factors of them, that cannot be computed with."""
+    """Refuse coordinates, or factors of them, too large or not finite."""
     values = np.asarray(numbers, dtype=np.float64)
     if not np.isfinite(values).all():
         raise BrokenMeshError("holds vertices that are not finite")
@@ -142,7 +142,6 @@ def _index(value: object, items: object) -> int:
 
 
 def _accessor(accessor: Mapping[str, Any], views: list[tuple[bytes, int]]) -> NDArray[Any]:
-    """Return the rows ``(N, width)`` of an accessor."""
     count, width = int(accessor["count"]), WIDTHS[accessor["type"]]
     kind = np.dtype(NUMBERS[accessor["componentType"]])
     if not 0 <= count * width <= 4 * MOST_TRIANGLES:
@@ -157,7 +156,6 @@ def _accessor(accessor: Mapping[str, Any], views: list[tuple[bytes, int]]) -> ND
 
 
 def _check_primitive(primitive: Mapping[str, Any], accessors: list[NDArray[Any]]) -> int:
-    """Return the number of triangles."""
     attributes = primitive.get("attributes", {})
     if "POSITION" not in attributes:
         return 0
@@ -172,7 +170,7 @@ def _check_primitive(primitive: Mapping[str, Any], accessors: list[NDArray[Any]]
 
 
 def _check_nodes(tree: Mapping[str, Any], triangles: list[int]) -> None:
-    """Refuse nodes that are no forest, as the format requires: readers would follow a circle without end."""
+    """Refuse nodes that are not a forest, as the format requires: readers would follow a circle forever."""
     nodes = tree.get("nodes", [])
     parents: dict[int, int] = {}
     total = 0
@@ -250,7 +248,6 @@ def _check_xml(data: bytes) -> None:
 
 
 def _check_geometry(geometry: ElementTree.Element) -> int:
-    """Return the approximate number of triangles."""
     rows = {}
     for source in geometry.iter("source"):
         rows["#" + source.get("id", "")] = _check_source(source)
@@ -266,7 +263,6 @@ def _check_geometry(geometry: ElementTree.Element) -> int:
 
 
 def _check_source(source: ElementTree.Element) -> int:
-    """Return the number of rows of a source."""
     array, accessor = source.find("float_array"), source.find("technique_common/accessor")
     if array is None:
         return 0
@@ -341,7 +337,7 @@ def _check_instances(root: ElementTree.Element, geometries: Mapping[str, int]) -
 @final
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """A mesh file whose contents agree with its header: its suffix, the whole file, and the files that it names.
+    """A mesh file whose contents agree with its header: suffix, whole file, and the files that it names.
 
     ``companions`` are those that were read: buffers of a glTF, material files of an OBJ; never images.
     """
@@ -352,7 +348,7 @@ class MeshFile:
 
 
 def read_mesh(path: Path) -> MeshFile:
-    """Return a mesh file with a suffix of `MESH_KINDS` after checking it; `BrokenMeshError` where it cannot be used."""
+    """Return a checked mesh file with a suffix of `MESH_KINDS`; raise `BrokenMeshError` if unusable."""
     companions: dict[str, bytes] = {}
 
     def companion(name: str) -> bytes:
@@ -381,7 +377,7 @@ def _read(path: Path, what: str) -> bytes:
 
 
 def _read_companion(path: Path, name: str) -> bytes:
-    """Return a file that a mesh names: one only one in the mesh's own folder or below it is read."""
+    """Return a file that a mesh names, if it is in the mesh's own folder or below."""
     written = unquote(name).replace("\\", "/")
     inside = PurePosixPath(written)
     folder = path.resolve().parent
@@ -458,7 +454,7 @@ def _check_point(words: Sequence[str]) -> None:
     values = [float(word) for word in words]
     if len(values) < 3:
         raise BrokenMeshError("holds vertices of fewer than three coordinates")
-    if not all(abs(value) <= FARTHEST for value in values):  # a million lines: arrays only to say what is wrong
+    if not all(abs(value) <= FARTHEST for value in values):  # there may be a million lines, so no arrays here
         check_numbers(values)
 
 
@@ -516,8 +512,6 @@ def _check_ply_row(reader: _PlyReader, name: str, properties: list[list[str]], v
 
 
 class _PlyReader:
-    """Reader of the numbers of a PLY body, one after the other."""
-
     def __init__(
         self, *, values: Iterator[float] | None = None, data: bytes = b"", at: int = 0, order: str = "<"
     ) -> None:
@@ -535,7 +529,7 @@ class _PlyReader:
         return number
 
     def takes_rows(self, name: str, count: int, properties: list[list[str]]) -> bool:
-        """Check rows of plain numbers all at once and skip them; return False if the body is text."""
+        """Check rows of plain numbers at once and skip them; return False if the body is text."""
         if self._values is not None:
             return False
         fields = [(f"{k} {words[-1]}", self._order + _ply_code(words[0])) for k, words in enumerate(properties)]
@@ -573,10 +567,11 @@ MESH_KINDS: Final[Mapping[str, Callable[[bytes, Companion], None]]] = {
 
 
 def locate_mesh(filename: str, folder: Path, package_dirs: Sequence[Path] = ()) -> Path | None:
-    """Return the path of a mesh named in a URDF, which need not exist; None for an unknown package or scheme.
+    """Return the path, perhaps of a missing file, of a mesh named in a URDF; None for an unknown package or scheme.
 
-    The name is a path, ``file://…`` or ``package://NAME/…``; relative paths start at the URDF's folder. A package is searched
-    for among ``package_dirs`` (each a package or a folder of packages), then in the folders above, and beside those.
+    The name is a path, ``file://…`` or ``package://NAME/…``; relative paths start at the URDF's folder. A package is
+    searched for among ``package_dirs`` (each a package or a folder of packages), then in the folders above, and beside
+    those.
     """
     match = SCHEME.fullmatch(filename)
     if match is None:
@@ -608,9 +603,9 @@ def _package(name: str, folder: Path, package_dirs: Sequence[Path]) -> Path | No
 
 @final
 class MeshFiles:
-    """Checker of the mesh files that a URDF in ``folder`` names, each once: ``W_MESH_PATH``, ``W_MESH_MISSING``, ``W_MESH_BAD``.
+    """Checker of a URDF's mesh files, each once: ``W_MESH_PATH``, ``W_MESH_MISSING``, ``W_MESH_BAD``.
 
-    ``look_inside`` reads the files; otherwise only their existence and kind are checked.
+    ``look_inside`` reads the files; otherwise only existence and kind are checked.
     """
 
     def __init__(self, findings: Findings, folder: Path, package_dirs: Sequence[Path], *, look_inside: bool) -> None:
@@ -688,7 +683,7 @@ class MeshFiles:
 
 
 def _leaves_its_package(filename: str) -> bool:
-    """Return whether a ``package://`` name leads out of its package, which need not exist."""
+    """Return whether a ``package://`` name leads out of its package, which may not exist."""
     depth = 0
     for part in filename[len("package://") :].split("/"):
         depth += -1 if part == ".." else part not in ("", ".")
@@ -698,7 +693,7 @@ def _leaves_its_package(filename: str) -> bool:
 
 
 def _package_root(path: Path, folder: Path, package_dirs: Sequence[Path]) -> Path | None:
-    """Return the package a located path was built from: the nearest folder above with a package.xml."""
+    """Return the package of a located path: the nearest folder above with a package.xml."""
     for above in path.parents:
         if (above / "package.xml").is_file() or above in package_dirs:
             return Path(os.path.realpath(above))

@@ -48,7 +48,7 @@ DIRECTIVE: Final = re.compile(r"%[-+ #0-9.*hlqjztL]*[diouxXeEfFgGaAcspn]")
 TINY_MASS: Final = 1e-6
 LARGE_MASS: Final = 500.0
 HALF_TURN: Final = 3.14
-"""rad, as it is often written."""
+"""rad, as often written."""
 KINDS: Final = ("revolute", "continuous", "prismatic", "fixed")
 UNIT_TOLERANCE: Final = 1e-6
 SHORTEST_AXIS: Final = 1e-6
@@ -61,8 +61,8 @@ DEFAULT_AXIS: Final = (1.0, 0.0, 0.0)
 def read(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS, package_dirs: Paths = ()) -> tree.Robot:
     """Read a URDF 1.0 file strictly (http://wiki.ros.org/urdf/XML); the robot's ``findings`` are the warnings.
 
-    ``package_dirs`` are the folders of packages in ``package://`` mesh names, besides those found near the file. Mesh files are
-    looked up, not opened. `UrdfError` carries all findings about a file that cannot be used.
+    ``package_dirs`` are the folders of packages in ``package://`` mesh names, besides those found near the file. Mesh
+    files are looked up, not opened. Raises `UrdfError` with all findings if the file cannot be used.
     """
     robot, findings = _from_file(path, limits, package_dirs, look_inside=False)
     return _robot_or_raise(robot, findings)
@@ -71,10 +71,7 @@ def read(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS, 
 def check(
     path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS, package_dirs: Paths = ()
 ) -> tuple[Finding, ...]:
-    """Return all findings about a URDF file; never raises for bad input.
-
-    As `read`, and the mesh files are opened and checked too.
-    """
+    """Return all findings about a URDF file, as `read` but with mesh files opened; never raises for bad input."""
     return _from_file(path, limits, package_dirs, look_inside=True)[1]
 
 
@@ -86,9 +83,9 @@ def parse(data: bytes, file: str, *, limits: tree.Limits = DEFAULT_LIMITS) -> tr
 
 
 def mended(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS) -> tuple[bytes, tuple[str, ...]]:
-    """Return the text of a URDF file with inertias that a body can have, and the names of the links that got one.
+    """Return the text of a URDF file with physical inertias, and the names of the links that were changed.
 
-    Only these change: mass and centre of mass, which are all that gravity needs, stay. Other errors raise `UrdfError`.
+    Mass and centre of mass, all that gravity needs, stay. Raises `UrdfError` for other errors.
     """
     robot, findings = _from_file(path, limits, (), look_inside=False)
     if robot is None or any(found.severity == "error" and found.code not in checks.INERTIAS for found in findings):
@@ -172,7 +169,7 @@ def _read_header(node: Node, findings: Findings) -> str | None:
 
 
 def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, Colour]) -> tree.Link | None:
-    """Return the link, None if it has no name; one that is returned with an error only serves to find further errors."""
+    """Return the link, None without a name; with an error it only serves to find further errors."""
     name, owner = _open(node, findings)
     element = node.first("inertial")
     inertial = None if element is None else _inertial(element, owner)
@@ -181,7 +178,6 @@ def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, C
 
 
 def _open(node: Node, findings: Findings) -> tuple[str | None, Owner]:
-    """Return name and owner of a link or joint, after a check of its attributes and children."""
     Owner(node.tag, findings).check_attributes(node)
     name = read_name(node, findings)
     owner = Owner(f"{node.tag} {shown(name or '?')}", findings)
@@ -249,7 +245,7 @@ def _inertia(node: Node, owner: Owner) -> tuple[float, ...] | None:
 
 
 def read_joint(node: Node, findings: Findings) -> tree.Joint | None:
-    """Return the joint, None if its name or a link is missing; with an error it only serves to find further errors."""
+    """Return the joint, None without a name or link; with an error it only serves to find further errors."""
     name, owner = _open(node, findings)
     kind = _kind(node, owner)
     parent, child = _end(node, "parent", owner), _end(node, "child", owner)
@@ -341,7 +337,7 @@ def _limit(node: Node, kind: str | None, owner: Owner) -> tree.Limit | None:
 
 
 def _check_unused_limit(node: Node, owner: Owner) -> None:
-    """Warn of a fixed joint's limit, which is not used, if other readers refuse the file for it."""
+    """Warn of a fixed joint's unused limit if other readers refuse the file for it."""
     element = node.first("limit")
     if element is None:
         return
@@ -359,9 +355,9 @@ def _check_unused_limit(node: Node, owner: Owner) -> None:
 
 
 def _note_open_limits(element: Node, values: dict[str, float | None], kind: str | None, owner: Owner) -> None:
-    """Warn of limits that are not given, not used or infinite."""
+    """Warn of limits that are missing, unused or infinite."""
     turns = kind == "continuous"
-    # limits of a whole turn or more say the same as none
+    # limits of a whole turn or more are equivalent to none
     written = [name for name in ("lower", "upper") if turns and 0 < abs(values[name] or 0.0) < HALF_TURN]
     zero = [name for name in ("lower", "upper") if not turns and values[name] is None]
     unlimited = [name for name in ("effort", "velocity") if values[name] is None]
@@ -439,15 +435,15 @@ def _check_dynamics(node: Node, owner: Owner) -> None:
 
 
 class _Bad(Exception):
-    """A visual or material that cannot be used; carries the reason."""
+    """An unusable visual or material; carries the reason."""
 
 
 @final
 class Looks:
     """Reader of materials, visuals and collision shapes.
 
-    A robot is refused here only for text that is dangerous to other parsers. ``meshes`` checks mesh files; None if there
-    is no folder to search.
+    Refuses a robot only for text dangerous to other parsers. ``meshes`` checks mesh files; None without a folder to
+    search.
     """
 
     def __init__(self, findings: Findings, meshes: MeshFiles | None) -> None:

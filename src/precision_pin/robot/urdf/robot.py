@@ -1,4 +1,4 @@
-"""A robot as its URDF defines it: a tree of links and joints; which link is likely its tip, and where a gripper begins."""
+"""A robot as defined by its URDF: a tree of links and joints; its likely tip, and where a gripper begins."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TIPS: Final = tuple(
         "(?:gripper|hand|palm)(?:_link|_base_link)?",
     )
 )
-"""Endings of names of tips, in words joined by _, the likeliest first."""
+"""Endings of tip names, in words joined by _, the likeliest first."""
 _FINGERS: Final = "finger|thumb|jaw|knuckle|claw"
 _TURNS: Final = "(?:^|_)(?:roll|pitch|yaw|wrist)(?:_|$)"
 
@@ -38,8 +38,8 @@ _TURNS: Final = "(?:^|_)(?:roll|pitch|yaw|wrist)(?:_|$)"
 class Limits:
     """Size limits of a URDF.
 
-    ``text_length`` is that of an attribute or a name, ``elements`` counts XML elements and attributes, ``moving_joints`` are
-    those that are not fixed, ``links_in_depth`` those on the longest path from root to tip, both included.
+    ``text_length`` is that of an attribute or name, ``elements`` counts XML elements and attributes, ``links_in_depth``
+    links on the longest path from root to tip, both included.
     """
 
     file_bytes: int = 16 * 1024 * 1024
@@ -108,7 +108,7 @@ Geometry = Box | Cylinder | Sphere | Mesh
 class Shape:
     """One ``<visual>`` or ``<collision>`` of a link: geometry placed at ``xyz``, ``rpy`` in the link's axes.
 
-    ``colour`` is red, green, blue, opacity from 0 to 1, where the file gives one.
+    ``colour`` is red, green, blue, opacity from 0 to 1, if the file gives one.
     """
 
     geometry: Geometry
@@ -125,7 +125,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body; ``inertial`` is None where the file gives no mass."""
+    """A rigid body; ``inertial`` is None if the file gives no mass."""
 
     name: str
     inertial: Inertial | None = None
@@ -135,7 +135,7 @@ class Link:
 
     @property
     def mass(self) -> float:
-        """Mass in kg, zero where the file gives none."""
+        """Mass in kg, zero if the file gives none."""
         return 0.0 if self.inertial is None else self.inertial.mass
 
 
@@ -143,7 +143,7 @@ class Link:
 class Limit:
     """Joint limits: position in rad or m, effort in N·m or N, velocity in rad/s or m/s.
 
-    Infinite if the file leaves them open; ``lower`` and ``upper`` of a continuous joint always are.
+    Infinite if open in the file; ``lower`` and ``upper`` of a continuous joint always are.
     """
 
     lower: float
@@ -165,8 +165,8 @@ class Mimic:
 class Joint:
     """A joint: the child's frame is ``origin`` (``xyz`` m, ``rpy`` rad, in the parent's frame), then the motion.
 
-    The axis is a unit vector in the joint's frame, ``(1, 0, 0)`` for a fixed joint. ``reversed`` joints are passed against
-    the file, from the file's child to its parent: see `rerooted`.
+    The axis is a unit vector in the joint's frame, ``(1, 0, 0)`` for a fixed joint. ``reversed`` joints are passed
+    against the file, from the file's child to its parent: see `rerooted`.
     """
 
     name: str
@@ -188,7 +188,7 @@ class Joint:
 
     @property
     def written_axis(self) -> Array:
-        """Unit vector of its axis as written in the file, in the joint's frame, ``(3,)``."""
+        """Unit vector of its axis as in the file, in the joint's frame, ``(3,)``."""
         axis = np.array(self.axis)
         return -axis if self.reversed else axis
 
@@ -210,7 +210,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Robot:
-    """A tree of links and joints, in the order of the file; one link, the root, is no joint's child. Findings are warnings."""
+    """A tree of links and joints, in file order; the root is no joint's child. Findings are warnings."""
 
     name: str
     file: str
@@ -269,7 +269,7 @@ class Robot:
     def path(self, base: str, tip: str) -> tuple[Joint, ...]:
         """Return the joints from ``base`` down to ``tip``, fixed ones included.
 
-        `InputError` if ``base`` is not between the root and ``tip``; `rerooted` returns a robot in which it is.
+        Raises `InputError` if ``base`` is not between the root and ``tip``; `rerooted` returns a robot in which it is.
         """
         self.link(base)
         joints: list[Joint] = []
@@ -286,8 +286,8 @@ class Robot:
     def link_poses(self, values: Mapping[str, float] | None = None) -> dict[str, Array]:
         """Return every link's pose ``(4, 4)`` in the root link's frame (forward kinematics).
 
-        Values by joint, rad or m; joints not named are at zero. Mimic joints are joints like any other here: their coupling is
-        not applied.
+        Values by joint, rad or m, by default zero. Mimic joints are ordinary joints here: their coupling is not
+        applied.
         """
         given = {} if values is None else values
         for name in given:
@@ -323,10 +323,10 @@ class Robot:
 
 
 def likeliest_tip(robot: Robot) -> str:
-    """Return the link that is likely meant as the tip: one named so (``tool0``, ``hand_tcp``, …), else the farthest leaf.
+    """Return the link that is likely the tip: by its name (``tool0``, ``hand_tcp``, …), else the farthest leaf.
 
-    Of several named alike that with the most moving joints before it. Leaves beyond a gripper's joints stand for the link
-    before them; links that follow a mimic joint or no joint at all are the last choice.
+    Ties go to the most moving joints before it. For leaves beyond a gripper's joints the link before them is taken;
+    links that follow a mimic joint or no joint at all come last.
     """
     ways = {link.name: robot.path(robot.root, link.name) for link in robot.links}
 
@@ -347,7 +347,7 @@ def likeliest_tip(robot: Robot) -> str:
 
 
 def gripper_joint(robot: Robot, tip: str) -> Joint | None:
-    """Return the first of the gripper's joints that end the way to a tip, None if it ends with a joint of the arm."""
+    """Return the first of the gripper joints that end the path to a tip, None if an arm joint ends it."""
     moving = [joint for joint in robot.path(robot.root, tip) if joint.moves]
     first = None
     while len(moving) > 1 and _grips(moving[-1]):
@@ -369,7 +369,7 @@ def draft_command(robot: str, tip: str) -> str:
 
 
 def _grips(joint: Joint) -> bool:
-    """Return whether a moving joint opens a gripper, by its name or that of the link that it moves."""
+    """Return whether a moving joint opens a gripper, by its name or its child link's."""
     name = _words(joint.name)
     is_finger = re.search(f"{_FINGERS}|grip", name) or re.search(_FINGERS, _words(joint.child))
     return is_finger is not None and not re.search(_TURNS, name)

@@ -1,4 +1,4 @@
-"""Other forms of a robot: with exact right angles, with another root, and the canonical text that Pinocchio reads."""
+"""Other forms of a robot: with exact right angles, with another root, and the canonical text for Pinocchio."""
 
 from __future__ import annotations
 
@@ -17,19 +17,17 @@ from precision_pin.robot.urdf.robot import Inertial, Joint, Limit, Link, Robot, 
 # written for "no limit": finite, because Pinocchio samples and clamps between limits
 UNLIMITED = 1e9
 NO_MASS = Inertial(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-# newlines and tabs must be character references: a parser turns them into blanks otherwise
+# newlines and tabs as character references: a parser would turn them into blanks
 ESCAPES = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
 )
 
 
 def canonical(robot: Robot) -> str:
-    """Return the robot as a complete URDF text.
+    """Return the robot as a complete URDF text, with numbers that read back bit for bit.
 
-    Every link has a full inertial (zeros if it has no mass), every moving joint a unit axis and finite
-    limits (`UNLIMITED` if there are none); ``continuous`` becomes ``revolute`` so that every joint has
-    one value. Visuals, collisions, dynamics, mimics and everything else are left out. Numbers are written
-    so that they are read back bit for bit.
+    Every link has a full inertial (zeros if massless), every moving joint a unit axis and finite limits (`UNLIMITED` if
+    there are none); ``continuous`` becomes ``revolute``, so every joint has one value. All else is left out.
     """
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', f'<robot name="{_escape(robot.name)}">']
     lines += [_link(link) for link in robot.links]
@@ -80,10 +78,7 @@ def _escape(text: str) -> str:
 
 
 def snapped(robot: Robot) -> Robot:
-    """Return the robot with rounded right angles of its joint origins made exact.
-
-    Only angles with a ``W_ANGLE_ROUNDED`` warning change; these warnings are removed.
-    """
+    """Return the robot with rounded right angles of joint origins made exact, without ``W_ANGLE_ROUNDED``."""
     joints = []
     for joint in robot.joints:
         roll, pitch, yaw = (angle if (exact := find_exact_angle(angle)) is None else exact for angle in joint.rpy)
@@ -95,11 +90,10 @@ def snapped(robot: Robot) -> Robot:
 def rerooted(robot: Robot, base: str) -> Robot:
     """Return the same mechanism with the link ``base`` as the root.
 
-    Every link and joint keeps its name, every link its frame, every joint value its meaning: no relative
-    pose changes. A moving joint between the old root and ``base`` is reversed: it is at its old child's
-    frame and moves an added massless link about the negated axis; a fixed joint with the inverse of the
-    old origin carries the old parent. Fixed joints are simply inverted. All of these are marked as reversed; a
-    joint that is reversed twice is not.
+    Names, link frames, the meaning of joint values and so all relative poses stay. A moving joint between the old root
+    and ``base`` is reversed: it is at its old child's frame and moves an added massless link about the negated axis; a
+    fixed joint with the inverse of the old origin carries the old parent. Fixed joints are simply inverted. All are
+    marked as reversed; a joint reversed twice is not.
     """
     reversed_joints = {joint.name for joint in robot.path(robot.root, base)}
     taken = {link.name for link in robot.links} | {joint.name for joint in robot.joints}
@@ -127,8 +121,8 @@ def rerooted(robot: Robot, base: str) -> Robot:
 def rpy_of(rotation: ArrayLike) -> Vector:
     """Return roll, pitch, yaw (rad) of a rotation ``(3, 3)``, pitch in [-π/2, π/2].
 
-    Accurate to rounding also at pitch ±π/2, where yaw alone is arbitrary: yaw is found first and removed, so
-    that roll always compensates for it.
+    Accurate to rounding also at pitch ±π/2, where yaw alone is arbitrary: yaw is found first and removed, so that roll
+    always compensates for it.
     """
     r = np.asarray(rotation, dtype=float)
     pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))

@@ -1,4 +1,4 @@
-"""Parser of XML text into a tree with line numbers: no DTD, no entities, with limits on every size."""
+"""Parser of XML text into a tree with line numbers: no DTD, no entities, limits on every size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CODES: Final = {"missing": "E_FILE_MISSING", "kind": "E_FILE_KIND", "size": "E_
 
 
 def hint(name: str, valid: Collection[str]) -> str:
-    """Return ``"; did you mean …?"``, or an empty text if the search would be slow or pointless."""
+    """Return ``"; did you mean …?"``, or empty if the search would be slow or pointless."""
     if not valid or len(valid) > 500 or len(name) > 100 or any(len(candidate) > 100 for candidate in valid):
         return ""
     return "; " + nearest(name, valid)
@@ -31,7 +31,7 @@ def hint(name: str, valid: Collection[str]) -> str:
 
 @final
 class Findings:
-    """Collector of the findings about one file, whose name they carry."""
+    """Collector of the findings about one file."""
 
     def __init__(self, file: str) -> None:
         self._file = file
@@ -52,7 +52,7 @@ class Findings:
             self._findings.append(Finding(severity, code, one_line(message), self._file, line, subjects))
 
     def group(self, code: str, message: str, name: str, line: int | None) -> None:
-        """Add ``name`` to the one warning of this code and message, which has the line of the first name."""
+        """Add ``name`` to the one warning of this code and message, at the line of the first name."""
         if len(self._groups) >= MOST_FINDINGS and (code, message) not in self._groups:
             self._count["warning"] += 1
             return
@@ -82,9 +82,9 @@ def _severity(code: str) -> Literal["error", "warning"]:
 
 
 def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_bytes: int) -> bytes | None:
-    """Return the bytes of a regular file up to a size, or add a finding and return None; ``~`` is not expanded.
+    """Return the bytes of a regular file up to a size; ``~`` is not expanded.
 
-    The findings: ``E_FILE_MISSING``, ``E_FILE_KIND``, ``E_FILE_PERM`` and ``E_TOO_BIG``.
+    On failure adds ``E_FILE_MISSING``, ``E_FILE_KIND``, ``E_FILE_PERM`` or ``E_TOO_BIG`` and returns None.
     """
     try:
         return files.read_regular_file(path, most_bytes)
@@ -135,10 +135,9 @@ OPAQUE = {"gazebo", "transmission", "ros2_control", "sensor"}
 
 @dataclass(slots=True)
 class Node:
-    """One XML element: its tag, attributes, line (from 1) and child elements.
+    """One XML element: tag, attributes, line (from 1) and child elements.
 
-    ``has_breaks`` is true for the origin of an inertial whose attributes contain tabs or line ends, which XML turns
-    into blanks.
+    ``has_breaks``: an inertial's origin has tabs or line ends, which XML turns into blanks, in its attributes.
     """
 
     tag: str
@@ -161,15 +160,13 @@ class Node:
 
 
 class _Refused(Exception):
-    """Ends the parser from inside a handler."""
-
     def __init__(self, code: str, message: str, line: int | None) -> None:
         super().__init__(message)
         self.code, self.message, self.line = code, message, line
 
 
 def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
-    """Return the root element of a file in an encoding that `utf8_text` supports, or add one finding and return None."""
+    """Return the root element of a file in an encoding of `utf8_text`, or add one finding and return None."""
     try:
         return _Builder(_plain_utf8(data, limits), limits).root
     except _Refused as problem:
@@ -178,7 +175,7 @@ def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
 
 
 def utf8_text(data: bytes) -> bytes:
-    """Return a file that `parse_xml` accepts as UTF-8, with its declaration changed; UTF-8 and ASCII are not changed."""
+    """Return a file that `parse_xml` accepts as UTF-8, with its declaration changed; UTF-8 and ASCII stay."""
     text = _decode(data)
     return data if data.removeprefix(UTF8_MARK) == text.encode() else _with_declared_utf8(text).encode()
 
@@ -202,7 +199,7 @@ def _plain_utf8(data: bytes, limits: Limits) -> bytes:
 
 
 def _decode(data: bytes) -> str:
-    """Return the text without its byte-order mark; the mark and the declared encoding must agree."""
+    """Return the text without its byte-order mark, which must agree with the declared encoding."""
     if data.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE, b"<\0\0\0", b"\0\0\0<")):
         raise _Refused("E_XML_ENCODING", f"the text is UTF-32; {READ}", 1)
     wide = next((name for name, starts in WIDE.items() if data.startswith(starts)), None)
@@ -240,13 +237,10 @@ def _with_declared_utf8(text: str) -> str:
 
 
 def _line_of(before: str) -> int:
-    """Return the line in which the text ``before`` ends."""
     return 1 + before.replace("\r\n", "\n").replace("\r", "\n").count("\n")
 
 
 class _Builder:
-    """Builder of the tree of one text with expat; ``root`` is the result."""
-
     root: Node
 
     def __init__(self, data: bytes, limits: Limits) -> None:
