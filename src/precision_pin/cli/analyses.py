@@ -214,8 +214,8 @@ def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[st
 def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what: str = "", **options: Any) -> Any:
     """Return the result of an analysis for a page that shows it, at poses as its function takes them; print its warnings.
 
-    ``what`` names the progress, by default as the command does; ``options`` are values that are not the defaults, by argument.
-    The findings of the sheet stand on the page already.
+    ``what`` names the progress, by default as the command does; ``options`` are values that are not the defaults, by
+    argument. The findings of the sheet stand on the page already.
     """
     declaration = declarations()[name]
     assert declaration.prepare is not None

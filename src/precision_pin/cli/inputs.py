@@ -39,8 +39,8 @@ class Inputs:
 def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     """Return which of the arguments is the robot and which the sheet; with none, the paper's.
 
-    A robot alone goes with the sheet beside it, or the one of its name in the working folder, where ``init`` writes it, or,
-    as ``example:NAME``, with the one that comes with this package; stderr says so for all but the first.
+    A robot alone goes with the sheet beside it, or the one of its name in the working folder, where ``init`` writes it,
+    or, as ``example:NAME``, with the one that comes with this package; stderr says so for all but the first.
     """
     if not arguments:
         return Inputs(None, PAPER_SHEET)

@@ -1,8 +1,8 @@
 """Standard output and error that may be full, closed or gone.
 
-What goes wrong with them is kept until somebody asks, instead of coming out of every print, of the libraries' too, and of
-the interpreter when it ends. A message that cannot be shown is no reason to stop; data that cannot be is an error, unless
-its reader has gone, as ``head`` does, or there never was one.
+What goes wrong with them is kept until somebody asks, instead of coming out of every print, of the libraries' too, and
+of the interpreter when it ends. A message that cannot be shown is no reason to stop; data that cannot be is an error,
+unless its reader has gone, as ``head`` does, or there never was one.
 """
 
 from __future__ import annotations

@@ -27,8 +27,8 @@ FILES: Final = (
 class Outputs:
     """The outputs that a command line asks for.
 
-    ``files``: a name for each option that names a file, None where it is not given, ``-`` for stdout; ``folder``: what ``--out``
-    names, where that is a folder; ``names``: patterns of the names that files in the folder get.
+    ``files``: a name for each option that names a file, None where it is not given, ``-`` for stdout; ``folder``: what
+    ``--out`` names, where that is a folder; ``names``: patterns of the names that files in the folder get.
     """
 
     files: Mapping[str, str | None] = field(default_factory=dict)

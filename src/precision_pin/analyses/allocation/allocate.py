@@ -599,8 +599,8 @@ def _near_normal(judge: Judge, parts: Contributions) -> bool:
 def _next_aim(aims: Array, spares: Array) -> float:
     """Return the probability to aim at after rounds in which the lower ends of the intervals had this much to spare.
 
-    Between an aim that was too low and one that was high enough it is interpolated, in scores of the normal law. Without both
-    the step grows from round to round: of a law far from normal it may have to be of another size.
+    Between an aim that was too low and one that was high enough it is interpolated, in scores of the normal law.
+    Without both the step grows from round to round: of a law far from normal it may have to be of another size.
     """
     aim, spare, short = float(aims[-1]), float(spares[-1]), spares < 0
     if short.any() and not short.all():

@@ -1,8 +1,8 @@
 """Choices of grades in the order of their costs, each judged by samples: the cheapest that keeps the limits, and a lower bound.
 
-No choice is left out because of a normal law. Most choices are far too wide, which a sample of the first-order error with the
-laws of the sheet shows for hundreds of them at a time; what it does not show is sampled by the exact model. The confidences of
-all these statements are shared out, so that together they hold with `CONFIDENCE`.
+No choice is left out because of a normal law. Most choices are far too wide, which a sample of the first-order error
+with the laws of the sheet shows for hundreds of them at a time; what it does not show is sampled by the exact model.
+The confidences of all these statements are shared out, so that together they hold with `CONFIDENCE`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Cheapest tolerances under limits of the first-order model: solution, multipliers, lower bound of the cost.
 
-In x = ln t every limit is the logarithm of a measure of the error, which is convex in x for the root mean square and the worst
-case. In t these limits and the costs are convex, and the Lagrangian is a sum over the tolerances: its minimum at any
-multipliers is a lower bound of the cost, found one tolerance at a time. Of a quantile the tangent in t² is taken: its bound
-holds where the variances that keep the quantile form a convex set.
+In x = ln t every limit is the logarithm of a measure of the error, which is convex in x for the root mean square and
+the worst case. In t these limits and the costs are convex, and the Lagrangian is a sum over the tolerances: its minimum
+at any multipliers is a lower bound of the cost, found one tolerance at a time. Of a quantile the tangent in t² is
+taken: its bound holds where the variances that keep the quantile form a convex set.
 """
 
 from __future__ import annotations

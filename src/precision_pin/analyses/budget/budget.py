@@ -1,7 +1,7 @@
 """Error budget: shares of draws, sources and joints in the spread of the pose error, and the effect of tighter tolerances.
 
-The budget has closed-form shares of the tangent model and Sobol indices of the exact model. They agree as far as the model
-is linear.
+The budget has closed-form shares of the tangent model and Sobol indices of the exact model. They agree as far as the
+model is linear.
 """
 
 from __future__ import annotations

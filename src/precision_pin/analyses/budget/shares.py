@@ -54,8 +54,8 @@ def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
 def by_draw(at: PoseModel) -> Array:
     """Return each draw's part of the variances of the tangent model, ``(draws, 6)``.
 
-    The part is ``J_g Σ_g J_gᵀ``, or the Shapley effect for correlated draws. It is NaN for draws in a group of more than
-    twelve correlated ones.
+    The part is ``J_g Σ_g J_gᵀ``, or the Shapley effect for correlated draws. It is NaN for draws in a group of more
+    than twelve correlated ones.
     """
     result = np.full((len(at.space.draws), 6), np.nan)
     for group in correlated_groups(at.space):
@@ -74,8 +74,8 @@ def by_draw(at: PoseModel) -> Array:
 def by_component(at: PoseModel, draw: int) -> Array | None:
     """Return the parts of one draw's components, ``(size, 6)``; Shapley effects for correlated components.
 
-    The result is None for a single number, for a draw that is correlated with others, and for more than twelve correlated
-    numbers.
+    The result is None for a single number, for a draw that is correlated with others, and for more than twelve
+    correlated numbers.
     """
     columns = _columns(at.space, [draw])
     if len(columns) == 1 or next(group for group in correlated_groups(at.space) if draw in group) != (draw,):
@@ -92,8 +92,8 @@ def by_component(at: PoseModel, draw: int) -> Array | None:
 def reaches(at: PoseModel, k: float) -> Array:
     """Return the reach of each draw in every component, first order, ``(draws, 6)``, m and rad.
 
-    The reach is half the range, ``(h(w) + h(-w))/2`` with h the support function and w the draw's part of a row of J. For
-    an unbounded law it is k standard deviations.
+    The reach is half the range, ``(h(w) + h(-w))/2`` with h the support function and w the draw's part of a row of J.
+    For an unbounded law it is k standard deviations.
     """
     result = np.zeros((len(at.space.draws), 6))
     for row, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True)):
@@ -252,9 +252,9 @@ class SourceLine:
 def source_lines(model: ErrorModel) -> tuple[SourceLine, ...]:
     """Return the lines of the sources, in the order of their first draws.
 
-    The draws that only one source uses are in the line of this source; a draw that several use has its own line. A draw of
-    correlated numbers of several sources, as a calibration leaves it, is divided among the sources, or among the joints that
-    they are at if there are more than twelve.
+    The draws that only one source uses are in the line of this source; a draw that several use has its own line. A draw
+    of correlated numbers of several sources, as a calibration leaves it, is divided among the sources, or among the
+    joints that they are at if there are more than twelve.
     """
     space, owners = model.space, number_owners(model.space, model.sources, model.labels)
     alone = {group[0] for group in correlated_groups(space) if len(group) == 1}

@@ -1,11 +1,11 @@
 """Sobol indices of any function by the pick-freeze method, on replicated scrambled Sobol points.
 
-First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (2021) 105167, whose noise decreases with the
-index itself. Total: Jansen, Computer Physics Communications 117 (1999). Both use two sets of points and their mixtures, as
-in Saltelli et al., ibid. 181 (2010). For several outputs together, numerators and variances are added first (Gamboa,
-Janon, Klein and Lagnoux, 2014). Intervals: the points are independent scrambles (Owen, 1995) of one net, and the estimates
-are smooth functions of the replicates' means, see :mod:`precision_pin.analyses.replicates`. An index is not given where
-the points do not resolve its variance or numerator (:mod:`precision_pin.analyses.replicates`).
+First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (2021) 105167, whose noise decreases with
+the index itself. Total: Jansen, Computer Physics Communications 117 (1999). Both use two sets of points and their
+mixtures, as in Saltelli et al., ibid. 181 (2010). For several outputs together, numerators and variances are added
+first (Gamboa, Janon, Klein and Lagnoux, 2014). Intervals: the points are independent scrambles (Owen, 1995) of one net,
+and the estimates are smooth functions of the replicates' means, see :mod:`precision_pin.analyses.replicates`. An index
+is not given where the points do not resolve its variance or numerator (:mod:`precision_pin.analyses.replicates`).
 """
 
 from __future__ import annotations
@@ -170,7 +170,8 @@ LARGEST_STEP: Final = 0.1
 
 JUMP: Final = 12.0
 """Ratio of a distance between neighbours to the mean distance above which it counts as a jump; smooth laws exceed it six
-times in a million."""
+times in a million.
+"""
 
 _NEGLIGIBLE: Final = 1e-12
 _NEAR: Final = 0.02

@@ -19,7 +19,8 @@ from precision_pin.robot.pose_set import SINGULAR_BELOW
 
 CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
 """``corrected``; ``limit``: none was found within the joint limits; ``singular``: the arm is near a singularity and cannot
-correct in every direction; ``unreachable``: Newton's method finds no joint values."""
+correct in every direction; ``unreachable``: Newton's method finds no joint values.
+"""
 
 CONVERGED: Final = 1e-10
 """Error (m and rad) below which it counts as corrected."""

@@ -1,7 +1,7 @@
 """Exact law of the first-order model, including the tails, without sampling.
 
-A component of the tangent model ``e0 + J (x - mean)`` is a sum of independent numbers, one for each draw; its law follows
-from their characteristic functions (:mod:`precision_pin.analyses.exact_law.number_law`).
+A component of the tangent model ``e0 + J (x - mean)`` is a sum of independent numbers, one for each draw; its law
+follows from their characteristic functions (:mod:`precision_pin.analyses.exact_law.number_law`).
 """
 
 from __future__ import annotations
@@ -544,8 +544,8 @@ def _with_samples(known: ExactLaw, sampled: Array, confidence: float) -> ExactLa
 def agreement_of(law: NumberLaw, rising: Array, confidence: float, std: float, effort: float = _EFFORT) -> Agreement:
     """Return the distance of sorted samples ``(N,)`` from a law with this standard deviation.
 
-    Only every m-th sample is compared, with m chosen by the evaluation time of the law. Both cumulative laws are monotone,
-    so that the distance between two compared samples is larger by at most m/N.
+    Only every m-th sample is compared, with m chosen by the evaluation time of the law. Both cumulative laws are
+    monotone, so that the distance between two compared samples is larger by at most m/N.
     """
     count = rising.size
     step = max(1, math.ceil(2 * count * law.cost / effort))

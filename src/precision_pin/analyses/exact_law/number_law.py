@@ -28,9 +28,9 @@ dimensions.)
 
 Error bounds of computed quantiles, given a bound of the error of the cumulative law.
 
-With |F̂ - F| ≤ ε, the p-quantile of F lies between those of F̂ at p - ε and p + ε. Where the law has a density, a width δ of
-about 2ε divided by the density is tried: F̂(q - δ) ≤ p - ε and F̂(q + δ) ≥ p + ε prove it. Elsewhere both quantiles of F̂
-are computed.
+With |F̂ - F| ≤ ε, the p-quantile of F lies between those of F̂ at p - ε and p + ε. Where the law has a density, a width
+δ of about 2ε divided by the density is tried: F̂(q - δ) ≤ p - ε and F̂(q + δ) ≥ p + ε prove it. Elsewhere both
+quantiles of F̂ are computed.
 """
 
 from __future__ import annotations
@@ -180,8 +180,8 @@ MOST_PIECES: Final = 2000
 class ConvolvedLaw(NumberLaw):
     """Law of two parts, ``F(x) = ∫ F₁(x - z(s)) w(s) ds`` along the parameter of the second.
 
-    The integral is split at every kink of either part. Each piece is computed by the double exponential rule (Takahasi and
-    Mori, 1974), which converges in spite of singularities at the ends.
+    The integral is split at every kink of either part. Each piece is computed by the double exponential rule (Takahasi
+    and Mori, 1974), which converges in spite of singularities at the ends.
     """
 
     mean: float

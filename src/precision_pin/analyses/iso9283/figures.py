@@ -17,8 +17,8 @@ Measured cycles of a test by ISO 9283 in a CSV file.
     pose, cycle, x [mm], y [mm], z [mm], a [deg], b [deg], c [deg]
     P1, 1, 850.02, -0.01, 600.11, 180.00, 0.01, 90.00
 
-Positions and orientations are in base axes. a, b, c are angles about x, y, z, R = Rot(z, c) Rot(y, b) Rot(x, a); ``rx``, ``ry``,
-``rz`` in their place are a rotation vector. Without either only positions are compared.
+Positions and orientations are in base axes. a, b, c are angles about x, y, z, R = Rot(z, c) Rot(y, b) Rot(x, a);
+``rx``, ``ry``, ``rz`` in their place are a rotation vector. Without either only positions are compared.
 """
 
 from __future__ import annotations

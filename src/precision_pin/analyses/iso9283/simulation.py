@@ -1,8 +1,8 @@
 """Tests of built robots: every robot comes n times to each pose, and the figures of its test follow.
 
-What a robot draws once (scope unit) is the same in all of its cycles, what it draws at a pose (scope pose) in all cycles at
-that pose, and what it draws at each visit is new in every cycle. Robots are numbered; the figures of a robot depend on model,
-seed and its number only, so that they have the same bits for any number of threads.
+What a robot draws once (scope unit) is the same in all of its cycles, what it draws at a pose (scope pose) in all
+cycles at that pose, and what it draws at each visit is new in every cycle. Robots are numbered; the figures of a robot
+depend on model, seed and its number only, so that they have the same bits for any number of threads.
 """
 
 from __future__ import annotations

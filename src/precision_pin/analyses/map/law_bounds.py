@@ -13,14 +13,14 @@ deviations x_c, and ``Q = |v|²``. The closed form takes v as normal. What holds
   changes the probability of any set by at most ``Σ c_3/6 E|x|³ b³ + c_4/24 (E x⁴ + 3 σ⁴) b⁴``, b the length of j_c in the
   metric of G⁻¹ and c_k = E|He_k(Z)|/2, the largest k-th derivative of a normal probability along a unit vector.
 
-The exact error differs from first order by a remainder r. Places whose displacements turn by δ_j and move the tip by u_k, in
-chain order, add ``Σ_(j<k) δ_j × u_k`` to second order, and what each has of its own. Let a_c and h_c bound what a unit of x_c
-turns and moves. The products of different draws have a root of the second moment of at most ``√(AA HH + AH²)``, with
-``AH = Σ a_c h_c σ_c²`` and so on, and of the fourth moment of at most Λ times that: a polynomial of degree 2 in independent
-numbers is hypercontractive, with Λ = 3 for symmetric numbers with a kurtosis up to 9 and 12 √kurtosis for others (O'Donnell,
-Analysis of Boolean Functions, 10.2). Squares, third order and heavy laws are left to Hölder's and Minkowski's inequalities with
-the eighth moments, and what products and formulas have beyond first order to drawn robots. By Markov's inequality |r| exceeds
-``‖r‖₄ η^(-1/4)`` in a share of at most η.
+The exact error differs from first order by a remainder r. Places whose displacements turn by δ_j and move the tip by
+u_k, in chain order, add ``Σ_(j<k) δ_j × u_k`` to second order, and what each has of its own. Let a_c and h_c bound what
+a unit of x_c turns and moves. The products of different draws have a root of the second moment of at most ``√(AA HH +
+AH²)``, with ``AH = Σ a_c h_c σ_c²`` and so on, and of the fourth moment of at most Λ times that: a polynomial of degree
+2 in independent numbers is hypercontractive, with Λ = 3 for symmetric numbers with a kurtosis up to 9 and 12 √kurtosis
+for others (O'Donnell, Analysis of Boolean Functions, 10.2). Squares, third order and heavy laws are left to Hölder's
+and Minkowski's inequalities with the eighth moments, and what products and formulas have beyond first order to drawn
+robots. By Markov's inequality |r| exceeds ``‖r‖₄ η^(-1/4)`` in a share of at most η.
 """
 
 from __future__ import annotations

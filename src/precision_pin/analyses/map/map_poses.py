@@ -149,9 +149,9 @@ class MapResult(AnalysisResult):
     def worst_first(self) -> list[int]:
         """Numbers of the poses whose joint values are known, the worst first.
 
-        The poses that were sampled to verify them come first. By the verdict, then by the smallest margin of the sampled share
-        inside over what is required, or of that in closed form; without specifications by the 95 % quantile of |d|, sampled
-        or, where a pose was not sampled, the upper limit of that in closed form.
+        The poses that were sampled to verify them come first. By the verdict, then by the smallest margin of the
+        sampled share inside over what is required, or of that in closed form; without specifications by the 95 %
+        quantile of |d|, sampled or, where a pose was not sampled, the upper limit of that in closed form.
         """
         return self._worst_first(range(len(self.specifications)))
 
@@ -186,8 +186,8 @@ class MapResult(AnalysisResult):
     def met(self) -> bool | None:
         """Whether every specification is met at every pose whose joint values are known; true without specifications.
 
-        By sampled robots at every pose; ``None`` if nothing was sampled. False where a pose is outside joint limits, unless
-        the model is judged ``beyond_limits``. See :attr:`verdicts`.
+        By sampled robots at every pose; ``None`` if nothing was sampled. False where a pose is outside joint limits,
+        unless the model is judged ``beyond_limits``. See :attr:`verdicts`.
         """
         met = [self._met(verdict) for verdict in self.verdicts]
         return None if None in met else all(met)

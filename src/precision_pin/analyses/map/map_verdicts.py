@@ -20,7 +20,8 @@ from precision_pin.statistics import Specification, SpecificationResult, Verdict
 
 ROUNDS: Final = (2_000, 20_000, 200_000)
 """Robots at a pose in each round of sampling; the next one samples the poses that are still undecided, the last one only for
-specifications that are met or undecided everywhere."""
+specifications that are met or undecided everywhere.
+"""
 FIRST_ROUND: Final = ROUNDS[0]
 # poses sampled at a time
 _TOGETHER: Final = 20_000
@@ -117,8 +118,8 @@ class Judged(Fixed):
     def taking(self, sampled: Sampled, *, again: bool = False) -> Judged:
         """Return the verdicts after further samples of some poses.
 
-        A verdict that stands is kept. With ``again``, of samples that check others, the worse of the two verdicts holds, with
-        the numbers of these samples.
+        A verdict that stands is kept. With ``again``, of samples that check others, the worse of the two verdicts
+        holds, with the numbers of these samples.
         """
         poses, result, found = sampled.poses, sampled.result, sampled.verdicts
         samples, order = self.samples.copy(), self.order.copy()

@@ -69,8 +69,8 @@ def norm_quantiles(
 ) -> Array:
     """Return the quantile of |v|, ``(P,)``, for vectors in principal axes ``(3, P)``; relative errors below 1e-5.
 
-    Newton's method in normal scores, from a gamma law with the first two moments of |v|²; ``near`` are a probability near the
-    one wanted and its quantiles ``(P,)``, by which the start is corrected.
+    Newton's method in normal scores, from a gamma law with the first two moments of |v|²; ``near`` are a probability
+    near the one wanted and its quantiles ``(P,)``, by which the start is corrected.
     """
     law = _Law(variances, means)
     squares, spreads = law.moments

@@ -162,8 +162,8 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
     also understates its error. None of them may contradict the others or the samples. Where the samples contain too few
     failures for an estimate of their own, two of the others are required.
 
-    Each pair is compared at 99 %. Where plain sampling decides, a contradiction has no effect but is reported; there are up
-    to three pairs, and the 99 % apply to all of them together (Bonferroni).
+    Each pair is compared at 99 %. Where plain sampling decides, a contradiction has no effect but is reported; there
+    are up to three pairs, and the 99 % apply to all of them together (Bonferroni).
     """
     plain, others = estimates[0], [estimate for estimate in estimates[1:] if estimate.resolved]
     pairs = [(one, other) for k, one in enumerate((plain, *others)) for other in others[k:]]

@@ -103,9 +103,9 @@ class Form:
 def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jump] = ()) -> Form:
     """Return the distinct design points found by searches from ``starts``, each ``(d,)``.
 
-    Each step is that of Hasofer, Lind, Rackwitz and Fiessler. Its length minimises the merit |u|²/2 + c |g| among those that
-    lower it sufficiently (Zhang and Der Kiureghian, 1995). Gradients are central differences. Points found are then hidden by
-    bulges of the surface, and the search is repeated until it finds no new point.
+    Each step is that of Hasofer, Lind, Rackwitz and Fiessler. Its length minimises the merit |u|²/2 + c |g| among those
+    that lower it sufficiently (Zhang and Der Kiureghian, 1995). Gradients are central differences. Points found are
+    then hidden by bulges of the surface, and the search is repeated until it finds no new point.
     """
     if not size:
         return Form((), len(starts))

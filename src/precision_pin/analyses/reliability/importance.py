@@ -291,9 +291,9 @@ class Subset(Fixed):
 def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, confidence: float) -> Subset:
     """Return the probability of failure as a product of conditional probabilities of 0.1 (Au and Beck, 2001), and failures.
 
-    The samples of each level move by u ← 0.8 u + 0.6 z; a move out of the level is rejected (Papaioannou, Betz, Zwirglmaier
-    and Straub, 2015). Twelve independent replicates give the mean, its coefficient of variation and its interval. The
-    interval is that of a mean of log-normal values, because products of several estimates are skewed.
+    The samples of each level move by u ← 0.8 u + 0.6 z; a move out of the level is rejected (Papaioannou, Betz,
+    Zwirglmaier and Straub, 2015). Twelve independent replicates give the mean, its coefficient of variation and its
+    interval. The interval is that of a mean of log-normal values, because products of several estimates are skewed.
     """
     run = _Run(margin, np.random.Generator(np.random.Philox(seed)), samples)
     found, reached, levels = run.found(size)

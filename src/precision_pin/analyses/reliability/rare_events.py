@@ -143,8 +143,8 @@ def _all_fails(points: Array, starts: int = 0) -> Form:
 def _bound_estimates(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:
     """Return both estimates within a stratum, or an upper bound where there is none.
 
-    The bound is that of the first level's counts, or, if smaller, ten times the largest probability of either method or any
-    replicate.
+    The bound is that of the first level's counts, or, if smaller, ten times the largest probability of either method or
+    any replicate.
     """
     estimates = (shifted, subset.estimate)
     if stratum.probability == 1:

@@ -1,8 +1,8 @@
 """Transformation of laws to normal numbers, and strata of the rare values of laws with jumps.
 
-A law that jumps with a small probability (one of two values, a row of a table, an outlier among measured samples) can hide
-a failure: no slope leads to it, and few samples reach it. Its rare values therefore become strata with known probabilities,
-and the failures are searched within each: P = Σ p_s P(failure | s).
+A law that jumps with a small probability (one of two values, a row of a table, an outlier among measured samples) can
+hide a failure: no slope leads to it, and few samples reach it. Its rare values therefore become strata with known
+probabilities, and the failures are searched within each: P = Σ p_s P(failure | s).
 """
 
 from __future__ import annotations
@@ -220,9 +220,9 @@ class Strata:
 def from_normals(space: Space, normals: Array) -> Array:
     """Return component values ``(d, N)``, distributed by their laws, for independent standard normal numbers ``(d, N)``.
 
-    A number is F⁻¹(Φ(u)), for correlated draws after mixing. The point of a disc lies in the direction of its two numbers at
-    r √(1 - exp(-|u|²/2)), because polar coordinates would be discontinuous at one angle. The angle of a circle is 4πΦ(u₁),
-    so that every angle is reached within 0.7 of the middle. Numbers beyond ±8.2 are clipped.
+    A number is F⁻¹(Φ(u)), for correlated draws after mixing. The point of a disc lies in the direction of its two
+    numbers at r √(1 - exp(-|u|²/2)), because polar coordinates would be discontinuous at one angle. The angle of a
+    circle is 4πΦ(u₁), so that every angle is reached within 0.7 of the middle. Numbers beyond ±8.2 are clipped.
     """
     return Stratum(space).values(normals)
 

@@ -1,7 +1,7 @@
 """Worst case: the largest pose error if all draws take their worst values at once.
 
-The first-order model e = e0 + J (x - x̄) over the supports of the draws has a certified upper bound. A search of the exact
-model gives a lower bound. Reads the term table and the tangent only.
+The first-order model e = e0 + J (x - x̄) over the supports of the draws has a certified upper bound. A search of the
+exact model gives a lower bound. Reads the term table and the tangent only.
 """
 
 from __future__ import annotations
@@ -227,10 +227,10 @@ class WorstCaseResult(Result):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
-        ``low`` and ``high`` are the bounds of the first-order model (a norm has no ``low``), and ``attained`` is the largest
-        norm that is proven to be reached. ``exact_there`` is the norm of the exact model at the same parameters,
-        ``exact_found`` the largest norm found by the search (norms only). ``seen_min`` and ``seen_max`` are the smallest and
-        largest sampled values. ``attrs`` gives the settings.
+        ``low`` and ``high`` are the bounds of the first-order model (a norm has no ``low``), and ``attained`` is the
+        largest norm that is proven to be reached. ``exact_there`` is the norm of the exact model at the same
+        parameters, ``exact_found`` the largest norm found by the search (norms only). ``seen_min`` and ``seen_max`` are
+        the smallest and largest sampled values. ``attrs`` gives the settings.
         """
         return self._frame("quantity", lambda pose: _rows(pose).items())
 
@@ -464,8 +464,8 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
 def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array) -> tuple[Array, float]:
     """Return the best point ``(d,)``, and |error| there, of local ascents of the exact model from ``(S, d)``.
 
-    Each step moves the draws to their support points along the gradient (Frank-Wolfe with a full step): all of them, or, if
-    that gives no increase, the one with the largest increase. Every point lies in the supports, of any form.
+    Each step moves the draws to their support points along the gradient (Frank-Wolfe with a full step): all of them,
+    or, if that gives no increase, the one with the largest increase. Every point lies in the supports, of any form.
     """
     places, sizes = starts.copy(), _sizes(layout, rows, starts)
     groups = supports.columns

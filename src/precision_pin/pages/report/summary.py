@@ -106,8 +106,8 @@ _MARKED: Final = (0.95, 0.9973)
 def summary(poses: Sequence[Results], answers: Sequence[str] = (), missed: Sequence[str] = ()) -> Html:
     """Return the first section: the verdict, of several poses on the worst, a table of all, and what to change.
 
-    The worst pose comes first; ``answers`` are of what the page has beside its poses, ``missed`` says where else a limit is not
-    met.
+    The worst pose comes first; ``answers`` are of what the page has beside its poses, ``missed`` says where else a
+    limit is not met.
     """
     worst = poses[0]
     words = element("div", verdict(worst, missed), _causes(worst), class_="words")

@@ -69,8 +69,8 @@ class Cloud:
 class Picture:
     """A picture and the facts for its caption.
 
-    ``factor``: by how much errors are drawn too large; ``points``: how many; ``shows_limit``: whether the limit has its circle
-    (one far larger than the cloud has not); ``notes``: what of the arm is drawn otherwise.
+    ``factor``: by how much errors are drawn too large; ``points``: how many; ``shows_limit``: whether the limit has its
+    circle (one far larger than the cloud has not); ``notes``: what of the arm is drawn otherwise.
     """
 
     figure: Figure

@@ -1,8 +1,8 @@
 """A page that follows its files: served on this machine alone, rebuilt and reloaded when one of them changes.
 
-The browser shows an outer document whose one frame holds the page, so the page keeps its own strict policy and needs
-no script for this. The outer document asks twice a second for the page's version, a digest, and loads the frame again
-when it differs, with the sliders and the view as the reader left them.
+The browser shows an outer document whose one frame holds the page, so the page keeps its own strict policy and needs no
+script for this. The outer document asks twice a second for the page's version, a digest, and loads the frame again when
+it differs, with the sliders and the view as the reader left them.
 """
 
 from __future__ import annotations

@@ -71,8 +71,8 @@ class ViewPose:
 class PageData:
     """Data that all poses of a page share.
 
-    ``points`` is how many samples to draw at most at a pose, ``count`` how many poses there are, ``groups`` the tolerances that
-    can be changed.
+    ``points`` is how many samples to draw at most at a pose, ``count`` how many poses there are, ``groups`` the
+    tolerances that can be changed.
     """
 
     seed: int

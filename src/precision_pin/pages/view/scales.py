@@ -79,8 +79,8 @@ def view_direction(posture: Posture, positions: ArrayLike | None = None) -> Arra
 def middle_of(positions: ArrayLike) -> Array:
     """Return the position error ``(3,)`` that is to be drawn at the tip: zero, or the mean of errors far from zero.
 
-    Errors ``(3, N)``, m, are far from zero where the mean is more than `FAR` times as large as their spread, the root of
-    the mean square about it: a factor that shows the spread would draw them beside the arm.
+    Errors ``(3, N)``, m, are far from zero where the mean is more than `FAR` times as large as their spread, the root
+    of the mean square about it: a factor that shows the spread would draw them beside the arm.
     """
     errors = np.asarray(positions, dtype=float)
     mean: Array = errors.mean(axis=1)

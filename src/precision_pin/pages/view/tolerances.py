@@ -5,8 +5,8 @@ as far, whatever its law. So a sample of the changed sheet is
 
     e = e₀ + Σ k_g J_g (x_g − mean_g) + s r,
 
-r what the first order leaves of the sample, s the variance now as a share of the sheet's: what is left is of second order.
-With every k at 1 it is the sample itself.
+r what the first order leaves of the sample, s the variance now as a share of the sheet's: what is left is of second
+order. With every k at 1 it is the sample itself.
 """
 
 from __future__ import annotations
