@@ -176,7 +176,7 @@ class AllocationResult(AnalysisResult):
 
     @property
     def gap(self) -> float | None:
-        """Largest fraction of the cost, margin included, that could still be saved; ``None`` where limits are not met."""
+        """Largest fraction of the cost, margin included, that could still be saved; ``None`` if a limit is not met."""
         if self.lower_bound is None or not self.met:
             return None
         return max(self.cost - self.lower_bound, 0.0) / max(abs(self.cost), 1e-300)
@@ -448,7 +448,7 @@ class _Attempt:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """First-order search for the cheapest tolerances; ``members`` are the tolerances' groups, ``end`` is the deadline."""
+    """First-order search for the cheapest tolerances; ``members`` are their groups, ``end`` is the deadline."""
 
     task: Problem
     parts: Contributions
