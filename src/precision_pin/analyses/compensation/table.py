@@ -103,7 +103,7 @@ def pose_rows(result: CompensationResult) -> list[list[str]]:
 
 
 def joint_rows(result: CompensationResult) -> list[list[str]]:
-    """Return a header and the corrected joint values, ° and mm: a row for each joint of one pose, else for each pose."""
+    """Return a header and corrected joint values, ° and mm: a row for each joint of one pose, else for each pose."""
     units = [("mm", 1e3) if slides else ("°", 180 / np.pi) for slides in result.prismatic]
     letters = _MOST_OF_JOINT if len(result.poses) == 1 else _MOST_LETTERS
     names = [shortened(visible(name), letters) for name in result.joints]

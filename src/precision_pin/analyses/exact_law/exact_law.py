@@ -64,7 +64,6 @@ class Agreement(Record):
     """Distance between samples of the tangent model and the exact law.
 
     Attributes:
-        samples: Number of samples.
         distance: Kolmogorov distance: the largest difference of the two cumulative laws, rounded up by at most
             ``slack``.
         band: Bound of the distance at the stated confidence: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956;
@@ -91,7 +90,7 @@ class Agreement(Record):
 
     @property
     def said(self) -> str:
-        """The same in words."""
+        """The same as text."""
         return "within the band" if self.agrees else "BEYOND THE BAND"
 
 
@@ -103,7 +102,7 @@ class ExactLaw:
     Attributes:
         quantity: ``position.x`` … ``attitude.z`` or a norm; m or rad, base axes.
         law: Object with ``cumulative``, ``density`` and ``quantile``; ``None`` if the law is not available.
-        reason: Reason why the law is not available.
+        reason: Why the law is not available.
         mean, std: Mean and standard deviation; ``None`` for a norm that is not available.
         contributors: Number of contributing draws; all normal draws count as one.
         error: Bound of the error of every cumulative probability, at a number within rounding of the argument.
@@ -167,7 +166,6 @@ class PoseLaws(Record):
     """Laws at one pose.
 
     Attributes:
-        pose: Name and joint values of the pose.
         laws: Laws of the eight quantities, by name.
         warnings: Quantities whose exact model does not follow the first-order law, one line each.
     """
@@ -201,14 +199,15 @@ class ExactLawResult(Result):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
-        The columns are ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with ``…_error``, its
-        error bound; and ``distance`` and ``band`` of the agreement with samples. ``attrs`` gives the settings.
+        The columns are ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with
+        ``…_error``, its error bound; and ``distance`` and ``band`` of the agreement with samples. ``attrs`` gives the
+        settings.
         """
         return self._frame("quantity", lambda pose: ((name, _columns(law)) for name, law in pose.laws.items()))
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr` after the arm."""
         laws = [law for pose in self.poses for law in pose.laws.values()]
         known = sum(law.law is not None for law in laws)
         return (
@@ -245,7 +244,6 @@ def _columns(law: ExactLaw) -> dict[str, float]:
 
 
 def _cells(law: ExactLaw) -> list[str]:
-    """Return a row of the table in a notebook."""
     cells = [symbol(law.quantity), unit(law.quantity), milli(law.mean), milli(law.std)]
     quantiles = {level: milli(*known) for level, known in law.shown_quantiles(6).items()}
     cells += [quantiles.get(level, "-") for level in LEVELS_SHOWN[:-1]]
@@ -432,7 +430,7 @@ class _Share:
 
     @property
     def summand(self) -> Summand:
-        """Bounds for the series; for a law defined by the user the only known bound of |φ| is 1."""
+        """Bounds for the series; for a user-defined law the only known bound of |φ| is 1."""
         part = self.part
         if part is not None:
             return Summand(part.within, part.is_bounded, part.envelope, part.characteristic, part.characteristic_error)
@@ -532,7 +530,7 @@ def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> Ex
 
 
 def _with_samples(known: ExactLaw, sampled: Array, confidence: float) -> ExactLaw:
-    """Return a law with its quantiles, and how far samples lie from it."""
+    """Return a law with its quantiles, and its distance from samples."""
     assert known.law is not None
     assert known.std is not None
     quantiles = tuple(known.law.quantile(p) for p in LEVELS)

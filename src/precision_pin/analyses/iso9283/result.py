@@ -225,7 +225,7 @@ class Comparison(Record):
 
 
 def pose_names(names: Sequence[str]) -> dict[str, str]:
-    """Return P1, P2, … by each accepted name: the pose's name in the sheet (takes precedence), P1, …, and its number."""
+    """Return P1, P2, … by each accepted name: the name in the sheet (takes precedence), P1, …, and the number."""
     standard = [f"P{number}" for number in range(1, len(names) + 1)]
     known = {name[1:]: name for name in standard} | {name: name for name in standard}
     return known | {own: name for own, name in zip(names, standard, strict=True) if own}
@@ -239,7 +239,7 @@ def compare_with(
     cycles: int,
     fit_base: bool,
 ) -> Comparison:
-    """Compare measured cycles with a forecast, as :meth:`precision_pin.analyses.iso9283.result.Iso9283Result.compare`."""
+    """Compare cycles with a forecast, as :meth:`precision_pin.analyses.iso9283.result.Iso9283Result.compare`."""
     measured = _read(attained, forecasts, cycles)
     with_angles = all(poses.ndim == 3 for poses in measured.values())
     if fit_base:

@@ -53,8 +53,6 @@ class RareEvents(Verdict):
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Result within a stratum."""
-
     stratum: Stratum
     form: Form
     estimates: tuple[Estimate, ...]
@@ -71,7 +69,6 @@ def rare_events(
     """Return the probability that a margin is below zero, by all methods.
 
     Args:
-        space: The draws.
         margin: Margin to failure, ``(N,)``, for component values ``(d, N)``.
         starts: Starting points of FORM, standard normal numbers ``(d,)``.
         plain: Estimate by plain sampling.
@@ -174,7 +171,7 @@ def _together(parts: Sequence[_Part], unknown: float) -> Form:
 
 
 def _of_stratum(point: DesignPoint, stratum: Stratum, number: int) -> DesignPoint:
-    """Return a design point with Φ(-β) multiplied by the stratum's probability; the added β² is assigned to the rare draws."""
+    """Return a design point with Φ(-β) times the stratum's probability; the rare draws get the added β²."""
     within = min(max(point.beta, -8.0), 38.0)
     beta = -float(special.ndtri_exp(special.log_ndtr(-within) + math.log(stratum.probability)))
     rare = stratum.rare_at(point.u)

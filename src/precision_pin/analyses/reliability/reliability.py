@@ -52,7 +52,7 @@ class LikelyFailure(Record):
         beta, probability: Reliability index and Φ(-β).
         parameters: Value of each component at the point, SI.
         error: ``(6,)`` exact error at the point, m and rad.
-        importance: Share of each draw (correlated draws together) in β², in descending order; the sum is 1.
+        importance: Fraction of β² of each draw (correlated draws together), in descending order.
     """
 
     KEYS: ClassVar[Keys] = ("beta", "probability", "parameters", "error=parts", "importance")
@@ -75,10 +75,9 @@ class SpecificationReliability(RareEvents, Record):
     """Reliability for one specification at one pose.
 
     Attributes:
-        specification: The specification.
         failures: The nearest design points in terms of the model's parameters.
         varies: True if the quantity differs from robot to robot.
-        grounds: What keeps it from being judged, and what it takes as exact.
+        grounds: Why it cannot be judged, and what is taken as exact.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -99,7 +98,7 @@ class SpecificationReliability(RareEvents, Record):
 
     @property
     def comments(self) -> tuple[str, ...]:
-        """Differences between the methods, one line each, beginning with the consequence for the verdict."""
+        """Differences between the methods, one line each, starting with the consequence for the verdict."""
         means = "the verdict is the same by every method"
         if len(self._verdicts()) > 1:
             means = "the verdict differs between the methods; the samples' interval, which is always valid, decides"
@@ -142,7 +141,7 @@ class SpecificationReliability(RareEvents, Record):
 
     @property
     def cells(self) -> tuple[str, str, str, str]:
-        """Probability of failure, its interval, the method that it is by, and the verdict, as text."""
+        """Probability of failure, its interval, the method, and the verdict, as text."""
         probability = f"{self.best.probability:.3g}" if self.resolved else "not resolved"
         verdict = self.verdict if self.met else self.verdict.upper()
         return probability, in_words(self.best.interval), self.best.method, verdict
@@ -206,10 +205,10 @@ class ReliabilityResult(Result):
     def to_pandas(self, lines: Literal["specifications", "methods"] = "specifications") -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and specification, or method.
 
-        Specifications have the columns ``quantity``, ``limit``, ``required``; ``probability`` (of keeping the limit) and
-        ``failure`` (of exceeding it) with ``…_lower`` and ``…_upper``; ``met``, ``verdict``, ``resolved``, ``method``; and
-        ``form`` and ``beta`` of the nearest design point. Methods have ``failure``, ``variation``, ``evaluations`` and
-        ``resolved``. ``attrs`` gives the settings.
+        Specifications have the columns ``quantity``, ``limit``, ``required``; ``probability`` (of keeping the limit)
+        and ``failure`` (of exceeding it) with ``…_lower`` and ``…_upper``; ``met``, ``verdict``, ``resolved``,
+        ``method``; and ``form`` and ``beta`` of the nearest design point. Methods have ``failure``, ``variation``,
+        ``evaluations`` and ``resolved``. ``attrs`` gives the settings.
 
         Args:
             lines: Kind of rows: ``"specifications"`` or ``"methods"``.
@@ -232,7 +231,7 @@ class ReliabilityResult(Result):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr` after the arm."""
         demands = [entry for pose in self.poses for entry in pose.specifications]
         return (
             f"{sum(entry.met for entry in demands)} of {len(demands)} specifications met, {self.samples:,} samples, "
@@ -258,7 +257,7 @@ class ReliabilityResult(Result):
 
 
 def _demand(specification: Specification, quantity: str) -> str:
-    """Return a specification as text, with this name of its quantity."""
+    """Return a specification as text, with the given name of its quantity."""
     milli = f"{1e3 * specification.limit:.10g} {unit(specification.quantity)}"
     return f"{quantity} {milli} @ {100 * specification.required:.10g} %"
 
@@ -289,7 +288,6 @@ def _method_columns(estimate: Estimate) -> dict[str, Any]:
 
 
 def _cells(entry: SpecificationReliability) -> list[str]:
-    """Return a row of the table in a notebook."""
     nearest = entry.form.points[0] if entry.form.points else None
     estimate, interval, method, verdict = entry.cells
     form = ("-", "-") if nearest is None else (f"{nearest.probability:.3g}", f"{nearest.beta:.4g}")
@@ -298,7 +296,7 @@ def _cells(entry: SpecificationReliability) -> list[str]:
 
 
 LISTED: Final = 3
-"""Number of design points that are listed in full."""
+"""Number of design points listed in full."""
 
 # directions to the 26 faces, edges and corners of a cube
 _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0

@@ -1,4 +1,4 @@
-"""The worst case as a picture."""
+"""Figure of the worst case."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def draw(axes: Axes, result: WorstCaseResult, which: int, quantity: str) -> None
 
 
 def explain_excess(pose: PoseWorstCase) -> list[str]:
-    """Return why an error beyond a bound was found, where one was."""
+    """Return why an error beyond a bound was found, if one was."""
     lines = []
     for bound in (pose.position, pose.attitude):
         upper = bound.first_order.upper * (1 + 1e-9) + ROUNDING
