@@ -76,8 +76,7 @@ class CauseShare:
 def find_causes(model: ErrorModel) -> tuple[Cause, ...]:
     """Return the causes of a model, in the order of their first draws.
 
-    A source's own draws (the two bearings of an axis, a phase) that share a law, or have no tolerance of their own,
-    belong to one tolerance.
+    A source's own draws (bearings of an axis, a phase) that share a law, or have no tolerance, are one cause.
     """
     own = {
         draw.name: label

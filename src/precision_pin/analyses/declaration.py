@@ -77,9 +77,8 @@ class Asked(NamedTuple):
         sheets: Parsed sheets by name; most commands have one, whose name is empty.
         options: Values of all options by their arguments.
         chosen: Arguments of the options that the user gave.
-        read_poses, read_pose_set: Functions of the largest number of poses. They read the poses of the command line as
-            a list with names or as a :class:`precision_pin.robot.pose_set.PoseSet`; the default is the first pose of
-            the first sheet.
+        read_poses, read_pose_set: Functions of the largest number of poses. They read the command line's poses (by
+            default the first) as a list with names or as a :class:`precision_pin.robot.pose_set.PoseSet`.
         read_measurements: Reads the measurements named by the options, with the first sheet.
     """
 
@@ -108,8 +107,7 @@ class Job(NamedTuple):
     """What a command runs and writes, made by the function ``prepare`` of a declaration.
 
     Attributes:
-        run: Returns the result. Takes ``progress`` if there are steps, and the sampling settings if the command has the
-            shared options ``workers``.
+        run: Returns the result, given ``progress`` if there are steps, and settings of shared options ``workers``.
         models: Models whose samplers are compiled first.
         steps, what, unit: Number of progress steps, None for no progress bar; its label and unit.
         is_unwound: True if a signal raises KeyboardInterrupt in the analysis instead of ending the process.
@@ -117,8 +115,7 @@ class Job(NamedTuple):
         stem: Name of the files; by default that of the command.
         table: Renders the result as text; by default the declared table.
         files: Returns further files for the output folder; by default the figure.
-        write, is_written_first: Writes the files of other options and returns notes; True to run it before the result
-            is printed.
+        write, is_written_first: Writes other options' files and returns notes; before the result is printed.
         findings: Findings passed to an analysis whose result has no warning lines; those that it adds are printed.
         is_met: Whether the exit code is 0.
     """
@@ -150,25 +147,22 @@ class Declaration(NamedTuple):
         name: Name of the command, also in files and in the schema of the JSON.
         function, result: ``module:name`` of the function, with the arguments ``(model, pose, *, seed, findings,
             progress, …)``, and of the class of its result, a :class:`precision_pin.analyses.result.Result`.
-        title, heading: Entry in the report's table of contents, and heading of its section; without a heading the
-            analysis has no section about a pose.
+        title, heading: Entry in the report's contents, and heading of its section, which it needs to have one.
         summary, description: Line in the list of commands, and text of the command's help.
         options: Options in the order of the help; a word stands for a group of shared options.
         report_settings: Settings that a report passes on: ``samples``, ``specifications``. An analysis with
             specifications is left out of a report without any.
-        steps: ``module:function(space, poses, **arguments)`` that returns the number of progress steps; by default the
-            samples at all poses.
+        steps: ``module:function(space, poses, **arguments)`` for the progress steps; by default all samples.
         has_warnings_in_table: True if the table includes the warnings, so that the command does not print them again.
         group: Heading in the list of commands.
         prepare: Returns what the command runs for its inputs; by default ``function`` at the poses of the command line.
         check: Rejects options that contradict each other before any input is read; may change them.
         sheets: Returns, by name, the options with which each sheet is read; by default one sheet.
-        arguments, data_suffixes: Name of the command's arguments and how the help shows them; suffixes of arguments
-            that are neither robot nor sheet.
+        arguments, data_suffixes: Command's arguments and their help; suffixes of those that are neither robot nor
+            sheet.
         reads, writes: Arguments of the options that name further input files, and output files.
         files: Patterns of the names of files in a folder.
-        is_sampled: True if the command samples: where nothing is compiled yet, compilation starts while the inputs are
-            read.
+        is_sampled: True if the command samples, so that compilation may start while the inputs are read.
         table_name: Name of the function in ``table``.
     """
 

@@ -13,8 +13,7 @@ variance. The known laws show whether they do. Each uniform number of a sample i
 all others at their medians, on nodes that are dense towards both ends. This gives the second and third moments, as far
 as single numbers cause them, of a statistic that is a mean over samples, and from these the skewness of the mean of all
 replicates. The replicates of a net have one point in each n-th of each axis, so only the two outermost n-ths count. A
-mean whose skewness exceeds `MOST_SKEWNESS` is too far from normal for an interval from its replicates, and is not
-resolved.
+mean with a skewness above `MOST_SKEWNESS` is too far from normal for an interval, and not resolved.
 """
 
 from __future__ import annotations

@@ -200,7 +200,6 @@ class Result(AnalysisResult):
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
-        """Return the notebook view in mm and mrad."""
         hidden = len(self.poses) - MOST_POSES
         return rendered(
             f"{self._title()} of {self.provenance.arm}",

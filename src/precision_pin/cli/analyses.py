@@ -49,6 +49,7 @@ _LISTED: Final = "precision_pin.statistics.plan:listed_specifications"
 
 def make_command(declaration: Declaration) -> click.Command:
     """Return the command of an analysis."""
+
     def command(**options: Any) -> int:
         return _run(declaration, options)
 
@@ -83,7 +84,6 @@ def _option(option: Option) -> shared.Decorator:
 
 
 def _run(declaration: Declaration, options: dict[str, Any]) -> int:
-    """Run an analysis as its command; returns the exit code."""
     outputs, sheets = _check(declaration, options)
     read = {name: read_sheet({**options, **own}, outputs) for name, own in sheets.items()}
     first = next(iter(read.values()))
@@ -160,7 +160,6 @@ def _texts(value: str | Iterable[str] | None) -> Iterable[str]:
 
 
 def _at_poses(declaration: Declaration, asked: Asked) -> Job:
-    """Return the run of an analysis at the poses of the command line, with a figure for each."""
     from precision_pin.model.error_model import ErrorModel
 
     poses = asked.read_poses()

@@ -67,8 +67,8 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
     At several poses a specification is met only if it is met at every one. With --relative-to the errors are those relative to
     another pose of the same robots: taught there, worked here.
 
-    Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does
-    not depend on what samples it: threads, processes or a cluster, at one go or resumed.
+    Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does not
+    depend on what samples it: threads, processes or a cluster, at one go or resumed.
     """
     from precision_pin.analyses.monte_carlo.table import analysis_table
     from precision_pin.draws.space import check_seed

@@ -90,7 +90,6 @@ def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
 
 
 def _allocation_findings(sheet: Sheet) -> tuple[Finding, ...]:
-    """Return the errors in ``allocate:``, if the sheet has it."""
     if sheet.contents is None or "allocate" not in sheet.contents.text.data:
         return ()
     from precision_pin.analyses.allocation.problem import check_problem, read_problem

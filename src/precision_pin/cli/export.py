@@ -45,9 +45,9 @@ HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"
 def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
     """Write robots as they may be built, each sampled, as URDF files.
 
-    NAME.unit0000.urdf and so on: the robot's own text with other placements in its joints; and units.csv with the error
-    of each at the pose. The units are those that analyze samples. A file holds the errors of the built robot at every
-    pose and all errors (loads, draws for a pose or a visit) at the export pose.
+    NAME.unit0000.urdf and so on: the robot's own text with other placements in its joints; and units.csv with the error of
+    each at the pose. The units are those that analyze samples. A file holds the errors of the built robot at every pose
+    and all errors (loads, draws for a pose or a visit) at the export pose.
     """
     from precision_pin.draws.space import check_seed
     from precision_pin.export.as_built import AsBuilt, describe_frozen
@@ -89,7 +89,6 @@ def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
 
 
 def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) -> None:
-    """Print an estimate of time and size if they are large."""
     seconds, largest = math.inf, 0
     started = time.perf_counter()
     for built in writer.units(seed, first, TRIALS):

@@ -40,9 +40,9 @@ def command(
 ) -> None:
     """Write a commented sheet for a URDF: every joint and link of the chain, with starting tolerances to replace.
 
-    ROBOT may be example:NAME; where a sheet with sources comes with precision-pin for it, that one is written. It may
-    be robot_descriptions:NAME, or a xacro file, whose URDF is written beside the sheet, with its arguments as
-    NAME:=VALUE. The sheet runs as it is: precision-pin analyze SHEET.
+    ROBOT may be example:NAME; where a sheet with sources comes with precision-pin for it, that one is written. It may be
+    robot_descriptions:NAME, or a xacro file, whose URDF is written beside the sheet, with its arguments as NAME:=VALUE. The
+    sheet runs as it is: precision-pin analyze SHEET.
     """
     from precision_pin.export.scaffold import scaffold
     from precision_pin.robot import examples, urdf

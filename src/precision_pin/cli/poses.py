@@ -87,7 +87,6 @@ def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses
 
 
 def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDArray[np.int8]:
-    """Return the approach of poses ``(n, P)`` requested by ``--approach``, ``(n, P)``."""
     import numpy as np
 
     from precision_pin.robot.approach import PREVIOUS, approaches_along, read_approach
@@ -141,7 +140,6 @@ def read_pose_set(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> Pose
 
 
 def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
-    """Return the poses; those of the sheet with their own approaches."""
     import numpy as np
 
     from precision_pin.robot.pose_set import PoseSet

@@ -57,9 +57,9 @@ MOST_POSES: Final = 12
 def command(samples: int, seed: int, specs: tuple[str, ...], is_allocated: bool, full: bool, **arm: Any) -> int:
     """Write one self-contained page: verdict, distributions, budget, worst case, exact law, 3-D view.
 
-    Several poses are on one page, the worst first; the exit code is 1 if a specification is not met at any of them, on
-    the map or along the path. Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be
-    example:NAME.
+    Several poses are on one page, the worst first; the exit code is 1 if a specification is not met at any of
+    them, on the map or along the path. Without arguments: the paper's arm and sheet, from inside the package.
+    ROBOT may be example:NAME.
     """
     from precision_pin.draws.space import check_seed
     from precision_pin.sampling import check_samples
@@ -198,5 +198,4 @@ class _Steps:
 
 
 def _name(path: str) -> str:
-    """Return the name of a file or folder; ``example:NAME`` is one."""
     return os.path.basename(os.path.normpath(path))

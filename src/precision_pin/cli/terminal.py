@@ -93,7 +93,6 @@ def _pieces(lines: Sequence[str], columns: int | None) -> list[_Piece]:
 
 
 def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: bool) -> list[str]:
-    """Return the rows of a result that a terminal shows at once."""
     room = max(count_rows(sys.stdout) - 1 - below, _FEWEST)
     whole = _height(chain(*blocks)) + len(blocks) - 1
     answer = [] if is_answered or whole <= _SHORT else _answer(text)

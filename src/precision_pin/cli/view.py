@@ -61,9 +61,9 @@ def command(
 ) -> int:
     """Show the arm and its sampled errors in 3-D, in a page that needs no network.
 
-    Without arguments: the paper's arm and sheet. Several poses get a slider. With --spec the page says at its top
-    whether the limit is kept by the robots it shows, and draws it. Without --out the page is served to this machine
-    only, until Ctrl-C, and rebuilt whenever the sheet or the robot changes.
+    Without arguments: the paper's arm and sheet. Several poses get a slider. With --spec the page says at its top whether
+    the limit is kept by the robots it shows, and draws it. Without --out the page is served to this
+    machine only, until Ctrl-C, and rebuilt whenever the sheet or the robot changes.
     """
     from precision_pin.draws.space import check_seed
     from precision_pin.pages.view import MOST_POINTS, check_factor, limits_kept, page
@@ -130,7 +130,6 @@ def command(
 
 
 def _layers(sheet: Sheet, arm: shared.Options) -> list[Layer]:
-    """Return the layers of the page beside the arm."""
     from precision_pin.analyses.calibration.layer import CalibrationLayer
     from precision_pin.analyses.compensation.figure import CompensationLayer
     from precision_pin.analyses.map.figure import PlacesData

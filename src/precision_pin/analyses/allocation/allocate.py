@@ -56,10 +56,9 @@ class AllocatedLimit(Record):
             where every choice of grades was sampled.
         first_order: Largest quantile, root mean square or worst case over the poses, by the first-order model.
         worst_pose: By the samples of a quantile, else by the first-order model.
-        shadow_price: Decrease of the least cost per m or rad of a wider limit, summed over the poses; ``None`` if
-            infeasible.
-        probability, interval: Fraction of fresh samples of the exact model inside, and its 95 % interval; ``None`` for
-            a limit without probability.
+        shadow_price: Decrease of the least cost per m or rad of a limit, summed over the poses; ``None`` if infeasible.
+        probability, interval: Fraction of fresh exact samples inside, and its 95 % interval; ``None`` without
+            probability.
         varies: Whether the quantity differs from robot to robot.
         margin: Excess over the required probability, so that ``for_samples`` samples will show that it is kept.
         grounds: Why the limit cannot be judged, and what is taken as exact.
@@ -121,8 +120,7 @@ class AllocationResult(AnalysisResult):
     Attributes:
         tolerances: Tolerances to choose, with the values of the sheet.
         after, costs: Chosen tolerances (m, rad) and the cost of each, ``(n,)``.
-        shadow_prices: Saving per m or rad of a wider upper bound; negative at the lower bound, zero between the bounds
-            and for grades.
+        shadow_prices: Saving per m or rad of an upper bound; negative at the lower bound, zero between and for grades.
         lower_bound: No tolerances that keep the limits as stated cost less. ``None`` if infeasible, where the time for
             a choice of grades ran out first, and for specifications with a law far from normal or a norm below 92 %.
         bound_basis: ``"proof"`` for limits of the first order; ``"samples"`` where every cheaper choice of grades was
@@ -136,8 +134,7 @@ class AllocationResult(AnalysisResult):
         parts: Contributions to the error at the worst pose of the tightest limit, before and after.
         poses: Names of the poses.
         grounds: Why the limits cannot be judged, and what is taken as exact.
-        feasible: Whether tolerances within the bounds keep the limits; if not, all numbers are those of the narrowest
-            tolerances.
+        feasible: Whether tolerances within the bounds keep the limits; if not, the narrowest ones are given.
         front: Points of the front of cost against accuracy, if requested.
     """
 
@@ -360,11 +357,9 @@ def allocate(
         seed: 64-bit seed of the samples.
         seconds: Time for the choice of grades, and again for the front; then the best so far is returned, with its gap.
         pareto: Number of points of the front of cost against accuracy: 0, or 2 to 1000.
-        for_samples: Number of samples, as for ``analyze``, that will show with 95 % probability that all specifications
-            are met. 0 for no margin.
+        for_samples: Samples of ``analyze`` that will, at 95 %, show that all specifications are met; 0: no margin.
         findings: Warnings to include in the result, such as those of the sheet.
-        progress: Function called with the steps done since its last call, :func:`allocation_steps` in all; ``True``
-            shows a bar.
+        progress: Called with the steps done since its last call, of :func:`allocation_steps`; ``True`` shows a bar.
 
     Raises:
         InputError: A wrong problem, or a tolerance with which the error does not scale.

@@ -170,8 +170,7 @@ def walk(
     """Return the cheapest choice that keeps the limits; ``None`` unless all have grades, and for too many choices.
 
     Args:
-        programme, choices, members: Costs and first-order limits of the variables; their grades; the variable of each
-            tolerance.
+        programme, choices, members: Costs and limits of the variables; their grades; the variable of each tolerance.
         parts: First-order error of each tolerance.
         seed: Seed of the first-order samples.
         end: Time at which to stop.
@@ -243,7 +242,6 @@ class _Screen:
         return np.asarray((most >= self._judge.required[:, None]).all(axis=(1, 2)))
 
     def _shares(self, t: Array, samples: int) -> Array:
-        """Return fractions inside, ``(m, limits, poses)``."""
         chances, poses = self._judge.chances, range(len(self._judge.task.poses))
         result = np.empty((t.shape[1], len(chances), len(poses)))
         numbers, shared = None, all(draw.scope.value == "unit" for draw in self._judge.model.space.draws)

@@ -154,8 +154,7 @@ def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> 
     Args:
         where: Prefix of messages.
         quantity: Length or angle, as of the tolerance.
-        key: Last key of its path: a ``diameter`` is as wide as a grade, any other tolerance half as wide; ``std`` is no
-            width.
+        key: Last key of its path: a ``diameter`` is as wide as a grade, others half as wide; ``std`` is no width.
 
     Raises:
         InputError: Another kind, numbers that are not positive, a wrong unit, or no grades.

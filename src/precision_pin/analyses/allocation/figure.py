@@ -54,7 +54,6 @@ def figure(result: AllocationResult) -> Figure:
 
 
 def _draw_parts(axes: Axes, result: AllocationResult) -> int:
-    """Draw the largest parts and return their number."""
     parts = result.parts
     sizes = {one.source: max(one.before, one.after) for one in parts.sources}
     largest = max(sizes.values(), default=0.0)

@@ -270,7 +270,6 @@ class _Relaxation:
                 self._add((parts * self._widest / one.limit) @ self._t, 1 - still[place] / one.limit)
 
     def _add(self, row: Array, most: float) -> None:
-        """Add a row, scaled so that its largest coefficient is 1."""
         size = float(np.abs(row).max(initial=0.0))
         if size > 0:
             self._rows.append(row / size)
@@ -314,7 +313,6 @@ def without_solver_lines() -> Iterator[None]:
 
 
 def _flush() -> None:
-    """Flush the buffers of Python and of C."""
     with suppress(OSError, ValueError, AttributeError):
         sys.stdout.flush()
     ctypes.CDLL(None).fflush(None)

@@ -48,8 +48,8 @@ class Contributions(Fixed):
 
     Attributes:
         mean: Error at the means ``(6, P)``.
-        covariance, by_tolerance: Covariance that no tolerance changes ``(6, 6, P)``, and that of each tolerance of 1 m
-            or rad ``(n, 6, 6, P)``.
+        covariance, by_tolerance: Fixed covariance ``(6, 6, P)``, and that of each tolerance of 1 m or rad ``(n, 6, 6,
+            P)``.
         pairs, by_pair: Numbers of two tolerances with correlated draws, n for the unchosen rest, ``(m, 2)``; the
             contribution of their product to the covariance, ``(m, 6, 6, P)``.
         reach, reach_by_tolerance: Largest deviations of the components, ``(6, P)`` and ``(n, 6, P)``.

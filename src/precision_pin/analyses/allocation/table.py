@@ -114,7 +114,6 @@ def pose_count(result: AllocationResult) -> str:
 
 
 def _in_words(one: AllocatedLimit) -> str:
-    """Return a limit such as ``position.norm 0.5 mm @ 95 %``."""
     required = "" if one.required is None else f" @ {100 * one.required:.6g} %"
     return f"{_WORDS[one.kind]}{one.quantity} {1e3 * one.limit:.4g} {unit(one.quantity)}{required}"
 

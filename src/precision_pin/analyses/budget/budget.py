@@ -1,7 +1,6 @@
 """Error budget: contributions of draws, sources and joints to the pose error, and the effect of tighter tolerances.
 
-The budget has closed-form shares of the tangent model and Sobol indices of the exact model. They agree as far as the
-model is linear.
+It has closed-form shares of the tangent model and Sobol indices of the exact model, equal if that is linear.
 """
 
 from __future__ import annotations
@@ -234,8 +233,7 @@ def budget(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
         seed: 64-bit seed of the sampled indices and quantiles.
         samples: Points in each of the two sets of the pick-freeze method: 32 independent scrambles of a power of two.
             The exact model is evaluated about ``samples · (2 + 3 · draws)`` times.
@@ -243,8 +241,7 @@ def budget(
         k, bound_at: Number of standard deviations at which unbounded laws are cut in the share of the worst case, as in
             :func:`precision_pin.worst_case`. The second is the former name of the first.
         findings: Warnings to include in the result, such as those of the sheet.
-        progress: Function called with the number of evaluations of the model since its last call, zero while points are
-            prepared; ``True`` shows a bar.
+        progress: Function called with the number of evaluations since its last call; ``True`` shows a bar.
 
     Raises:
         InputError: A wrong pose, seed, number of samples, confidence or bound; errors too large to compute with.

@@ -46,8 +46,7 @@ class Halved:
 
     Attributes:
         std: New standard deviations, m and rad, closed form; for position and attitude the root of the trace.
-        quantile: New quantile of |d| and |δ|, m and rad, keyed by ``position.norm`` and ``attitude.norm``; ``None``
-            where not resolved.
+        quantile: New quantile by ``position.norm`` and ``attitude.norm``, m and rad; ``None`` where not resolved.
         change: Change of the quantile, with the same random numbers.
     """
 
@@ -91,8 +90,7 @@ class Group:
     Attributes:
         draws: Names of the draws.
         share: Share of the variance, closed form.
-        first, total: Indices of the exact model by quantity: the two vectors, norms and components; ``None`` where it
-            does not vary or is not resolved.
+        first, total: Indices of the exact model by quantity; ``None`` where it does not vary or is not resolved.
         nonlinear: Quantities whose index differs from the closed form by over one percentage point beyond the interval.
     """
 
@@ -151,8 +149,7 @@ class PoseBudget:
         std: Standard deviations of the tangent model, m and rad.
         quantile: Quantile of |d| and |δ| of the exact model; ``None`` where not resolved.
         reach: Half-width of the range of every component, first order.
-        draws, groups, sources, places: Shares of the draws, of correlated groups, of the sources, and of joints and
-            links.
+        draws, groups, sources, places: Shares of draws, correlated groups, sources, and joints and links.
         sums: Sums of the shares, by quantity.
         warnings: One line each.
     """

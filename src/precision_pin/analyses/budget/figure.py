@@ -199,7 +199,6 @@ def draw_bars(result: BudgetResult, pose: int, bars: Mapping[str, Sequence[Bar]]
 
 
 def _bars(pose: PoseBudget, vector: str) -> list[Bar]:
-    """Return a bar for each draw or group of correlated ones, largest first."""
     found = []
     for group in pose.groups:
         draws = [pose.draw(name) for name in group.draws]
@@ -210,7 +209,6 @@ def _bars(pose: PoseBudget, vector: str) -> list[Bar]:
 
 
 def _draw(axes: Axes, bars: Sequence[Bar], vector: str) -> None:
-    """Draw one vector's bars; those that do not fit are counted in the axis label."""
     shown, hidden = bars[:MOST_BARS], bars[MOST_BARS:]
     lengths = [100 * bar.length for bar in shown]
     axes.barh(

@@ -95,8 +95,7 @@ def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -
 def effect_forms(covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
     """Return the Shapley effects of groups of inputs as quadratic forms of any output's slopes, ``(groups, d, d)``.
 
-    With form Φ_g of a group, its effect on the variance of an output with slopes w is w Φ_g wᵀ. Their sum is the
-    covariance. Every input is in one group.
+    With form Φ_g, a group's effect on the variance of an output with slopes w is w Φ_g wᵀ; Σ Φ_g is the covariance.
     """
     slopes = np.eye(len(covariance))
     return values(

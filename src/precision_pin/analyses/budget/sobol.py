@@ -153,7 +153,6 @@ def _mix_points(points: Array, other_points: Array, rows: Sequence[int] | NDArra
 
 
 def _split(values: Array) -> Array:
-    """Return ``(q, N)`` as ``(q, REPLICATES, n)``."""
     return values.reshape(values.shape[0], REPLICATES, -1)
 
 

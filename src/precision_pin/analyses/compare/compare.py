@@ -85,8 +85,7 @@ def quantile_difference(first: Array, other: Array, probability: float, confiden
     q₂ and a = q₁, robots with the first value at or above a and the other below b are at least as frequent as the
     reverse, since P(x₂ < b) ≥ p ≥ P(x₁ < a). Counts that contradict this by the sign test (McNemar's, exact), with two
     fifths of the error, show q₂ ≥ b; likewise from above. The interval contains b - a for every possible a = q₁. It is
-    the narrower the more alike both models are, and covers more often than stated. ``None`` where the robots are too
-    few.
+    narrow if the models are alike, and covers more often than stated. ``None`` for too few robots.
     """
     value = float(np.quantile(other, probability) - np.quantile(first, probability))
     error = 1 - confidence
@@ -289,7 +288,6 @@ class ComparisonResult(Outcome):
         return f"<ComparisonResult of {', '.join(self.names)}: {len(self.poses)} poses, {self.samples:,} robots>"
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: quantiles of |d| and |δ| of every model, mm and mrad."""
         rows = []
         for pose in self.poses:
             for name, law in zip(self.names, pose.laws, strict=True):
@@ -310,7 +308,6 @@ def _within(law: MonteCarloResult) -> float:
 
 
 def _law(law: MonteCarloResult) -> dict[str, Any]:
-    """Return the law of a model as in the JSON of an analysis."""
     whole = law.to_dict()
     kept = ("nominal", *(name.partition(".")[0] for name in QUANTITIES), "spec")
     return {key: whole[key] for key in dict.fromkeys(kept) if key in whole}
@@ -341,13 +338,11 @@ def compare(
     """Sample several models with the same robots, and return their laws and the differences from the first.
 
     A draw, such as ``axis_install[joint2].A`` or a parameter, has the same random numbers in all models that have a
-    draw of this name. A difference is therefore due to the models, and its interval is much narrower than those of the
-    laws.
+    draw of this name. A difference is therefore due to the models, and its interval is narrow.
 
     Args:
         models: Two to eight models, by name or as a list (named A, B, …), of arms with the same joints.
-        poses: One pose or a list of poses, by the first model's names or as joint values; all models are compared
-            there.
+        poses: One pose or a list, by the first model's names or as joint values.
         samples: Number of robots.
         seed: 64-bit seed.
         model: ``"exact"`` or ``"linear"``, as for :func:`precision_pin.monte_carlo`.
@@ -358,8 +353,7 @@ def compare(
         progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: Fewer than two models or more than eight, models with different joints, a wrong argument, or samples
-            that do not fit into memory.
+        InputError: Fewer than two or more than eight models, different joints, a wrong argument, or too little memory.
         UnknownNameError: No such pose or joint.
     """
     named = _named(models)
@@ -423,7 +417,6 @@ def count_steps(models: int, poses: int, samples: int) -> int:
 
 
 def _named(models: Mapping[str, ErrorModel] | Sequence[ErrorModel]) -> dict[str, ErrorModel]:
-    """Validate and return the models by name."""
     if isinstance(models, Mapping):
         named = dict(models)
     else:
@@ -466,8 +459,7 @@ def _paired(first: MonteCarloResult, other: MonteCarloResult, confidence: float,
 def _skewness(first: PoseModel, other: PoseModel) -> Array | None:
     """Return the first-order skewness ``(8,)`` of the differences of the same robots' errors; None if there are none.
 
-    A draw shared by name and law, or whose law is the other's scaled, moves the difference by the difference of its
-    slopes; any other draw moves it alone.
+    A draw with the same name and (scaled) law moves it by the difference of its slopes, another draw alone.
     """
     shared = {draw.name: (draw, columns) for draw, columns in zip(first.space.draws, first.space.slices, strict=True)}
     draws: list[Draw] = []
@@ -510,7 +502,6 @@ def _scale(one: Draw, other: Draw) -> float | None:
 
 
 def _quantities(law: MonteCarloResult) -> Array:
-    """Return the eight quantities of all robots, ``(8, N)``."""
     errors = law.errors
     assert errors is not None
     norms = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))

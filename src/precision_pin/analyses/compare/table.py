@@ -84,7 +84,6 @@ def _points(change: Difference) -> str:
 
 
 def _pose(result: ComparisonResult, pose: PoseComparison) -> list[str]:
-    """Return the laws and causes at a pose."""
     title = [f"pose {shown(pose.label.name)}"] if pose.label.name and len(result.poses) > 1 else []
     heads = [f"{100 * level:.4g} %" for level in LEVELS]
     rows = [["", "", "mean", *heads, *(f"change of {head}" for head in heads[1:])]]

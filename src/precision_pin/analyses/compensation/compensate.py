@@ -47,11 +47,9 @@ class CompensationResult(AnalysisResult):
         joints, prismatic, poses: Joints in chain order, which of them slide, and the poses as requested.
         mode, weights: What was corrected, and the weights of the components, ``(6,)``; ``None`` where they must vanish.
         correction: Corrected joint values, errors at the means before and after, statuses.
-        within_before, within_after: 95 % quantiles of |d| and |δ| from the requested pose, without and with the
-            correction, ``(2, P)``: closed form, first order about the error at the means, normal; NaN where nothing was
-            corrected.
-        sources, shares: Names of the sources, and their fractions of the remaining variance of the position, ``(lines,
-            P)``.
+        within_before, within_after: 95 % quantiles of |d| and |δ| from the requested pose, without and with correction,
+            ``(2, P)``, in normal closed form about the mean error; NaN where nothing was corrected.
+        sources, shares: Sources, and their fractions of the position's remaining variance, ``(lines, P)``.
     """
 
     schema: ClassVar[str] = "precision-pin/compensation/1"
@@ -307,6 +305,5 @@ def _with_laws(
 
 
 def _within(mean: Array, covariance: Array) -> Array:
-    """Return the 95 % quantiles of |d| and |δ|, ``(2, P)``."""
     parts = (slice(0, 3), slice(3, 6))
     return np.stack([norm_quantiles(*principal_axes(mean[part], covariance[part, part]), 0.95) for part in parts])

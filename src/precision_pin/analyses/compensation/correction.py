@@ -50,8 +50,8 @@ class Correction(Fixed):
     Attributes:
         q: Corrected joint values, ``(n, P)``; NaN where there are none.
         before, first_order, after: Error of the arm with every component at its mean: at the requested joint values,
-            after one step with the nominal Jacobian, and at the corrected ones; ``[d; δ]`` from the requested pose,
-            base axes, m and rad, ``(6, P)``.
+            after one step with the nominal Jacobian, and at the corrected ones; ``[d; δ]``, base axes, m and rad, ``(6,
+            P)``.
         iterations: Newton steps, ``(P,)``.
         is_least: Whether the change of the joints was shown to be a local minimum, ``(P,)``; false for some of those
             found by the search from scattered joint values.
@@ -206,8 +206,7 @@ class _Arm:
     def search(self, start: Array, pose: int) -> tuple[Array, Array, int, bool] | None:
         """Return the closest correction of a pose found from scattered starting points; ``None`` if there is none.
 
-        The values are joint values ``(n,)``, error ``(6,)``, number of steps, and whether the change is a local
-        minimum.
+        The values are joint values ``(n,)``, error ``(6,)``, steps, and whether the change is a local minimum.
         """
         ends, errors = self._descend(self._scattered(start), pose)
         change = ((ends - start[:, None]) / self.units) ** 2
@@ -268,8 +267,7 @@ class _Arm:
     def _descend(self, values: Array, pose: int) -> tuple[Array, Array]:
         """Return the end points of damped steps within the limits from values ``(n, S)``, and the errors there.
 
-        The Jacobian is that of the nominal arm, which is close enough for a descent; a joint that would pass its limit
-        stays.
+        The nominal arm's Jacobian is close enough for a descent; a joint that would pass its limit stays.
         """
         low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
         scale = np.where(self.rows < 3, 1 / _length(self.error_model.chain), 1.0)[:, None]

@@ -128,8 +128,8 @@ class CompensationLayer:
     Attributes:
         worst: The corrected pose with the largest error before; ``None`` if no pose is corrected.
         nominal: Base, joints and tip of the arm without error there, m, ``(3, K)``.
-        arms: Displacements from there of the deflected arm, the commanded arm without errors, and the corrected arm, m,
-            ``(3, 3, K)``.
+        arms: Displacements from there of the deflected, the commanded (without errors) and the corrected arm, ``(3, 3,
+            K)``.
         commanded: Displacement of the tip without errors at each pose, at the corrected joint values, m, ``(3, P)``.
     """
 
@@ -196,7 +196,6 @@ class CompensationLayer:
         )
 
     def _seen(self, points: Array) -> Array:
-        """Return the points at the corrected poses."""
         return points[:, np.isfinite(self.commanded).all(axis=0)]
 
 

@@ -64,10 +64,8 @@ class Agreement(Record):
     """Distance between samples of the tangent model and the exact law.
 
     Attributes:
-        distance: Kolmogorov distance: the largest difference of the two cumulative laws, rounded up by at most
-            ``slack``.
-        band: Bound of the distance at the stated confidence: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956;
-            Massart 1990).
+        distance: Kolmogorov distance: largest difference of the cumulative laws, rounded up by at most ``slack``.
+        band: Bound of the distance: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956; Massart 1990).
         confidence: Confidence 1 - α.
         slack: Largest excess of the stated distance.
         edges, counts: Histogram of the samples.
@@ -200,8 +198,7 @@ class ExactLawResult(Result):
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
         The columns are ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with
-        ``…_error``, its error bound; and ``distance`` and ``band`` of the agreement with samples. ``attrs`` gives the
-        settings.
+        ``…_error``, its error bound; and ``distance`` and ``band`` of the samples. ``attrs`` gives the settings.
         """
         return self._frame("quantity", lambda pose: ((name, _columns(law)) for name, law in pose.laws.items()))
 
@@ -310,13 +307,10 @@ def exact_law(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
-        seed, samples, confidence: Seed and number of the samples of the tangent model for comparison; confidence of the
-            comparison.
+        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
+        seed, samples, confidence: Seed, number and confidence of tangent-model samples for comparison.
         findings: Warnings to include in the result, such as those of the sheet.
-        progress: Function called with the number of samples drawn, and then compared at each pose, since its last call;
-            ``True`` shows a bar.
+        progress: Called with the samples drawn, then compared, since its last call; ``True`` shows a bar.
 
     Raises:
         InputError: A wrong pose, seed, number of samples or confidence; draws that are correlated and not normal.
@@ -350,7 +344,6 @@ def count_steps(space: Space, poses: int, samples: int, **others: object) -> int
 
 
 def _deviations(space: Space, seed: int, count: int, step: Callable[[int], None]) -> Array:
-    """Return samples minus their means, ``(d, count)``."""
     check_memory(
         8.0 * (space.size + 16) * count, f"comparing {count:,} samples of {space.size:,} numbers", "ask for fewer"
     )
@@ -483,7 +476,6 @@ _UNKNOWN_ERROR: Final = 1e-13
 
 
 def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> NumberLaw | str:
-    """Return the law of a sum, or the reason why there is none."""
     if not shares:
         return NormalLaw(mean, bell_std)
     parts = [share.part for share in shares if share.part is not None]
@@ -530,7 +522,6 @@ def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> Ex
 
 
 def _with_samples(known: ExactLaw, sampled: Array, confidence: float) -> ExactLaw:
-    """Return a law with its quantiles, and its distance from samples."""
     assert known.law is not None
     assert known.std is not None
     quantiles = tuple(known.law.quantile(p) for p in LEVELS)

@@ -243,7 +243,6 @@ def _roughness(part: Projection) -> int:
 
 
 def _double_exponential() -> tuple[Array, Array]:
-    """Return nodes in (0, 1) and weights of the double exponential rule."""
     t = np.arange(-52, 53) / 16
     inner = math.pi / 2 * np.sinh(t)
     shares = special.expit(2 * inner)
@@ -273,8 +272,7 @@ class SeriesLaw(Fixed, NumberLaw):
     Attributes:
         middle, half_length: Support: mean + middle ± half_length.
         coefficients: φ(ω_k) about the middle, ``(K + 1,)``; the first is 1.
-        truncation, density_truncation: Bounds of the truncation error of cumulative law and density; infinite where
-            unknown.
+        truncation, density_truncation: Bounds of the truncation errors of both; infinite where unknown.
         beyond: Probability beyond the support.
         rounding: Bound of the rounding of the cumulative law.
     """
@@ -406,8 +404,7 @@ class Summand(Fixed):
     """Independent part of a sum, in the form that the series needs.
 
     Attributes:
-        ends: Function of a number of standard deviations; the probability beyond the returned ends is at most that of a
-            normal law there.
+        ends: Ends for a number of standard deviations, with at most a normal law's probability beyond.
         is_bounded: True if the probability beyond the ends is zero.
         envelope: Function of ω ``(n,)`` that returns a monotone bound of |φ|.
         characteristic: Function of ω ``(n,)`` that returns φ of the deviation from the mean.

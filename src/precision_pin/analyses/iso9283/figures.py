@@ -213,8 +213,7 @@ class MeasuredDistance(_Figures):
     """Accuracy and repeatability of the distance between two poses of one robot, m and rad, base axes.
 
     Attributes:
-        AD, RD: Mean distance of the attained positions minus the commanded distance, and three standard deviations of
-            the distance; the standard writes ±RD.
+        AD, RD: Mean minus commanded distance, and three standard deviations; the standard writes ±RD.
         AD_x, AD_y, AD_z, RD_x, RD_y, RD_z: The same for the distances along the axes, |x₁ - x₂|.
         AD_a, AD_b, AD_c, RD_a, RD_b, RD_c: The same for the angular distances, |a₁ - a₂|.
     """
@@ -343,7 +342,6 @@ def _read_pose(what: str, value: object) -> Array:
 
 
 def _read_cycles(what: str, values: object) -> Array:
-    """Return the poses of n cycles, ``(4, 4, n)``."""
     numbers = _read_numbers(what, values, "poses (n, 4, 4), or positions and rpy (n, 6), in m and rad")
     if numbers.shape[1:] not in ((4, 4), (6,)):
         raise InputError(

@@ -82,8 +82,7 @@ def iso9283(
     """Return the law of the figures of ISO 9283:1998 over built robots and tests.
 
     Every robot is built once and tested once: draws of unit scope are made once for a robot, those of pose scope once
-    for a robot and pose, those of visit scope in each cycle. The law of a figure thus includes the scatter over robots
-    and over tests.
+    for a robot and pose, those of visit scope in each cycle. The laws thus include the scatter over robots and tests.
 
     Args:
         error_model: Chain, draws and sources.
@@ -93,11 +92,9 @@ def iso9283(
         robots: Number of built robots.
         seed: 64-bit seed.
         target: The measured point in tool axes, m, ``(3,)``; by default the tip.
-        load: Mass at the target, kg or with a unit, in addition to the sheet's loads; the standard tests with the rated
-            load.
-        fit_base: Align the barycentres to the commanded positions by the best fit over the poses, as if the robot's
-            base in the measuring system were determined from the same measurement. It changes AP only; E is never
-            fitted.
+        load: Mass at the target, kg or with a unit, added to the sheet's loads; the standard uses the rated load.
+        fit_base: Align the barycentres to the commanded positions by a best fit over the poses, as if the base were
+            located by the same measurement. It changes AP only; E is never fitted.
         specifications: Limits to judge, one or a list, such as ``"RP 0.1 mm @ 95 %"``: a figure, its limit, and the
             fraction of robots (95 % by default) that must keep it in a test, at every pose.
         confidence: Confidence of every interval.
@@ -214,7 +211,6 @@ def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
 
 
 def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...], NDArray[np.int8] | None]:
-    """Return joint values ``(n, P)``, names and approaches."""
     if isinstance(poses, PoseSet):
         if not poses.known.all():
             raise InputError(f"poses {', '.join(np.flatnonzero(~poses.known).astype(str))} have no joint values")
@@ -321,7 +317,6 @@ def _read(text: object) -> FigureLimit:
 def _largest(
     figure: str, poses: Mapping[str, PoseForecast], single: Mapping[str, FigureLaw | None], absent: Mapping[str, str]
 ) -> Array:
-    """Return each robot's largest absolute value of a figure over the poses."""
     if figure not in single:
         return np.abs([getattr(at, figure).values for at in poses.values()]).max(axis=0)
     law = single[figure]
@@ -331,7 +326,6 @@ def _largest(
 
 
 def _judge(one: FigureLimit, values: Array, confidence: float) -> SpecificationResult:
-    """Return the fraction of robots that keep a limit in a test, and the verdict."""
     kept, varies = int((values <= one.limit).sum()), bool(values.max() - values.min() > NO_SPREAD)
     interval = clopper_pearson(kept, values.size, confidence)
     return SpecificationResult(one.figure, one.limit, one.required, kept / values.size, interval, varies)

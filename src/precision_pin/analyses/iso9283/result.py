@@ -124,8 +124,7 @@ class PoseForecast(Record):
         label: Name of the pose in the sheet, if any, and its joint values.
         commanded: Commanded pose of the tip in the base, ``(4, 4)``.
         point: Commanded position of the target (by default the tip), ``(3,)``.
-        AP, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c: Accuracy: |x̄ - x_c|, its components along the base axes, and the mean
-            angles about them.
+        AP, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c: Accuracy |x̄ - x_c|, its components, and mean angles about base axes.
         RP, RP_a, RP_b, RP_c: Repeatability: l̄ + 3 S_l, and three standard deviations of the angles.
         RP_limit: RP of infinitely many cycles, which varies over the robots only.
     """
@@ -287,7 +286,6 @@ def _far_out(values: Array) -> Array:
 
 
 def _read(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) -> dict[str, Array]:
-    """Return the measured poses ``(n, 4, 4)`` or positions ``(n, 3)`` by P1 …, in their order."""
     names = pose_names([at.label.name for at in forecasts.values()])
     found: dict[str, Array] = {}
     for given, values in check_mapping("the measured cycles", attained).items():
@@ -354,12 +352,9 @@ class Iso9283Result(AnalysisResult):
         poses: By the name in the standard, P1 …
         worst: Each robot's largest AP and RP over the poses.
         AD, RD: Distance accuracy and repeatability between P2 and P4; ``None`` with fewer than four poses.
-        E: Exchangeability: the largest distance of the barycentres of five robots at P1; ``None`` if the sheet does not
-            determine it.
-        vAP: Multi-directional accuracy at P1 over paths along the three base axes; ``None`` if no error depends on the
-            direction.
-        RP_bidirectional: RP at P1 of the cycles over these three paths together, by the formula of RP; ``None`` if vAP
-            is.
+        E: Exchangeability: largest distance of five robots' barycentres at P1; ``None`` if undetermined.
+        vAP: Multi-directional accuracy at P1 along the base axes; ``None`` if no error depends on the direction.
+        RP_bidirectional: RP at P1 of the cycles over these three paths together; ``None`` if vAP is.
         drift: max |AP_0 - AP_t| at P1 over eight hours from cold; ``None`` if no thermal source has a time constant.
         cube: The cube found within reach; ``None`` if the poses were given.
         measured: A measured robot compared with the forecast, from :meth:`compare`.
@@ -415,8 +410,8 @@ class Iso9283Result(AnalysisResult):
 
         Args:
             attained: Attained positions of the target ``(n, 3)``, or poses ``(n, 4, 4)``, in base axes, m, row j for
-                cycle j; by the name of the pose in the sheet, P1, P2, …, or its number as text. Some of the poses
-                suffice, except for a best fit.
+                cycle j; by the name of the pose in the sheet, P1, P2, …, or its number as text. A best fit needs all
+                poses.
 
         Raises:
             InputError: Another shape, another number of cycles than that of the forecast, or no poses.

@@ -1,8 +1,7 @@
 """Simulated tests of built robots: every robot comes n times to each pose, which gives the figures of its test.
 
 Draws of unit scope are the same in all cycles of a robot, those of pose scope in all its cycles at a pose, those of
-visit scope new in every cycle. The figures of a robot depend on model, seed and its number only, so that they have the
-same bits for any number of threads.
+visit scope new in every cycle. A robot's figures depend on model, seed and its number only, for any number of threads.
 """
 
 from __future__ import annotations
@@ -158,8 +157,7 @@ def visit_columns(layout: SamplerArrays) -> Array:
 def shape_factor(layout: SamplerArrays, pose: int, seed: int) -> float:
     """Return the limit of RP at a pose relative to that of a normal cloud with the same covariance.
 
-    It is computed from many visits of the robot with every other draw at its mean, and 1 where all visit draws are
-    normal.
+    It comes from many visits of the robot with all other draws at their means; 1 if all visit draws are normal.
     """
     space = layout.space
     laws = [draw.law for draw in space.draws if draw.scope is Scope.VISIT]
@@ -285,8 +283,7 @@ def drift_from_cold(
 ) -> Array | None:
     """Return ``max |AP_0 - AP_t|`` of each robot over a test that starts cold, m, ``(N,)``; ``None`` if none drifts.
 
-    The arguments are those of :func:`precision_pin.analyses.iso9283.simulation.approach_figures`; each AP has as many
-    cycles.
+    The arguments are those of :func:`precision_pin.analyses.iso9283.simulation.approach_figures`.
     """
     bound = error_model.bound_sources
     if all(one.source.after(0.0, one.view) is one.source for one in bound):

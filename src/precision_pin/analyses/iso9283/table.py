@@ -168,7 +168,6 @@ def _measured(measured: Comparison) -> list[str]:
 
 
 def _quantile(law: FigureLaw, level: float) -> tuple[str, str]:
-    """Return a quantile in mm or mrad with the digits of its interval, and the interval."""
     value, ends = law.quantile(level), law.quantile_interval(level)
     if value is None or ends is None:
         return "-", "-"

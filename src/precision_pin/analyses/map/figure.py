@@ -52,8 +52,7 @@ class _Layout:
 
     Attributes:
         kind: ``"path"``, ``"list"``, ``"plane"`` or ``"space"``.
-        places: Coordinates of each node: time or number, ``(1, N)``; in the plane, m, ``(2, N)``; in space, m, ``(3,
-            N)``.
+        places: Coordinates of the nodes: time or number, ``(1, N)``; in plane or space, m, ``(2, N)``, ``(3, N)``.
         names: Names of the axes.
     """
 
@@ -178,7 +177,6 @@ def _marked(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 def _draw_curves(
     axes: Axes, result: MapResult, layout: _Layout, values: Array, title: str, nodes: NDArray[np.intp]
 ) -> None:
-    """Draw the quantiles over the poses; those relative to the reference as thin lines."""
     places = layout.places[0] * (1e3 if layout.names[0].endswith("[mm]") else 1.0)
     order = np.argsort(places, kind="stable")
     few = len(places) <= _MOST_NAMED

@@ -34,8 +34,7 @@ class FirstOrder(Fixed):
         shares: Fraction of each line of sources in the variance of the position, ``(lines, P)``: ``Cov(e_k, e)`` of its
             part of the error, the Shapley value of the variance of a sum, and the Shapley effect of its numbers in a
             draw divided among lines; zero where the position does not vary.
-        relative_mean, relative_covariance: Those of the error minus the same robot's error at the reference, ``(6, P)``
-            and ``(6, 6, P)``; empty without one.
+        relative_mean, relative_covariance: The same relative to the robot's error at the reference; empty without one.
         vectors: Each requested vector of rows of the error, with the bounds of its law.
     """
 
@@ -141,8 +140,7 @@ def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, Arr
     """Return the covariance between the errors of one robot at P poses, ``(P, 6, P, 6)``, first order, in closed form.
 
     ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope: a robot's draws of pose and
-    visit scope at different poses are independent. For a pose with itself it is ``J Σ Jᵀ`` of all draws. Base axes, m
-    and rad.
+    visit scope at different poses are independent. For p = q it is ``J Σ Jᵀ`` of all draws. Base axes, m and rad.
 
     Args:
         error_model: Chain, draws and sources.

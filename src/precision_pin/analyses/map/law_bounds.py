@@ -75,8 +75,7 @@ class LawShapes(Fixed):
         third, fourth_cumulant: Cumulants of numbers independent of all others. For numbers drawn together the first is
             0 and the second a bound of what each adds to that of their sum.
         together: E|x|³ of numbers drawn together, times the square of their count; 0 for others.
-        replaced_third, replaced_fourth: E|x|³ and ``E x⁴ + 3 σ⁴``, likewise bounds for numbers drawn together; 0 for
-            normal numbers.
+        replaced_third, replaced_fourth: E|x|³ and ``E x⁴ + 3 σ⁴``, or such bounds; 0 for normal numbers.
         eighth: Bound of ``(E x⁸)^(1/8)``.
         farthest: Largest deviation in any sample.
         groups: Group of numbers that depend on one another.

@@ -96,8 +96,8 @@ class MapResult(AnalysisResult):
         specifications, probability: Specifications, and the fraction of robots inside each, ``(S, P)``.
         probability_bounds: Bounds of these fractions, lower ones first, ``(S, 2, P)``.
         judged: Verdict of sampled robots on each specification at each pose.
-        sources, shares: Names of the sources, or of sources that share draws, and their fractions of the variance of
-            the position, ``(lines, P)``.
+        sources, shares: Sources (together if they share draws), and their fractions of the position's variance,
+            ``(lines, P)``.
         relative: Errors relative to a reference pose; ``None`` without one.
         sampled: The sampled poses: all with known joint values, or the worst ones to verify the closed form.
         confidence: Confidence of the sampled intervals.
@@ -148,8 +148,7 @@ class MapResult(AnalysisResult):
         """Indices of the poses whose joint values are known, worst first.
 
         Poses sampled for verification come first. The order is by verdict, then by the smallest margin of the fraction
-        inside, sampled or in closed form; without specifications by the 95 % quantile of |d|, sampled or else the upper
-        bound of the closed form.
+        inside, sampled or in closed form; without specifications by the 95 % quantile of |d|, sampled or as bounded.
         """
         return self._worst_first(range(len(self.specifications)))
 
@@ -433,7 +432,6 @@ def check_json(poses: int, joints: int, sources: int, specifications: int, is_re
 
 
 def _rms(mean: Array, covariance: Array) -> Array:
-    """Return the root mean squares of position and attitude, ``(2, P)``."""
     squares = mean**2 + np.einsum("iip->ip", covariance)
     return np.sqrt(np.maximum(squares.reshape(2, 3, -1).sum(axis=1), 0.0))
 
@@ -487,23 +485,19 @@ def map_poses(
             :func:`precision_pin.sample_poses`. Where no joint values are known, every number is NaN.
         samples: Number of built robots to sample at every pose; ``None`` for the closed form alone.
         seed: 64-bit seed.
-        relative_to: A pose, by name or joint values, at which each robot is taught; adds the errors relative to this
-            pose.
+        relative_to: A pose where each robot is taught; adds the errors relative to it.
         specifications: Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
-        verify: Number of worst poses sampled for verification; with 0 nothing is sampled, and no specification is
-            judged. Not used with ``samples``.
+        verify: Number of worst poses sampled again; with 0 nothing is sampled or judged. Not used with ``samples``.
         confidence: Confidence of every interval, and of the verdict at each single pose.
         findings: Warnings to include in the result, such as those of the sheet.
         threads, processes, executor, tasks_under_way: Workers, as in :func:`precision_pin.monte_carlo`; by default a
             thread for each core. They do not change the result.
         journal, resume, files, tell: With ``samples``: file in which finished poses are saved, and how to resume from
             it, as in :func:`precision_pin.sample_poses`.
-        progress: Function called with the number of poses done, then of samples added, since its last call; ``True``
-            shows a bar.
+        progress: Called with the poses done, then samples added, since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: A wrong argument; no poses, none whose joint values are known, or more than fit into memory; errors
-            too large to compute with.
+        InputError: A wrong argument; no poses with joint values, too little memory; errors too large to compute with.
         UnknownNameError: No such pose or joint.
     """
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
@@ -632,7 +626,6 @@ def _closed_form(
     reference: PoseModel | None,
     step: Progress,
 ) -> dict[str, Any]:
-    """Return the arrays of a map, NaN where no joint values are known."""
     known = poses.known
 
     def spread(array: Array) -> Array:
@@ -695,12 +688,10 @@ def _laws(mean: Array, covariance: Array) -> _Laws:
 
 
 def _quantiles(laws: _Laws) -> Array:
-    """Return the quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``."""
     return np.stack([np.stack([norm_quantiles(*law, level) for law in laws]) for level in LEVELS])
 
 
 def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: Sequence[Specification]) -> Array:
-    """Return the fraction inside each specification, ``(S, P)``."""
     poses = mean.shape[1]
     shares = np.zeros((len(specifications), poses))
     for share, one in zip(shares, specifications, strict=True):
@@ -714,7 +705,6 @@ def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: 
 
 
 def _inside(mean: Array, std: Array, limit: float) -> Array:
-    """Return the probability of a normal number between -limit and limit."""
     safe = np.where(std > 0, std, 1.0)
     inside: Array = special.ndtr((limit - mean) / safe) - special.ndtr((-limit - mean) / safe)
     return np.where(std > 0, inside, (np.abs(mean) <= limit).astype(float))

@@ -60,8 +60,7 @@ class Judged(Fixed):
 
     Attributes:
         samples: Robots sampled at each pose, ``(P,)``; 0 where it was not sampled.
-        probability, interval: Fraction of them inside and its interval, ``(S, P)`` and ``(S, 2, P)``; NaN where not
-            sampled.
+        probability, interval: Fraction inside and its interval, ``(S, P)`` and ``(S, 2, P)``; NaN if not sampled.
         order: Rank of each verdict, worst first, ``(S, P)``.
     """
 
@@ -91,8 +90,7 @@ class Judged(Fixed):
     ) -> Judged:
         """Sample poses in rounds of more and more robots, each pose until every specification is decided there.
 
-        At each single pose a verdict is wrong with at most the probability that the confidence leaves, divided equally
-        among the rounds.
+        The error probability of the verdict at a pose, 1 - confidence, is divided equally among the rounds.
 
         Args:
             sample: Samples poses of given indices with a number of robots and a confidence; reports its samples.
@@ -117,8 +115,7 @@ class Judged(Fixed):
     def taking(self, sampled: Sampled, *, again: bool = False) -> Judged:
         """Return the verdicts after further samples of some poses; verdicts already decided are kept.
 
-        With ``again``, for samples that verify others, the worse of the two verdicts holds, with the numbers of these
-        samples.
+        With ``again``, for verifying samples, the worse of both verdicts holds, with the numbers of these samples.
         """
         poses, result, found = sampled.poses, sampled.result, sampled.verdicts
         samples, order = self.samples.copy(), self.order.copy()
@@ -163,8 +160,7 @@ class MapVerdict(Record):
         verdict: ``"met"`` if met at every pose, ``"not met"`` if not at some, else ``"undecided"`` or ``"nothing to
             judge"``, as at single poses; ``"not judged"`` where nothing was sampled.
         met_at, undecided_at, judged: Number of poses at which it is met, left undecided, and judged.
-        most_samples, needed: Most robots sampled at a pose, and approximately how many would decide every pose;
-            ``None`` if none would.
+        most_samples, needed: Most robots sampled at a pose, and about how many would decide every pose, if any.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -210,8 +206,7 @@ def map_verdicts(
     """Return the verdicts.
 
     Args:
-        probability, bounds: Fractions inside in closed form, ``(S, P)``, and their bounds, ``(S, 2, P)``; NaN where no
-            joint values are known.
+        probability, bounds: Closed-form fractions inside, ``(S, P)``, and bounds, ``(S, 2, P)``; NaN for unknown poses.
         worst_first: For each specification the indices of the known poses, worst first.
         sampled: Samples for verification.
     """

@@ -163,7 +163,6 @@ def _inside(result: MapResult, rank: int, pose: int) -> str:
 
 
 def _sampled(result: MapResult, pose: int, rank: int) -> str:
-    """Return the interval of a sampled quantile of |d|, mm."""
     if result.sampled is None or pose not in result.sampled.poses:
         return "-"
     place = int(np.flatnonzero(result.sampled.poses == pose)[0])

@@ -97,7 +97,6 @@ def _described(pose: PoseMoments) -> list[str]:
 
 
 def _correlations(pose: PoseMoments) -> Html:
-    """Return the exact model's covariance as correlations of the components."""
     names = [symbol(QUANTITIES[row]) for row in COMPONENTS]
     covariance = pose.covariance.value
     rows = []

@@ -17,8 +17,7 @@ make the estimate biased. The products of means of *different* replicates keep t
 which depend on one another inside a replicate. Without control t is zero. Standard errors are those of the jackknife
 over replicates; intervals are Student's with 31 degrees of freedom, wider where the replicates are skewed
 (:mod:`precision_pin.analyses.replicates`; L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023, on
-nets). An estimate is not resolved where it depends on tails or rare values of the laws that the samples do not
-represent.
+nets). An estimate that depends on tails or rare values beyond the samples is not resolved.
 
 The closed form needs no samples, only derivatives at the means. Let the components be an affine map of numbers ζ with
 mean 0 and covariance I, and f_k, f_kl, … the derivatives of the exact error with respect to ζ at 0. The Taylor series
@@ -30,8 +29,7 @@ gives (GUM, JCGM 100:2008, 5.1.2 note, continued to the fourth order)
             + sym Σ f_k (f_kkk q_k + Σ_(l≠k) 3 f_kll κ_kl)ᵀ/6 + …
 
 where sym A = A + Aᵀ, s_k = E ζ_k³, q_k = E ζ_k⁴ and κ_kl = E ζ_k² ζ_l²; all other moments up to the fourth must vanish.
-First derivatives are the analytic tangent; higher ones are differences of exact errors at half and one standard
-deviation from the means.
+First derivatives are the tangent's; higher ones are differences of exact errors at ½ and 1 standard deviation.
 """
 
 from __future__ import annotations
@@ -91,8 +89,7 @@ class Measured(Record):
 
     Attributes:
         value: Values of any shape; m, rad and products of these; NaN where the samples do not resolve them.
-        standard_error, half_width: Standard error and half-width of the interval of each value; ``None`` for a closed
-            form.
+        standard_error, half_width: Standard error, and half-width of the interval; ``None`` for a closed form.
     """
 
     value: Array
@@ -115,8 +112,7 @@ class Remainder(Record):
     Attributes:
         order: Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown. The
             first omitted terms are of the next order; with symmetric laws, of the next even order.
-        last_mean: ``(6,)`` terms of the mean beyond the second order (at order 2: those of the second), a measure of
-            the omitted terms, not a bound.
+        last_mean: ``(6,)`` terms of the mean beyond second order (at order 2: of second), no bound of the omitted ones.
         last_covariance: ``(6, 6)`` terms of the covariance beyond J Σ Jᵀ; ``None`` at order 2.
     """
 
@@ -344,10 +340,8 @@ def moments(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
-        samples: Number of samples at each pose: 32 replicates of a power of two from 32 to 2¹⁹. Memory use does not
-            depend on it.
+        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
+        samples: Number of samples at each pose: 32 replicates of a power of two from 32 to 2¹⁹.
         seed: 64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
         method: ``"control"``: random samples, with the tangent and the most important products as control variate.
             ``"sobol"``: scrambled Sobol points, with the inverse of every law. ``"sobol-control"``: both. ``"plain"``:
@@ -358,8 +352,7 @@ def moments(
         progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: A wrong pose, seed, number of samples or confidence; errors too large to compute with; more random
-            numbers than a Sobol net has dimensions.
+        InputError: A wrong argument; errors too large to compute with; too many random numbers for a Sobol net.
         UnknownNameError: There is no such method.
     """
     chosen, known = check_request(
@@ -506,7 +499,6 @@ class _Sampled:
         return marginals.is_resolved(contributions, replicate_variance)
 
     def _statistic(self, used: NDArray[np.bool_]) -> Array:
-        """Return all estimates from some of the replicates, in one row."""
         products = self._products[used]
         ones = products[:, 0]
         rest, norms = ones[:, -8:-2], ones[:, -2:]

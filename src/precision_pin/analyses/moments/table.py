@@ -26,7 +26,6 @@ def table(result: MomentsResult) -> str:
 
 
 def _answer(pose: PoseMoments) -> str:
-    """Return mean and standard deviation of both norms."""
     parts = []
     for row in NORMS:
         quantity, (mean, std) = QUANTITIES[row], map(cell, entries(pose, row))

@@ -101,7 +101,6 @@ def _whole(analysis: MonteCarloResult) -> list[str]:
 
 
 def _relative(analysis: MonteCarloResult, *, is_named: bool = True) -> list[str]:
-    """Return the line that names the reference pose, if there is one."""
     other = analysis.relative_to
     if other is None:
         return []
@@ -154,7 +153,6 @@ def _statistics(analysis: MonteCarloResult, columns: Sequence[str | float]) -> l
 
 
 def _rows(analysis: MonteCarloResult, head: list[str], cells: Callable[[Distribution], list[str]]) -> list[list[str]]:
-    """Return a heading and a row for each norm and component."""
     vectors = (analysis.position, analysis.attitude)
     parts = [part for vector in vectors for part in (vector.norm, vector.x, vector.y, vector.z)]
     return [["", "", *head], *([symbol(part.quantity), unit(part.quantity), *cells(part)] for part in parts)]
@@ -194,7 +192,6 @@ def tolerance_bounds(distribution: Distribution, content: float) -> str:
 
 
 def _pairs(group: Correlated) -> list[str]:
-    """Return a line for each pair of correlated parameters."""
     names = [visible(name) for name in group.parameters]
     return [
         f"correlation of {names[i]} and {names[j]}: {group.scores[i][j]:.4g} of the normal scores, "
@@ -340,7 +337,6 @@ def _pose_rows(result: PosesResult, listed: Sequence[int], has_intervals: bool) 
 
 
 def _pose_quantile(result: PosesResult, rank: int, pose: int) -> tuple[str, str]:
-    """Return a quantile of |d| in mm and its interval."""
     value, (low, high) = float(result.quantile[rank, 0, pose]), result.quantile_interval[rank, 0, :, pose].tolist()
     if np.isnan(value):
         return "-", "-"

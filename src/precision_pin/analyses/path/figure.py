@@ -193,5 +193,4 @@ class PathLayer:
 
 
 def _rounded(values: Array) -> list[float]:
-    """Return numbers with the digits that a picture can resolve."""
     return [float(f"{value:.7g}") for value in values]

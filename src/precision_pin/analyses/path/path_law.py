@@ -85,8 +85,7 @@ class Band(Record):
         factor, factor_interval: The band is the quantile at each pose times this factor; for the simultaneous band, the
             upper end of the interval. ``None`` where the quantile is zero at every pose; the band then has one height.
         coverage, coverage_interval: Fraction of N robots, other than those of the curve, that stay below the band at
-            every pose, and its Clopper-Pearson interval. The lower end is at least the probability of the simultaneous
-            band.
+            every pose, and its Clopper-Pearson interval, at least the simultaneous band's probability.
     """
 
     factor: float | None
@@ -104,16 +103,13 @@ class PathResult(AnalysisResult):
         joints, poses: Joints in chain order, and the points of the path.
         samples, model: Number of built robots, N; ``"exact"`` or ``"linear"``.
         probability, confidence: Fraction of the robots that the bands hold; confidence of every interval.
-        curve, curve_interval: Quantile of |d| and |δ| at each pose, ``(2, P)``, and its interval, ``(2, 2, P)``, lower
-            ends first.
-        largest: Largest |value| along the path of each of the eight quantities, from position.norm to attitude.z, of
-            each robot, ``(8, N)``.
+        curve, curve_interval: Quantile of |d| and |δ| at each pose, ``(2, P)``, and interval, ``(2, 2, P)``.
+        largest: Largest |value| along the path of the eight quantities, position.norm to attitude.z, ``(8, N)``.
         share_of_maximum: Fraction of the robots with their largest |d| and |δ| at a pose, ``(2, P)``.
         factor, factor_interval: Factor from the curve to the simultaneous band, ``(2,)``, and the interval of the
             quantile whose upper end it is, ``(2, 2)``, lower ends first; NaN where the curve is zero.
         band: Height of the simultaneous band of |d| and |δ| at each pose, ``(2, P)``.
-        kept_band, kept_pointwise: Number of N fresh robots that stay below the simultaneous band, and below the curve
-            itself, at every pose, ``(2,)``.
+        kept_band, kept_pointwise: Number of N fresh robots always below the simultaneous band, and the curve, ``(2,)``.
         varies: Whether each of the eight quantities differs from robot to robot at some pose, ``(8,)``.
         specifications: Limits to judge.
         grounds: Why they cannot be judged, and what is taken as exact.
@@ -273,7 +269,6 @@ class PathResult(AnalysisResult):
         )
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: the law of the largest errors and the bands, mm and mrad."""
         rows = []
         for norm, name in enumerate(_NORMS):
             band = self.simultaneous(norm)
@@ -334,8 +329,7 @@ def path_law(
         confidence: Confidence of every interval.
         findings: Warnings to include in the result, such as those of the sheet.
         threads: Number of threads, by default one for each core. It does not change the result.
-        progress: Function called with the number of samples, of all poses together, added since its last call; ``True``
-            shows a bar.
+        progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises:
         InputError: A wrong argument; fewer than two poses, one without joint values, or more than fit into memory; too
@@ -407,7 +401,6 @@ def _check_samples(samples: int, probability: float, confidence: float) -> None:
 
 
 def _checked(error_model: ErrorModel, poses: PoseSet) -> PoseSet:
-    """Validate and return the poses of a path."""
     if len(poses) < 2:
         raise InputError("a path has two poses or more; the error at one pose is what monte_carlo samples")
     if not poses.known.all():

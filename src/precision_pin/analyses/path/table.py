@@ -106,7 +106,6 @@ def pose_rows(result: PathResult) -> list[list[str]]:
 
 
 def _quantile(result: PathResult, norm: int, probability: float) -> tuple[str, str]:
-    """Return a quantile of the largest error and its interval, mm or mrad."""
     one = result.maximum_quantile(norm, probability)
     if one.value is None or one.interval is None:
         return "-", "-"

@@ -2,7 +2,7 @@
 
 In standard normal numbers u, the point of the failure surface nearest to the origin is the most likely failure. Its
 distance β is the reliability index, Φ(-β) is the probability beyond the tangent plane at this point, and the squared
-components of the unit vector towards it are the importance of each number (Hasofer and Lind 1974; Rackwitz and Fiessler
+components of the unit vector towards it are each number's importance (Hasofer and Lind 1974; Rackwitz and Fiessler
 1978).
 """
 

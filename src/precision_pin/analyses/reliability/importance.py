@@ -137,8 +137,8 @@ def importance_sampling(
 
     With r = φ/q the relative variance is (E[r | failure]/P - 1)/N, so that known failures reveal whether the mixture
     misses any of them. Centres are added about such failures before sampling. A separate set of failures, used for
-    nothing else, gives a lower bound of the standard error. The fraction of these in regions with hardly any sample
-    raises the upper end of the interval.
+    nothing else, gives a lower bound of the standard error. Those in regions with hardly any sample raise the upper
+    end.
 
     Args:
         margin, size: Limit state, and number of its normal numbers.
@@ -312,8 +312,6 @@ def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, con
 
 
 class _Run:
-    """Simultaneous replicates, each with its own levels."""
-
     def __init__(self, margin: Margin, generator: np.random.Generator, samples: int) -> None:
         self.margin, self.generator, self.samples = margin, generator, samples
         self.evaluations = self.counted = 0

@@ -105,7 +105,6 @@ def _within(
     seeds: np.random.SeedSequence,
     confidence: float,
 ) -> _Part:
-    """Return importance sampling, subset simulation and design points within a stratum."""
     size = stratum.space.size
 
     def margin(normals: Array) -> Array:
@@ -140,8 +139,7 @@ def _all_fails(points: Array, starts: int = 0) -> Form:
 def _bound_estimates(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:
     """Return both estimates within a stratum, or an upper bound where there is none.
 
-    The bound is that of the first level's counts, or, if smaller, ten times the largest probability of either method or
-    any replicate.
+    The bound is that of the first level's counts, or ten times the largest probability found if smaller.
     """
     estimates = (shifted, subset.estimate)
     if stratum.probability == 1:

@@ -131,7 +131,6 @@ class SpecificationReliability(RareEvents, Record):
         return judge(holds=high <= allowed, fails=low > allowed, varies=self.varies)
 
     def _verdicts(self) -> set[Verdict]:
-        """Return the verdicts by the best and by every resolved estimate."""
         return {self._judge(estimate) for estimate in (self.best, *(one for one in self.estimates if one.resolved))}
 
     @property
@@ -326,15 +325,13 @@ def reliability(
         error_model: Chain, draws and sources.
         specifications: Limits of position, attitude or a component, one or a list, each from
             :func:`precision_pin.specification` or its text.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
         seed, samples, confidence: Seed and confidence of all methods; number of plain samples.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Function called with the number of plain samples added since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: No specification, a wrong pose, seed, number of samples or confidence, or errors too large to
-            compute with.
+        InputError: No specification, a wrong argument, or errors too large to compute with.
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
@@ -418,7 +415,6 @@ def _of_specification(
 def _describe_failure(
     at: PoseModel, layout: SamplerArrays, point: DesignPoint, strata: Sequence[Stratum]
 ) -> LikelyFailure:
-    """Return parameters, error and importance of each draw at a design point."""
     x = strata[point.stratum].values(point.u[:, None])
     groups = {draw.name: draw.name for draw in at.space.draws}
     for correlation in at.space.correlations:

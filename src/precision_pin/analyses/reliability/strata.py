@@ -77,8 +77,7 @@ class Stratum(Fixed):
     """Stratum: some draws restricted to some of their values, in one or several combinations.
 
     Attributes:
-        cuts: For each restricted draw, the groups of intervals ``(k, 2)`` of its uniform number; the first is the usual
-            one.
+        cuts: For each restricted draw, groups of intervals ``(k, 2)`` of its uniform number, the usual one first.
         combinations: Combinations of the stratum: one group of each such draw.
         shares: ``(combinations,)`` fractions of the stratum.
     """
@@ -170,7 +169,6 @@ class Stratum(Fixed):
         return which, np.clip((at - (ends - self.shares)[which]) / self.shares[which], 0.0, 1.0)
 
     def _uniforms(self, u: Array) -> dict[str, Array]:
-        """Return the uniform numbers of the restricted draws."""
         which, through = self._select_combinations(u)
         found = {}
         for k, (name, cuts) in enumerate(self.cuts.items()):
@@ -280,7 +278,6 @@ def _alike(combinations: Sequence[tuple[float, tuple[int, ...]]]) -> list[list[t
 
 
 def _within(cut: Array, uniforms: Array) -> Array:
-    """Return uniform numbers of (0, 1) mapped into a group of intervals."""
     lengths = cut[:, 1] - cut[:, 0]
     ends = np.cumsum(lengths)
     at = uniforms * ends[-1]

@@ -1,8 +1,7 @@
 """Supports of draws: bounded convex bodies about their means, and their support functions.
 
 The support function of a body K is h(w) = max w·x over x in K. The maximiser x, the support point, is the gradient of h
-(Rockafellar, Convex Analysis, 1970, corollary 23.5.3). Unbounded laws are cut at a stated number of standard deviations
-k.
+(Rockafellar, Convex Analysis, 1970, corollary 23.5.3). Unbounded laws are cut at k standard deviations.
 """
 
 from __future__ import annotations
@@ -315,8 +314,7 @@ def quadratic_bound(centre: Array, roots: list[Array], direction: Array) -> floa
 
     Each norm is at most |rootᵀ u|²/(2t) + t/2, with equality for the norm t; here t is the norm in ``direction``,
     ``(3,)``. The bound is then the maximum of a quadratic function on the sphere. Its dual, min over λ of λ + ¼ cᵀ(λ -
-    Q)⁻¹c, bounds this maximum tightly (Sorensen, SIAM Journal on Numerical Analysis 19, 1982). ``centre`` is ``(3,)``,
-    each root ``(3, p)``.
+    Q)⁻¹c, bounds this maximum tightly (Sorensen, SIAM Journal on Numerical Analysis 19, 1982). Roots are ``(3, p)``.
     """
     quadratic, constant = np.zeros((3, 3)), 0.0
     scale = max((float(np.abs(root).max(initial=0.0)) for root in roots), default=0.0)

@@ -65,7 +65,6 @@ def _assumptions(result: WorstCaseResult, results: Results) -> list[str]:
 
 
 def _entries(bound: NormBound, results: Results, most: int) -> list[tuple[str, float]]:
-    """Return the error at the means, the largest causes, and the sum of the others."""
     values = {entry.draw: entry.value for entry in bound.contributions}
     entries = [entry for entry in sum_by_cause(results.causes, values) if abs(entry[1]) > ROUNDING]
     named, rest = entries[:most], entries[most:]

@@ -50,7 +50,6 @@ def table(result: WorstCaseResult) -> str:
 
 
 def _answer(pose: PoseWorstCase) -> str:
-    """Return the largest errors, first order, and those found for the exact model."""
     of = (pose.position, pose.attitude)
     bounds = ", ".join(
         f"{symbol(one.quantity)} {bound_milli(one.first_order.upper, up=True)} {unit(one.quantity)}" for one in of

@@ -1,7 +1,6 @@
 """Worst case: the largest pose error if all draws take their worst values at once.
 
-The first-order model e = e0 + J (x - x̄) over the supports of the draws has a certified upper bound. A search of the
-exact model gives a lower bound.
+The first-order model e0 + J (x - x̄) has a certified upper bound, a search of the exact model gives a lower bound.
 """
 
 from __future__ import annotations
@@ -100,8 +99,7 @@ class NormBound(Record):
         quantity: ``"position.norm"`` or ``"attitude.norm"``.
         first_order: Largest norm of the first-order model, and the direction of that error.
         nominal: Contribution of the error at the means, u·e0 along that direction u (m, rad).
-        contributions: Contribution of each draw, h(Jᵀu), in descending order; with ``nominal`` they add up to the worst
-            case.
+        contributions: Contribution of each draw, h(Jᵀu), largest first; they and ``nominal`` add to the worst case.
         parameters: Values of the components at the worst case, SI.
         exact_error, exact_norm: ``(6,)`` error of the exact model at these values, and its norm.
         found: Largest error of the exact model found by the search.
@@ -264,7 +262,6 @@ def bound_milli(value: float, *, up: bool, digits: int = 6) -> str:
 
 
 def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:
-    """Return the numbers of every quantity, norms before their components."""
     rows = {
         bound.quantity: {
             "low": np.nan,
@@ -323,16 +320,14 @@ def worst_case(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
         seed, samples, confidence: Seed, number and confidence of the samples of the exact model for comparison.
         k: Number of standard deviations at which unbounded laws are cut.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: A wrong pose, seed, k or number of samples, an unbounded law that cannot be cut, or errors too large
-            to compute with.
+        InputError: A wrong argument, an unbounded law that cannot be cut, or errors too large to compute with.
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress

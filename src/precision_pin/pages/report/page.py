@@ -45,8 +45,7 @@ def page(
     """Return one self-contained HTML page about one or several poses: verdict, distributions, causes, bounds, 3-D view.
 
     Verdict, causes, changes and assumptions are open; every other section is folded, and printed only if it is open.
-    The page loads nothing from outside, runs no script but those of the 3-D view in a sandboxed frame, and is the same
-    text for the same results.
+    The page loads nothing, runs only the 3-D view's scripts in a sandboxed frame, and is reproducible.
 
     Args:
         results: Results to show; of several poses the worst first.
@@ -94,7 +93,6 @@ def page(
 
 
 def _details(results: Results) -> list[Html]:
-    """Return the sections of one pose."""
     return [distributions(results), *(_section(name, results) for name in results.found)]
 
 

@@ -34,8 +34,7 @@ def draw_arm(
     """Add every link of the robot to the scene below ``arm``; return the parts, and notes on parts drawn differently.
 
     A link whose mesh is missing or unreadable, and a rigid piece of the chain without any shape, is drawn as plain
-    cylinders along it. ``package_dirs`` are folders for ``package://`` mesh names, in addition to those found around
-    the URDF.
+    cylinders along it. ``package_dirs`` are further folders for ``package://`` mesh names.
     """
     return _Drawing(scene, posture, package_dirs).draw()
 
@@ -75,7 +74,6 @@ class _Drawing:
         return None if name == self._chain.tip else self._chain.link_frames[name].path_rank
 
     def _draw_link(self, path: tuple[str, ...], link: Link) -> bool:
-        """Draw a link's shapes, and return whether any is visible."""
         complete = True
         for number, shape in enumerate(link.visuals):
             try:

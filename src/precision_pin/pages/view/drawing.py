@@ -226,7 +226,6 @@ def _draw_circle(axes: Axes, radius: float, colour: str, dashes: object, label: 
 
 
 def _draw_scale(axes: Axes, frame: _Frame, factor: float) -> None:
-    """Draw the scale bar of errors at the lower right."""
     target = _BAR * float(frame.size[0]) / factor
     power = 10.0 ** math.floor(math.log10(target))
     length = max(digit * power for digit in (1, 2, 5) if digit * power <= target)
@@ -240,7 +239,6 @@ def _draw_scale(axes: Axes, frame: _Frame, factor: float) -> None:
 
 
 def _draw_base(axes: Axes, frame: _Frame, camera: Camera) -> None:
-    """Draw the directions of the base's axes, at the lower left."""
     length = _TRIAD * float(frame.size.max())
     directions = camera.axes[:2].T
     corner = frame.low + 0.035 * float(frame.size.max())

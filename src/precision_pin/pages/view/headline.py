@@ -57,8 +57,7 @@ def answers(
 ) -> tuple[Answer, ...]:
     """Return the verdict on each limit, the size of the position errors, and a constant part that outweighs their spread.
 
-    ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``spread`` ``(6,)`` are first-order standard deviations of the
-    components.
+    ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``spread`` ``(6,)`` are first-order standard deviations.
     """
     varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
     judged = (_judged(one, errors, varies, grounds) for one in specifications)

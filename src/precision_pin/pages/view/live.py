@@ -54,8 +54,7 @@ def serve(
 ) -> None:
     """Serve a page on 127.0.0.1 until Ctrl-C, and rebuild it whenever a watched file changes.
 
-    Only this machine can reach the page, but every user of it can. While the files contain errors, the browser shows
-    these instead of the page.
+    Only this machine can reach the page, but every user of it can. Errors in the files are shown instead of the page.
 
     Args:
         make_page: Returns the page, HTML. It is called in this thread, the first time before anything is served.
@@ -99,7 +98,6 @@ class _Content:
 
 
 def _made_anew(make_page: Callable[[], str], watched: Sequence[Path], announce: Callable[[str], None]) -> _Content:
-    """Return the page, or one with the error message."""
     try:
         content = _Content.of(make_page())
     except InputError as error:

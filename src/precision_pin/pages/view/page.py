@@ -290,7 +290,6 @@ def _line(name: str, mark: str, text: str, state: str) -> str:
 
 
 def _limit(specification: Specification) -> dict[str, object]:
-    """Return a limit for the page's script; ``row`` counts the eight quantities."""
     return {
         "row": QUANTITIES.index(specification.quantity),
         "limit": specification.limit,
@@ -330,7 +329,6 @@ def _about(positions: Array, is_about_mean: bool) -> str:
 
 
 def _element(name: str, texts: dict[str, str]) -> str:
-    """Return an element whose text changes with the pose."""
     return f"<span id='{name}'>{escaped(texts[name])}</span>"
 
 
@@ -372,5 +370,4 @@ def _scripts() -> tuple[str, str]:
 
 
 def _data(value: object) -> str:
-    """Return JSON escaped for a script element."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

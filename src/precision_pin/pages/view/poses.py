@@ -50,8 +50,7 @@ class ViewPose:
         errors: Its errors ``(6, N)``, ``[d; δ]`` in base axes, m and rad; those of units 0 to N - 1 if sampled.
         name: The pose's name, for the caption; ``None`` for a pose without one.
         pose: Number of the pose for draws of pose scope, as in :meth:`precision_pin.draws.space.Space.sample`.
-        words: Description of each draw, as :attr:`precision_pin.model.error_model.ErrorModel.draw_words`; by default
-            their names.
+        words: Description of each draw, as :attr:`precision_pin.model.error_model.ErrorModel.draw_words`.
         grounds: Why limits cannot be judged there, and what is taken as exact.
     """
 
@@ -68,8 +67,7 @@ class ViewPose:
 class PageData:
     """Data that all poses of a page share.
 
-    ``points`` is the largest number of samples drawn at a pose, ``count`` the number of poses, ``groups`` the
-    adjustable tolerances.
+    ``points``: most samples drawn at a pose; ``count``: number of poses; ``groups``: adjustable tolerances.
     """
 
     seed: int
@@ -199,7 +197,6 @@ def limits_kept(shown: Sequence[ViewPose], specifications: Sequence[Specificatio
 
 
 def _spread(at: PoseModel) -> Array:
-    """Return the first-order standard deviations ``(6,)``."""
     return np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
 
 
@@ -255,8 +252,7 @@ def ellipsoids(positions: ArrayLike) -> tuple[Ellipsoid, ...]:
 
     The squared distance ``(d - mean)ᵀ C⁻¹ (d - mean)`` of a normal law with covariance C in three directions is
     chi-square with 3 degrees of freedom; the ellipsoid ends at its quantile. Samples that spread in only one or two
-    directions have as many degrees of freedom and a flat ellipsoid. There is none for fewer than four samples, or
-    samples without spread.
+    directions have as many degrees of freedom and a flat ellipsoid. None for fewer than four samples, or no spread.
     """
     values = np.asarray(positions, dtype=float)
     count = values.shape[1]

@@ -141,7 +141,6 @@ def default_factor(
 
 
 def _joints(posture: Posture) -> Array:
-    """Return the points from base over all joints to the tip, ``(n, 3)``."""
     return np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
 
 

@@ -63,8 +63,7 @@ def tangent_of(at: PoseModel, model: str) -> Reference:
 def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *, attitude: bool = False) -> Groups:
     """Return the tolerances of a page, those that contribute most to the spread at one of its poses first.
 
-    ``words`` describe the draws (by default their names); draws that move only the attitude count only with
-    ``attitude``.
+    ``words`` describe the draws (by default their names); those of the attitude alone count only with ``attitude``.
     """
     space = pose_models[0].space
     share = np.zeros(len(space.draws))
