@@ -24,12 +24,10 @@ class Part:
 @final
 @dataclass(frozen=True)
 class Cause:
-    """The draws that one tolerance makes.
+    """The draws that one tolerance makes, and how often they are drawn.
 
     Attributes:
-        words: Description, such as ``tilt of joint2 about z``.
-        tolerance: Spread, such as ``±0.3 mm``; empty where the unit is unknown.
-        scope: How often it is drawn.
+        words, tolerance: Such as ``tilt of joint2 about z`` and ``±0.3 mm``; the latter empty for an unknown unit.
     """
 
     words: str

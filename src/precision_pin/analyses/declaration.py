@@ -107,7 +107,7 @@ class Job(NamedTuple):
     """What a command runs and writes, made by the function ``prepare`` of a declaration.
 
     Attributes:
-        run: Returns the result, given ``progress`` if there are steps, and settings of shared options ``workers``.
+        run: Returns the result; takes ``progress`` if there are steps, and the settings of ``workers``.
         models: Models whose samplers are compiled first.
         steps, what, unit: Number of progress steps, None for no progress bar; its label and unit.
         is_unwound: True if a signal raises KeyboardInterrupt in the analysis instead of ending the process.
@@ -115,7 +115,7 @@ class Job(NamedTuple):
         stem: Name of the files; by default that of the command.
         table: Renders the result as text; by default the declared table.
         files: Returns further files for the output folder; by default the figure.
-        write, is_written_first: Writes other options' files and returns notes; before the result is printed.
+        write, is_written_first: Writes other options' files and returns notes; whether before the result is printed.
         findings: Findings passed to an analysis whose result has no warning lines; those that it adds are printed.
         is_met: Whether the exit code is 0.
     """
@@ -147,7 +147,7 @@ class Declaration(NamedTuple):
         name: Name of the command, also in files and in the schema of the JSON.
         function, result: ``module:name`` of the function, with the arguments ``(model, pose, *, seed, findings,
             progress, …)``, and of the class of its result, a :class:`precision_pin.analyses.result.Result`.
-        title, heading: Entry in the report's contents, and heading of its section, which it needs to have one.
+        title, heading: Entry in the report's contents, and heading of its section; no heading, no section.
         summary, description: Line in the list of commands, and text of the command's help.
         options: Options in the order of the help; a word stands for a group of shared options.
         report_settings: Settings that a report passes on: ``samples``, ``specifications``. An analysis with

@@ -43,12 +43,7 @@ _ROUNDING: Final = 1e-14
 @final
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Estimates with the half-widths of their intervals.
-
-    Attributes:
-        value, half_width: Arrays of one shape; NaN where not resolved.
-        replicate_variance: Approximate variance of the estimate of a single replicate.
-    """
+    """Estimates, NaN where not resolved, with half-widths of intervals, and the variance for a single replicate."""
 
     value: Array
     half_width: Array
@@ -66,11 +61,7 @@ class Estimates:
 
 
 def pseudo_values(statistic: Callable[[NDArray[np.bool_]], Array]) -> tuple[Array, Array]:
-    """Return a statistic of all replicates, and the jackknife's pseudo-values ``(REPLICATES, …)``.
-
-    Args:
-        statistic: Function of the mask ``(REPLICATES,)`` of the replicates to use.
-    """
+    """Return a statistic of a mask ``(REPLICATES,)``, and the jackknife's pseudo-values ``(REPLICATES, …)``."""
     everything = np.ones(REPLICATES, dtype=bool)
     whole = np.asarray(statistic(everything), dtype=float)
     left_out = np.array([statistic(everything & (np.arange(REPLICATES) != k)) for k in range(REPLICATES)])
@@ -189,9 +180,9 @@ class Marginals:
         """Return ``(q,)`` whether the mean of a statistic over all samples is close enough to normal.
 
         Args:
-            contributions: ``(q, M)`` contribution of a sample at each node to the mean.
+            contributions, factors: ``(q, M)`` contribution of a sample at each node; factors along each number, ``(d,
+                q)``.
             replicate_variance: ``(q,)`` sampled variance of a replicate's mean.
-            factors: ``(d, q)`` factors of the contributions along each number, by default 1.
         """
         second, third = np.zeros(len(contributions)), np.zeros(len(contributions))
         for number, where in enumerate(self.columns):

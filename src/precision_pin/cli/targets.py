@@ -25,11 +25,7 @@ FILES: Final = (
 @final
 @dataclass(frozen=True)
 class Outputs:
-    """Outputs requested by a command line.
-
-    ``files``: a name for each option that names a file, None if not given, ``-`` for stdout; ``folder``: the folder of
-    ``--out``, if any; ``names``: patterns of the files in it.
-    """
+    """Outputs of a command line: files by option (``-`` for stdout), folder of ``--out``, patterns of its files."""
 
     files: Mapping[str, str | None] = field(default_factory=dict)
     folder: str | None = None

@@ -196,10 +196,7 @@ def is_given(option: str) -> bool:
 
 
 def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
-    """Print warnings about sheet and robot on stderr: the first of each code, and the number of further ones.
-
-    Those of the robot's file ``urdf`` are one line, as ``check`` and ``init`` list them.
-    """
+    """Print warnings on stderr: the first of each code and the number of others; one line for the file ``urdf``."""
     findings = [finding for finding in findings if finding.severity != "note"]
     if is_given("all_warnings"):
         for finding in findings:

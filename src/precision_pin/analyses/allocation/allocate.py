@@ -242,11 +242,10 @@ _DEVIATIONS: Final = 3.0
 @final
 @dataclass(frozen=True)
 class SourcePart(Record):
-    """Contribution of a source.
+    """Contribution of a source, the root mean square (worst case: largest deviation), m or rad.
 
     Attributes:
         source: Label of the source, or of those that share a draw; or `MEAN`.
-        before, after: Root mean square (worst case: largest deviation), m or rad.
         is_chosen: Whether the allocation chooses any of its tolerances.
     """
 
@@ -282,13 +281,7 @@ class ErrorParts(Record):
 def error_parts(
     models: Sequence[ErrorModel], pose: str, rows: Sequence[int], quantity: str, *, worst_case: bool
 ) -> ErrorParts:
-    """Return the contribution of every source.
-
-    Args:
-        models: The model before, after, and with every tolerance to choose changed.
-        rows, quantity: Which of the six components together, and their name.
-        worst_case: Whether parts are largest deviations, of one component.
-    """
+    """Return all sources' contributions for the models before, after, and with every chosen tolerance changed."""
     before, after, changed = (_norm_parts(one, pose, list(rows), worst_case) for one in models)
     rounding = _ROUNDING * max(before.values())
     found = [
@@ -553,10 +546,10 @@ class _Search:
         return [*(one for one in rounds if one is not found), found]
 
     def bound(self, rounds: Sequence[_Attempt]) -> tuple[float | None, Basis]:
-        """Return a lower bound of the cost under the limits as stated, not as aimed at.
+        """Return a lower bound of the cost under the limits as stated, not as aimed at; none for laws far from normal.
 
-        With specifications it is the bound of the first order at a probability lowered by the largest excess of the
-        samples of any round. That says nothing about other tolerances for laws far from normal: no bound.
+        With specifications it is the first-order bound, at a probability lowered by the samples' largest excess of any
+        round.
         """
         found = rounds[-1]
         if not self.judge.chances:

@@ -284,10 +284,7 @@ class Programme:
         return Solution(t, float(self.cost_of(t).sum()), bound, total, np.where(free, 0.0, rest))
 
     def _lower_bound(self, t: Array, slopes: Sequence[Array], multipliers: Array, places: NDArray[np.intp]) -> float:
-        """Return the minimum of the Lagrangian in t, by bisection of the slope of each tolerance's convex part.
-
-        A quantile is replaced by its tangent in t² at ``t``, or in t if tolerances are correlated.
-        """
+        """Return the minimum of the Lagrangian in t, with quantiles replaced by tangents in t² (t if correlated)."""
         square, line = np.zeros(len(self.low)), np.zeros(len(self.low))
         constant = 0.0
         for k, one in enumerate(self.limits):

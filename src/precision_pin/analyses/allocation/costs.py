@@ -69,12 +69,7 @@ class Cost:
 @final
 @dataclass(frozen=True, eq=False)
 class Grades(Fixed):
-    """Available tolerances with their prices.
-
-    Attributes:
-        names: Such as ``IT7``; empty for grades without a name.
-        widths, prices: Tolerances (m, rad), narrowest first, and the price of each, ``(g,)``.
-    """
+    """Available tolerances (m, rad; narrowest first), their names, such as ``IT7`` or empty, and prices ``(g,)``."""
 
     names: tuple[str, ...]
     widths: Array

@@ -48,10 +48,8 @@ def solve_with_grades(
 ) -> Solution | None:
     """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit.
 
-    Args:
-        choices: Available values of each variable within its bounds, narrowest first; ``None`` for any.
-        seconds: After this time the best so far is returned, with its lower bound.
-        advance: Called after each round of both bounds.
+    ``choices`` are the available values of each variable, narrowest first, or ``None`` for any. After ``seconds`` the
+    best so far is returned, with its lower bound. ``advance`` is called after each round of both bounds.
     """
     end = monotonic() + seconds
     fixed = np.array([one is not None for one in choices])
@@ -248,10 +246,7 @@ class _Relaxation:
                 self._add_slope(one, only.log_slopes(between)[:, 0], between, 0.0)
 
     def _add_slope(self, one: Limit, slopes: Array, t: Array, left: float) -> None:
-        """Add the tangent of ln of a measure at ``t`` in t², or in t where tolerances are correlated.
-
-        ``slopes`` are those with respect to ln t; ``left`` is the reserve of the limit.
-        """
+        """Add the tangent of ln of a measure in t² (t if correlated), by slopes in ln t and the limit's reserve ``left``."""
         if len(one.pairs):
             self._add((slopes / t * self._widest) @ self._t, float(slopes.sum()) + left)
         else:
@@ -327,13 +322,7 @@ _EDGE: Final = 1.001
 @final
 @dataclass(frozen=True, eq=False)
 class FrontPoint(Record):
-    """Cheapest first-order tolerances for limits multiplied by a factor.
-
-    Attributes:
-        factor, cost: Factor of every limit, and the least cost.
-        lower_bound: Bound of the cost; ``None`` where it was not found in time.
-        tolerances: m or rad, ``(n,)``.
-    """
+    """Cheapest first-order tolerances ``(n,)``, m or rad, for limits times ``factor``; a late lower bound is None."""
 
     factor: float
     cost: float

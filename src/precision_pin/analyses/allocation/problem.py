@@ -57,11 +57,7 @@ class Problem:
 
 
 def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
-    """Return the problem that a mapping states, or the sheet's own.
-
-    Raises:
-        InputError: A model without a sheet or a sheet without a problem; a wrong key or value.
-    """
+    """Return the problem of a mapping or, by default, the sheet; InputError if there is none, or it is wrong."""
     if model.sheet is None or model.sheet.contents is None:
         raise InputError("the model was not read from a sheet or a dictionary, so that it has no tolerances to choose")
     contents = model.sheet.contents if given is None else None

@@ -70,10 +70,7 @@ class Contributions(Fixed):
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """First-order error of one model: mean ``(6, P)``, slopes by standard deviation ``(6, d, P)``, largest deviations.
-
-    ``deviations`` are the standard deviations of the components, ``(d,)``.
-    """
+    """First-order error of a model: mean ``(6, P)``, slopes by standard deviation ``(6, d, P)``, deviations ``(d,)``."""
 
     mean: Array
     slopes: Array

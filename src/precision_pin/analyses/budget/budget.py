@@ -1,6 +1,6 @@
 """Error budget: contributions of draws, sources and joints to the pose error, and the effect of tighter tolerances.
 
-It has closed-form shares of the tangent model and Sobol indices of the exact model, equal if that is linear.
+Closed-form shares of the tangent model and Sobol indices of the exact model agree as far as that is linear.
 """
 
 from __future__ import annotations
@@ -233,7 +233,7 @@ def budget(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
         seed: 64-bit seed of the sampled indices and quantiles.
         samples: Points in each of the two sets of the pick-freeze method: 32 independent scrambles of a power of two.
             The exact model is evaluated about ``samples · (2 + 3 · draws)`` times.

@@ -42,12 +42,11 @@ class Estimate:
 @final
 @dataclass(frozen=True)
 class Halved:
-    """Effect of halving one draw's tolerance.
+    """Effect of halving one draw's tolerance: new values, and the change of the quantile with the same random numbers.
 
     Attributes:
-        std: New standard deviations, m and rad, closed form; for position and attitude the root of the trace.
-        quantile: New quantile by ``position.norm`` and ``attitude.norm``, m and rad; ``None`` where not resolved.
-        change: Change of the quantile, with the same random numbers.
+        std: Standard deviations, m and rad, closed form; for position and attitude the root of the trace.
+        quantile: Quantile by ``position.norm`` and ``attitude.norm``, m and rad; ``None`` where not resolved.
     """
 
     std: Mapping[str, float]

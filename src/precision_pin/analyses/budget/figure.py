@@ -168,10 +168,7 @@ class Bar:
 
 
 def figure(result: BudgetResult, pose: int = 0) -> Figure:
-    """Return the shares of the variance of position and attitude as bars, largest first, 174 mm wide.
-
-    Diamonds are the total Sobol indices of the exact model, whiskers their intervals.
-    """
+    """Return shares of the variance as bars, total Sobol indices as diamonds with whiskers, 174 mm wide."""
     return draw_bars(result, pose, {name: _bars(result.poses[pose], name) for name in VECTORS})
 
 

@@ -251,8 +251,8 @@ def source_lines(model: ErrorModel) -> tuple[SourceLine, ...]:
     """Return the lines of the sources, in the order of their first draws.
 
     Draws used by one source are in its line; a draw used by several has its own line. A draw of correlated numbers of
-    several sources, such as from a calibration, is divided among the sources, or among more than twelve sources'
-    joints.
+    several sources, such as from a calibration, is divided among the sources, or their joints if there are more than
+    twelve.
     """
     space, owners = model.space, number_owners(model.space, model.sources, model.labels)
     alone = {group[0] for group in correlated_groups(space) if len(group) == 1}

@@ -129,12 +129,10 @@ def sobol_indices(
 
 
 def _are_ratios_resolved(marginals: Marginals, shares: Array, found: Estimates, members: Array) -> NDArray[np.bool_]:
-    """Return which indices the points resolve, given the contributions of a number to numerator and denominator.
+    """Return which indices ``found``, ``(…, Q)``, the points resolve.
 
-    Args:
-        shares: Contributions of the nodes to the variance divided by the variance, ``(Q, M)``.
-        found: The indices, ``(…, Q)``.
-        members: ``(…, d)`` one if the number contributes to the numerator, otherwise zero.
+    ``shares`` are the contributions of the nodes to the relative variance, ``(Q, M)``; ``members``, ``(…, d)``, is one
+    for numbers that contribute to the numerator, otherwise zero.
     """
     values = found.value.reshape(-1, len(shares))
     seen = found.replicate_variance.reshape(values.shape)
@@ -206,9 +204,8 @@ def quantile_changes(
 ) -> tuple[Estimates, Estimates]:
     """Return a quantile of every row, and its change from that of ``before`` with the same random numbers.
 
-    Args:
-        samples, before: ``(rows, REPLICATES · n)`` samples; ``before`` may also be their computed quantiles.
-        unseen: ``(rows,)`` possible change in regions without samples, by which the intervals are widened.
+    ``samples`` are ``(rows, REPLICATES · n)``; ``before`` may also be computed quantiles. Intervals are widened by
+    ``unseen``, ``(rows,)``, the possible change in regions without samples.
     """
     after = found_quantiles(samples, probability)
     change = after - (before if isinstance(before, Quantiles) else found_quantiles(before, probability))

@@ -181,8 +181,7 @@ class Paired(Record):
     """Differences of a model from the first on the same robots, m and rad.
 
     Attributes:
-        means: By quantity.
-        quantiles: By quantity and probability.
+        means, quantiles: By quantity; quantiles also by probability.
         shares: Differences of the fraction of robots inside each specification.
     """
 
@@ -199,8 +198,7 @@ class PoseComparison:
     """The models at one pose.
 
     Attributes:
-        laws: Sampled law of each model.
-        differences: Differences of each further model from the first.
+        laws, differences: Sampled law of each model; differences of each further model from the first.
         variances: First-order contribution of each line of sources to the variance of the position, m², by model.
     """
 
@@ -459,7 +457,7 @@ def _paired(first: MonteCarloResult, other: MonteCarloResult, confidence: float,
 def _skewness(first: PoseModel, other: PoseModel) -> Array | None:
     """Return the first-order skewness ``(8,)`` of the differences of the same robots' errors; None if there are none.
 
-    A draw with the same name and (scaled) law moves it by the difference of its slopes, another draw alone.
+    A draw of equal name and (scaled) law moves them by the difference of its slopes, any other alone.
     """
     shared = {draw.name: (draw, columns) for draw, columns in zip(first.space.draws, first.space.slices, strict=True)}
     draws: list[Draw] = []

@@ -48,7 +48,7 @@ class CompensationResult(AnalysisResult):
         mode, weights: What was corrected, and the weights of the components, ``(6,)``; ``None`` where they must vanish.
         correction: Corrected joint values, errors at the means before and after, statuses.
         within_before, within_after: 95 % quantiles of |d| and |δ| from the requested pose, without and with correction,
-            ``(2, P)``, in normal closed form about the mean error; NaN where nothing was corrected.
+            ``(2, P)``, by the first-order normal law about the mean error; NaN where nothing was corrected.
         sources, shares: Sources, and their fractions of the position's remaining variance, ``(lines, P)``.
     """
 
@@ -137,11 +137,7 @@ class CompensationResult(AnalysisResult):
         }
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a data frame, m and rad: a row for each pose.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
+        """Return a data frame, m and rad: a row for each pose."""
         made = self.correction
         rows, dominant = [], self.dominant_source
         for pose, label in enumerate(self.poses.labels):

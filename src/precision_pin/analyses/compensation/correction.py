@@ -133,12 +133,7 @@ _AT_ONCE: Final = 256
 @final
 @dataclass(frozen=True, eq=False)
 class _Arm:
-    """The arm with every component at its mean, and its targets.
-
-    Attributes:
-        wanted, approaches: The target poses, ``(4, 4, P)``, and their approaches, ``(n, P)``.
-        weights, is_exact: As for :func:`correct`.
-    """
+    """The arm with every component at its mean, and its target poses ``(4, 4, P)``; approaches are ``(n, P)``."""
 
     error_model: ErrorModel
     wanted: Array

@@ -161,10 +161,9 @@ class ExactLaw:
 @final
 @dataclass(frozen=True, eq=False)
 class PoseLaws(Record):
-    """Laws at one pose.
+    """Laws of the eight quantities at one pose.
 
     Attributes:
-        laws: Laws of the eight quantities, by name.
         warnings: Quantities whose exact model does not follow the first-order law, one line each.
     """
 
@@ -307,7 +306,7 @@ def exact_law(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
         seed, samples, confidence: Seed, number and confidence of tangent-model samples for comparison.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Called with the samples drawn, then compared, since its last call; ``True`` shows a bar.

@@ -272,7 +272,7 @@ class SeriesLaw(Fixed, NumberLaw):
     Attributes:
         middle, half_length: Support: mean + middle ± half_length.
         coefficients: φ(ω_k) about the middle, ``(K + 1,)``; the first is 1.
-        truncation, density_truncation: Bounds of the truncation errors of both; infinite where unknown.
+        truncation, density_truncation: Bounds of the truncation errors of F and f; infinite where unknown.
         beyond: Probability beyond the support.
         rounding: Bound of the rounding of the cumulative law.
     """
@@ -404,7 +404,7 @@ class Summand(Fixed):
     """Independent part of a sum, in the form that the series needs.
 
     Attributes:
-        ends: Ends for a number of standard deviations, with at most a normal law's probability beyond.
+        ends: Function from a number of standard deviations to ends with at most a normal law's tails.
         is_bounded: True if the probability beyond the ends is zero.
         envelope: Function of ω ``(n,)`` that returns a monotone bound of |φ|.
         characteristic: Function of ω ``(n,)`` that returns φ of the deviation from the mean.

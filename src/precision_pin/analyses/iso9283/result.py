@@ -44,12 +44,7 @@ LEVELS: Final = (0.0027, 0.05, 0.5, 0.95, 0.9973)
 @final
 @dataclass(frozen=True, eq=False)
 class FigureLaw(Record):
-    """Law of a figure, m or rad, over built robots and tests.
-
-    Attributes:
-        values: The figure of each robot (for E of each group of five), ``(N,)``.
-        confidence: Confidence of the intervals.
-    """
+    """Law of a figure, m or rad, over built robots and tests; ``values`` are those of each robot (E: group of five)."""
 
     KEYS: ClassVar[Keys] = ("mean", "std", "quantiles", "quantile_interval=intervals")
 
@@ -410,8 +405,8 @@ class Iso9283Result(AnalysisResult):
 
         Args:
             attained: Attained positions of the target ``(n, 3)``, or poses ``(n, 4, 4)``, in base axes, m, row j for
-                cycle j; by the name of the pose in the sheet, P1, P2, …, or its number as text. A best fit needs all
-                poses.
+                cycle j; by the name of the pose in the sheet, P1, P2, …, or its number as text. Only a best fit needs
+                all poses.
 
         Raises:
             InputError: Another shape, another number of cycles than that of the forecast, or no poses.

@@ -155,10 +155,7 @@ def visit_columns(layout: SamplerArrays) -> Array:
 
 
 def shape_factor(layout: SamplerArrays, pose: int, seed: int) -> float:
-    """Return the limit of RP at a pose relative to that of a normal cloud with the same covariance.
-
-    It comes from many visits of the robot with all other draws at their means; 1 if all visit draws are normal.
-    """
+    """Return the limit of RP relative to a normal cloud of the same covariance, 1 if all visit draws are normal."""
     space = layout.space
     laws = [draw.law for draw in space.draws if draw.scope is Scope.VISIT]
     columns = visit_columns(layout)
@@ -223,10 +220,7 @@ def fit_to(points: Array, deviations: Array) -> tuple[Array, Array]:
 
 
 def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
-    """Return RP of infinitely many cycles of each robot, ``(N,)``.
-
-    Each robot's cloud is first order in its visits' draws, about its own draws of unit and pose scope.
-    """
+    """Return RP of infinitely many cycles of each robot, ``(N,)``; its cloud is first order in the visits' draws."""
     layout, root = setup.layouts[pose], setup.root
     if not root.shape[1]:
         return np.zeros(count)
@@ -247,10 +241,7 @@ def approach_figures(
 ) -> ApproachErrors | None:
     """Return the errors of visits over paths along the base axes; ``None`` if no error depends on the path.
 
-    Args:
-        error_model, q: The model and joint values of the pose, ``(n,)``.
-        target: The measured point in tool axes, m, ``(3,)``.
-        robots, cycles, seed: As for :func:`precision_pin.iso9283`; the cycles are those of each path.
+    ``q`` is ``(n,)``, the measured point ``target`` is in tool axes, m, ``(3,)``; ``cycles`` are those of each path.
     """
     posture = error_model.at(q).posture
     lever = posture.pose[:3, :3] @ target
@@ -281,10 +272,7 @@ _TESTS: Final = 17
 def drift_from_cold(
     error_model: ErrorModel, q: Array, target: Array, robots: int, cycles: int, seed: int
 ) -> Array | None:
-    """Return ``max |AP_0 - AP_t|`` of each robot over a test that starts cold, m, ``(N,)``; ``None`` if none drifts.
-
-    The arguments are those of :func:`precision_pin.analyses.iso9283.simulation.approach_figures`.
-    """
+    """Return ``max |AP_0 - AP_t|`` of each robot over a test that starts cold, m, ``(N,)``; ``None`` if none drifts."""
     bound = error_model.bound_sources
     if all(one.source.after(0.0, one.view) is one.source for one in bound):
         return None

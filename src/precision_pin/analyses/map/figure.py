@@ -48,13 +48,7 @@ _MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """How the poses of a map are drawn.
-
-    Attributes:
-        kind: ``"path"``, ``"list"``, ``"plane"`` or ``"space"``.
-        places: Coordinates of the nodes: time or number, ``(1, N)``; in plane or space, m, ``(2, N)``, ``(3, N)``.
-        names: Names of the axes.
-    """
+    """How poses are drawn; ``places`` are time or number ``(1, N)``, or coordinates, m, ``(2, N)`` or ``(3, N)``."""
 
     kind: str
     places: Array
@@ -297,12 +291,10 @@ _SMALLER: Final = 0.4
 @final
 @dataclass(frozen=True, eq=False)
 class PlacesData:
-    """Layer with the places of a map.
+    """Layer with the places of a map, ``(3, M)``, m, and the result at the worst pose as text.
 
     Attributes:
-        positions: m, ``(3, M)``.
         sizes: 95 % quantile of |d| in closed form at the worst pose there, m, ``(M,)``; NaN without joint values.
-        worst: Result at the worst pose, as text.
     """
 
     positions: Array

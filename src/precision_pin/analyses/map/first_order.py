@@ -34,7 +34,8 @@ class FirstOrder(Fixed):
         shares: Fraction of each line of sources in the variance of the position, ``(lines, P)``: ``Cov(e_k, e)`` of its
             part of the error, the Shapley value of the variance of a sum, and the Shapley effect of its numbers in a
             draw divided among lines; zero where the position does not vary.
-        relative_mean, relative_covariance: The same relative to the robot's error at the reference; empty without one.
+        relative_mean, relative_covariance: The same for errors relative to the reference, ``(6, P)``, ``(6, 6, P)``;
+            empty without one.
         vectors: Each requested vector of rows of the error, with the bounds of its law.
     """
 

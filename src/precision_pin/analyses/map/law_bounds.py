@@ -75,7 +75,7 @@ class LawShapes(Fixed):
         third, fourth_cumulant: Cumulants of numbers independent of all others. For numbers drawn together the first is
             0 and the second a bound of what each adds to that of their sum.
         together: E|x|³ of numbers drawn together, times the square of their count; 0 for others.
-        replaced_third, replaced_fourth: E|x|³ and ``E x⁴ + 3 σ⁴``, or such bounds; 0 for normal numbers.
+        replaced_third, replaced_fourth: E|x|³ and ``E x⁴ + 3 σ⁴``, or bounds of them; 0 for normal numbers.
         eighth: Bound of ``(E x⁸)^(1/8)``.
         farthest: Largest deviation in any sample.
         groups: Group of numbers that depend on one another.
@@ -142,10 +142,7 @@ class LawShapes(Fixed):
         return not self.replaced_fourth.any()
 
     def _beyond(self, table: TermTable) -> tuple[_Slopes, Array, Array]:
-        """Return the products' slopes, and what they add beyond first order, ``(T,)``.
-
-        The latter are the roots of its eighth and of its fourth moment, from drawn robots.
-        """
+        """Return the products' slopes, and the roots of the 8th and 4th moments beyond first order, ``(T,)``."""
         known = self._products.get(id(table.program))
         if known is not None:
             return known[1:]

@@ -57,12 +57,10 @@ _WRITTEN, _ENCODING = 40, 250
 @final
 @dataclass(frozen=True, eq=False)
 class Relative(Fixed):
-    """Error of each robot minus its error at a reference pose, first order, base axes, m and rad.
+    """Error of each robot minus its error at a reference pose ``q`` ``(n,)``, first order, base axes, m and rad.
 
     Attributes:
-        q: Joint values of the reference, ``(n,)``.
-        mean, covariance: ``(6, P)`` and ``(6, 6, P)``.
-        quantile: Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
+        mean, covariance, quantile: ``(6, P)``, ``(6, 6, P)``, and quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
     """
 
     q: Array
@@ -497,7 +495,7 @@ def map_poses(
         progress: Called with the poses done, then samples added, since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: A wrong argument; no poses with joint values, too little memory; errors too large to compute with.
+        InputError: A wrong argument; no pose with joint values; too little memory; errors too large to compute with.
         UnknownNameError: No such pose or joint.
     """
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)

@@ -35,12 +35,7 @@ NOT_JUDGED: Final = len(_WORST_FIRST)
 @final
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Poses sampled with the exact model.
-
-    Attributes:
-        poses: Their indices in the map, from 0.
-        result: Their sampled errors.
-    """
+    """Poses of a map, by index from 0, and their errors sampled with the exact model."""
 
     poses: NDArray[np.intp]
     result: PosesResult
@@ -205,10 +200,8 @@ def map_verdicts(
 ) -> tuple[MapVerdict, ...]:
     """Return the verdicts.
 
-    Args:
-        probability, bounds: Closed-form fractions inside, ``(S, P)``, and bounds, ``(S, 2, P)``; NaN for unknown poses.
-        worst_first: For each specification the indices of the known poses, worst first.
-        sampled: Samples for verification.
+    ``probability`` and ``bounds`` are closed-form, ``(S, P)`` and ``(S, 2, P)``, NaN for unknown poses; ``worst_first``
+    lists the indices of the known poses for each specification; ``sampled`` verifies.
     """
     made = []
     for rank, (one, order) in enumerate(zip(specifications, worst_first, strict=True)):

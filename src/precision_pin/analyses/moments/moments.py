@@ -85,12 +85,7 @@ _WORDS: Final[dict[str, str]] = {
 @final
 @dataclass(frozen=True, eq=False)
 class Measured(Record):
-    """Numbers with their standard errors.
-
-    Attributes:
-        value: Values of any shape; m, rad and products of these; NaN where the samples do not resolve them.
-        standard_error, half_width: Standard error, and half-width of the interval; ``None`` for a closed form.
-    """
+    """Numbers of any shape, NaN if not resolved, with standard errors and half-widths of intervals, if sampled."""
 
     value: Array
     standard_error: Array | None = None
@@ -112,7 +107,8 @@ class Remainder(Record):
     Attributes:
         order: Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown. The
             first omitted terms are of the next order; with symmetric laws, of the next even order.
-        last_mean: ``(6,)`` terms of the mean beyond second order (at order 2: of second), no bound of the omitted ones.
+        last_mean: ``(6,)`` terms of the mean beyond second order (at order 2: the second), a measure of those omitted,
+            not a bound.
         last_covariance: ``(6, 6)`` terms of the covariance beyond J Σ Jᵀ; ``None`` at order 2.
     """
 
@@ -219,9 +215,6 @@ class MomentsResult(Result):
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
         The columns are ``mean`` and ``std``, each with ``_lower`` and ``_upper``. ``attrs`` gives the settings.
-
-        Raises:
-            InputError: pandas is not installed.
         """
         rows = [
             (
@@ -340,7 +333,7 @@ def moments(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
         samples: Number of samples at each pose: 32 replicates of a power of two from 32 to 2¹⁹.
         seed: 64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
         method: ``"control"``: random samples, with the tangent and the most important products as control variate.
@@ -436,10 +429,7 @@ def _at_pose(
 
 @final
 class _Sampled:
-    """Means of products over every replicate, and the estimates from them.
-
-    The rows multiplied are: 1, the control t (6, with control only), g or y (6), the norms minus a constant (2).
-    """
+    """Mean products of the rows 1, control t (6, if any), g or y (6) and centred norms (2) of every replicate."""
 
     def __init__(self, at: PoseModel, centre: Array, method: Method, count: int, seed: int, step: Progress) -> None:
         self._at = at

@@ -124,12 +124,7 @@ _WIDEST: Final = 0.025
 @final
 @dataclass(frozen=True, eq=False)
 class PathLayer:
-    """Layer of a path and its band.
-
-    Attributes:
-        result: Law of the errors along the path.
-        scale: Colours of the quantile of |d| at each pose.
-    """
+    """Layer of a path and its band, with the colours of the quantile of |d| at each pose."""
 
     result: PathResult
     scale: ColourScale

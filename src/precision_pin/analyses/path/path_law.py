@@ -64,12 +64,7 @@ _NORMS: Final = ("position", "attitude")
 @final
 @dataclass(frozen=True)
 class MaximumQuantile:
-    """Quantile of the largest error along the path, m or rad.
-
-    Attributes:
-        probability: Fraction of the robots whose largest error is not larger.
-        value, interval: The quantile and its distribution-free interval; ``None`` where the robots are too few for one.
-    """
+    """Quantile of the largest error along the path, m or rad, and its interval; ``None`` for too few robots."""
 
     probability: float
     value: float | None
@@ -85,7 +80,7 @@ class Band(Record):
         factor, factor_interval: The band is the quantile at each pose times this factor; for the simultaneous band, the
             upper end of the interval. ``None`` where the quantile is zero at every pose; the band then has one height.
         coverage, coverage_interval: Fraction of N robots, other than those of the curve, that stay below the band at
-            every pose, and its Clopper-Pearson interval, at least the simultaneous band's probability.
+            every pose, and its Clopper-Pearson interval, which starts at or above the simultaneous band's probability.
     """
 
     factor: float | None
@@ -103,13 +98,15 @@ class PathResult(AnalysisResult):
         joints, poses: Joints in chain order, and the points of the path.
         samples, model: Number of built robots, N; ``"exact"`` or ``"linear"``.
         probability, confidence: Fraction of the robots that the bands hold; confidence of every interval.
-        curve, curve_interval: Quantile of |d| and |δ| at each pose, ``(2, P)``, and interval, ``(2, 2, P)``.
+        curve, curve_interval: Quantile of |d| and |δ| at each pose, ``(2, P)``, and interval, ``(2, 2, P)``, lower ends
+            first.
         largest: Largest |value| along the path of the eight quantities, position.norm to attitude.z, ``(8, N)``.
         share_of_maximum: Fraction of the robots with their largest |d| and |δ| at a pose, ``(2, P)``.
         factor, factor_interval: Factor from the curve to the simultaneous band, ``(2,)``, and the interval of the
             quantile whose upper end it is, ``(2, 2)``, lower ends first; NaN where the curve is zero.
         band: Height of the simultaneous band of |d| and |δ| at each pose, ``(2, P)``.
-        kept_band, kept_pointwise: Number of N fresh robots always below the simultaneous band, and the curve, ``(2,)``.
+        kept_band, kept_pointwise: Number of N fresh robots below the simultaneous band, and below the curve, at every
+            pose.
         varies: Whether each of the eight quantities differs from robot to robot at some pose, ``(8,)``.
         specifications: Limits to judge.
         grounds: Why they cannot be judged, and what is taken as exact.

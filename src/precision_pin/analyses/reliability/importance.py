@@ -59,8 +59,7 @@ class _Proposal:
 
     Attributes:
         centres, widths: ``(d, C)`` means and standard deviations; 0 and 1 for numbers with jumps.
-        shares: ``(C,)`` weights of the centres; the remainder to 1 is the weight of the law itself.
-        pieces: ``(len(jumps), C)`` piece of each number with jumps for each centre.
+        shares, pieces: ``(C,)`` weights (the law has the rest), and ``(len(jumps), C)`` pieces of numbers with jumps.
     """
 
     centres: Array

@@ -137,10 +137,7 @@ def _all_fails(points: Array, starts: int = 0) -> Form:
 
 
 def _bound_estimates(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:
-    """Return both estimates within a stratum, or an upper bound where there is none.
-
-    The bound is that of the first level's counts, or ten times the largest probability found if smaller.
-    """
+    """Return both estimates in a stratum, or a bound from the first level's counts or ten times the largest found."""
     estimates = (shifted, subset.estimate)
     if stratum.probability == 1:
         return estimates

@@ -76,7 +76,6 @@ class SpecificationReliability(RareEvents, Record):
 
     Attributes:
         failures: The nearest design points in terms of the model's parameters.
-        varies: True if the quantity differs from robot to robot.
         grounds: Why it cannot be judged, and what is taken as exact.
     """
 
@@ -325,7 +324,7 @@ def reliability(
         error_model: Chain, draws and sources.
         specifications: Limits of position, attitude or a component, one or a list, each from
             :func:`precision_pin.specification` or its text.
-        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
         seed, samples, confidence: Seed and confidence of all methods; number of plain samples.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Function called with the number of plain samples added since its last call; ``True`` shows a bar.

@@ -44,12 +44,7 @@ _LEAST_PROBABILITY: Final = 1e-16
 @final
 @dataclass(frozen=True, eq=False)
 class Jump(Fixed):
-    """Normal number whose value has jumps.
-
-    Attributes:
-        row: Row of the normal number.
-        edges: ``(k + 1,)`` values of Φ(u), ascending from 0 to 1; the number jumps at all except the outer ones.
-    """
+    """Normal number (``row``) whose value jumps at all inner ``edges``, ``(k + 1,)`` values of Φ(u) from 0 to 1."""
 
     row: int
     edges: Array

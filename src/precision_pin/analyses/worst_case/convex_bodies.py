@@ -124,13 +124,7 @@ class _Described(Body):
 @final
 @dataclass(frozen=True, eq=False)
 class Supports(Fixed):
-    """Supports of all draws of a space, as deviations from the means.
-
-    Attributes:
-        names: Name of each body: its draw, or its correlated normal draws joined by commas.
-        columns: Components of each body.
-        cut: Names of the draws with an unbounded law, which was cut.
-    """
+    """Supports of all draws as deviations from the means; correlated normal draws form one body."""
 
     space: Space
     names: tuple[str, ...]

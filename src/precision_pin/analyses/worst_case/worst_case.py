@@ -80,8 +80,7 @@ class ExactMaximum(Record):
 
     Attributes:
         norm, error: |d| or |δ| (m, rad) and the whole error ``(6,)``.
-        parameters: Values of all components at this error, SI.
-        starts: Number of starting points.
+        parameters, starts: Values of all components there, SI; number of starting points.
     """
 
     norm: float
@@ -99,7 +98,7 @@ class NormBound(Record):
         quantity: ``"position.norm"`` or ``"attitude.norm"``.
         first_order: Largest norm of the first-order model, and the direction of that error.
         nominal: Contribution of the error at the means, u·e0 along that direction u (m, rad).
-        contributions: Contribution of each draw, h(Jᵀu), largest first; they and ``nominal`` add to the worst case.
+        contributions: Contribution of each draw, h(Jᵀu), largest first; with ``nominal`` they sum to the worst case.
         parameters: Values of the components at the worst case, SI.
         exact_error, exact_norm: ``(6,)`` error of the exact model at these values, and its norm.
         found: Largest error of the exact model found by the search.
@@ -320,7 +319,7 @@ def worst_case(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (name, joint values, or None for the model's first) or a list of poses; synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
         seed, samples, confidence: Seed, number and confidence of the samples of the exact model for comparison.
         k: Number of standard deviations at which unbounded laws are cut.
         findings: Warnings to include in the result, such as those of the sheet.

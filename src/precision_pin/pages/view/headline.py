@@ -55,7 +55,7 @@ class Answer:
 def answers(
     errors: Array, specifications: Sequence[Specification], spread: Array, grounds: Grounds = NO_GROUNDS
 ) -> tuple[Answer, ...]:
-    """Return the verdict on each limit, the size of the position errors, and a constant part that outweighs their spread.
+    """Return the verdict on each limit, the size of position errors, and a constant part that outweighs their spread.
 
     ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``spread`` ``(6,)`` are first-order standard deviations.
     """

@@ -65,10 +65,7 @@ class ViewPose:
 @final
 @dataclass(frozen=True, eq=False)
 class PageData:
-    """Data that all poses of a page share.
-
-    ``points``: most samples drawn at a pose; ``count``: number of poses; ``groups``: adjustable tolerances.
-    """
+    """Data of all poses of a page; ``points``: most samples drawn at a pose, ``count``: number of poses."""
 
     seed: int
     parts: Sequence[Part]
@@ -206,10 +203,7 @@ def limits_attitude(specifications: Sequence[Specification]) -> bool:
 
 
 def mcpc_frames(posture: Posture) -> list[dict[str, Any]]:
-    """Return the MCPC frames 0 to n + 1 (Wei, Jia and Chen, 2015, Fig 4): chain link, and pose in its axes.
-
-    Frame i is on link i, after the joint turned; frame n + 1 is the tip's.
-    """
+    """Return chain link and pose in it of the MCPC frames 0 to n + 1, the tip (Wei, Jia and Chen, 2015, Fig 4)."""
     frames = mcpc.from_chain(posture.chain).frame_in_link
     standing = [*enumerate(frames), (len(frames) - 1, posture.chain.placements[-1])]
     return [{"link": link, "frame": columns(frame)} for link, frame in standing]
@@ -234,12 +228,11 @@ def _joints(posture: Posture) -> str:
 @final
 @dataclass(frozen=True, eq=False)
 class Ellipsoid:
-    """An ellipsoid of position errors.
+    """An ellipsoid of position errors, with the fraction of the samples inside.
 
     Attributes:
         share: Probability inside it of a normal law with the samples' mean and covariance.
         matrix: Maps the unit ball to it, ``(4, 4)``, m, base axes, from the nominal tip.
-        inside: Fraction of the samples inside.
     """
 
     share: float

@@ -51,10 +51,7 @@ def arm_length(posture: Posture) -> float:
 
 
 def view_direction(posture: Posture, positions: ArrayLike | None = None) -> Array:
-    """Return the viewing direction, base axes: across the plane of the arm, slightly from its front and above.
-
-    With position errors ``(3, N)``, it is turned so that their cloud is seen from a wide side.
-    """
+    """Return the viewing direction across the arm's plane, turned to a wide side of the errors ``(3, N)`` if given."""
     points = _joints(posture)
     spread = points[:, :2] - points[0, :2]
     farthest = spread[np.argmax(np.linalg.norm(spread, axis=1))]
