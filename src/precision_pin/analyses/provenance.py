@@ -22,7 +22,7 @@ from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics.intervals import check_confidence
 
 Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
-"""Name of a pose, or joint values in chain order or by name, with an approach or without; ``None`` for the first pose."""
+"""Name of a pose, or joint values in chain order or by name, with or without an approach; ``None``: the first pose."""
 
 
 @final

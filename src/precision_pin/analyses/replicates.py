@@ -218,7 +218,7 @@ class Marginals:
 
 
 def _line(points: int, breaks: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return nodes and weights on (0, 1), in cells of two octaves towards both ends with edges at 1/n and all breaks."""
+    """Return nodes and weights on (0, 1), in cells of two octaves towards both ends, split at 1/n and all breaks."""
     middle = -round(math.log2(points))
     outer = np.exp2([*range(middle, _DEEPEST, -_STEP), float(_DEEPEST)])
     inner = np.exp2([*range(middle, -1, _STEP), -1.0])

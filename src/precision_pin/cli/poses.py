@@ -31,7 +31,7 @@ _LARGE: Final = 2**20
 @final
 @dataclass(frozen=True, eq=False)
 class AskedPose:
-    """A requested pose as for :meth:`precision_pin.model.error_model.ErrorModel.at`; a trajectory's are named by time or row."""
+    """A pose as for :meth:`precision_pin.model.error_model.ErrorModel.at`; a trajectory's has time or row as name."""
 
     where: str | NDArray[np.float64] | ApproachedPose | None
     name: str

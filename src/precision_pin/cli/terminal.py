@@ -37,7 +37,7 @@ _FEWEST: Final = 12
 _SHORT: Final = 8
 """Rows up to which an answer is not repeated."""
 _OF_PROSE: Final = 2
-"""Rows from which a sentence is left out if there is no room for all."""
+"""Rows beyond which a sentence is left out if there is no room for all."""
 _OF_TABLE: Final = 3
 """Fewest rows for which a table is started."""
 _OF_ANSWER: Final = 3

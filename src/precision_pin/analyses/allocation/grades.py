@@ -246,7 +246,7 @@ class _Relaxation:
                 self._add_slope(one, only.log_slopes(between)[:, 0], between, 0.0)
 
     def _add_slope(self, one: Limit, slopes: Array, t: Array, left: float) -> None:
-        """Add the tangent of ln of a measure in t² (t if correlated), by slopes in ln t and the limit's reserve ``left``."""
+        """Add the tangent of ln of a measure in t² (t if correlated), by its slopes in ln t and reserve ``left``."""
         if len(one.pairs):
             self._add((slopes / t * self._widest) @ self._t, float(slopes.sum()) + left)
         else:
@@ -322,7 +322,7 @@ _EDGE: Final = 1.001
 @final
 @dataclass(frozen=True, eq=False)
 class FrontPoint(Record):
-    """Cheapest first-order tolerances ``(n,)``, m or rad, for limits times ``factor``; a late lower bound is None."""
+    """Cheapest first-order tolerances ``(n,)``, m or rad, for limits times ``factor``; no late lower bound."""
 
     factor: float
     cost: float

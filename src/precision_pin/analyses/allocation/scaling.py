@@ -70,7 +70,7 @@ class Contributions(Fixed):
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """First-order error of a model: mean ``(6, P)``, slopes by standard deviation ``(6, d, P)``, deviations ``(d,)``."""
+    """First-order error of a model: mean ``(6, P)``, slopes by deviation ``(6, d, P)``, deviations ``(d,)``."""
 
     mean: Array
     slopes: Array

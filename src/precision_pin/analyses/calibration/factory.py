@@ -33,8 +33,7 @@ _CHECKED: Final = 200
 """Random poses at which the arms are compared."""
 _CLEARLY: Final = 0.5
 """Share of the distance from a model that another must be within to fit clearly better. Of 16 robots measured by their maker the
-right model had at most 4 mm rms, the others at least 21 mm.
-"""
+right model had at most 4 mm rms, the others at least 21 mm."""
 _NOTED: Final = 1e-7
 """Difference between the two ways to read a YAML's angles, m, that is worth a warning."""
 

@@ -18,8 +18,8 @@ from precision_pin.robot.inverse_kinematics import spread_points
 from precision_pin.robot.pose_set import SINGULAR_BELOW
 
 CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
-"""``corrected``; ``limit``: none found within the joint limits; ``singular``: some directions cannot be corrected near a
-singularity; ``unreachable``: Newton's method finds no joint values.
+"""``corrected``; ``limit``: none found within the joint limits; ``singular``: some directions cannot be corrected near
+a singularity; ``unreachable``: Newton's method finds no joint values.
 """
 
 CONVERGED: Final = 1e-10

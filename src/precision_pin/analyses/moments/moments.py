@@ -573,7 +573,7 @@ class _Sampled:
 
 
 def _average_cross_products(means: Array) -> Array:
-    """Return the average of m_a m_bᵀ over a ≠ b, ``(k, k)``, for means ``(R, k)``: an unbiased estimate of E m (E m)ᵀ."""
+    """Return the average of m_a m_bᵀ over a ≠ b, ``(k, k)``, for ``(R, k)``: an unbiased estimate of E m (E m)ᵀ."""
     count = len(means)
     total = means.sum(axis=0)
     return np.asarray((np.outer(total, total) - means.T @ means) / (count * (count - 1)))

@@ -27,7 +27,7 @@ LARGEST_UNKNOWN: Final = 0.1
 """Largest fraction of the probability in strata without an estimate."""
 
 WIDENING: Final = 1.1
-"""Factor of the intervals of weighted and conditional samples, because their standard errors are estimates themselves."""
+"""Factor of intervals of weighted and conditional samples, whose standard errors are estimates themselves."""
 
 SAMPLING: Final = "sampling"
 _FEWEST_DIGITS: Final = 3

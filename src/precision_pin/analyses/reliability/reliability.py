@@ -116,7 +116,7 @@ class SpecificationReliability(RareEvents, Record):
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict by the interval of the best estimate, as in :attr:`precision_pin.statistics.SpecificationResult.verdict`."""
+        """Verdict by the best estimate's interval, as :attr:`precision_pin.statistics.SpecificationResult.verdict`."""
         return "not judged" if self.grounds.not_judged else self._judge(self.best)
 
     @property

@@ -384,7 +384,7 @@ def _quarter(corners: Array, values: Array, heights: Callable[[Array], Array]) -
 
 
 def _plane_distance(corners: Array) -> Array:
-    """Return the distance from the origin of planes through three points of the unit sphere, from the triangles' sides."""
+    """Return the distance from the origin of planes through three points of the unit sphere, by triangle sides."""
     sides = corners - np.roll(corners, -1, axis=1)
     squares = (sides**2).sum(axis=2)
     area = (np.cross(sides[:, 0], sides[:, 1]) ** 2).sum(axis=1)

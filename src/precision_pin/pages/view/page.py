@@ -70,7 +70,7 @@ def page(
     """Return a self-contained HTML page of the arm and its sampled errors; the same input gives the same text.
 
     The arm is drawn undisplaced; end-effector positions of the samples are drawn at the nominal tip plus a factor times
-    their error. The error is relative to its mean, initially where at some pose the mean is far larger than the spread
+    their error, or their error minus its mean, as initially if at some pose the mean is far larger than the spread
     (:func:`.scales.middle_of`). A slider changes the factor of everything that shows errors: sampled end-effector
     frames are turned by ``Exp(factor·δ)``, by 90° at most; arms as built (units 0 to 2 of ``seed``) are the chain
     multiplied out with every displacement ``[d; δ]`` times the factor. The largest contributors have a slider each,
