@@ -54,8 +54,7 @@ ATOM: Final = 1 << 14
 """Samples in one partial sum, as in :func:`precision_pin.statistics.observe`."""
 LANES: Final = 16
 """Running sums of one quantity. They are more than a vector register holds, and a fixed number: this fixes the order of the
-additions, and with it every bit, for all processors.
-"""
+additions, and with it every bit, for all processors."""
 HELD: Final = 16
 """Tiles whose bins are found before they are counted."""
 LARGEST: Final = 10

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
 Task = Literal["pose", "axis", "position"]
 """What must agree with the wanted pose: position and attitude; position and the direction of the tool axis, whatever the angle
-about it; the position only.
-"""
+about it; the position only."""
 
 CONSTRAINTS: Final[dict[Task, int]] = {"pose": 6, "axis": 5, "position": 3}
 

@@ -20,8 +20,7 @@ from precision_pin.robot.chain import Chain
 PoseStatus = Literal["reached", "unreachable", "limit", "singular", "collision", "kept out"]
 """``reached``; ``unreachable``: no joint values lead there; ``limit``: a joint is outside its limits; ``singular``: joint values
 are known, but the arm is near a singularity; ``collision``: the arm hits itself; ``kept out``: it is where the sheet's
-``keep_out`` or the plate of its base are.
-"""
+``keep_out`` or the plate of its base are."""
 
 SINGULAR_BELOW: Final = 0.01
 """Smallest singular value of the scaled Jacobian below which an arm is near a singularity."""

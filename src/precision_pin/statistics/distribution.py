@@ -51,8 +51,7 @@ _WINDOW: Final = 2.5
 _STEPS_PER_WINDOW: Final = 16
 _TESTS: Final = 3
 """Number of simultaneous comparisons: adjacent windows that can be nearly as full as the fullest one while the mode is
-still resolved.
-"""
+still resolved."""
 _WIDEST: Final = 1.6
 """Longest interval reported, in standard deviations; a flat law is 3.5 of them wide, two equal peaks at least 2."""
 _FINER: Final = (4, 16)

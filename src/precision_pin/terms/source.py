@@ -270,8 +270,7 @@ class Source(ABC):
 
     words: ClassVar[Mapping[str, str]] = {}
     """Description of a setting or of an own draw, by its name; it may contain ``{subject}`` and other settings. Without
-    an entry the description consists of kind, setting and subject.
-    """
+    an entry the description consists of kind, setting and subject."""
 
     @final
     def describe(self, setting: str) -> str:
