@@ -232,7 +232,7 @@ class MomentsResult(Result):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr`."""
         return f"poses {len(self.poses)}, {self.method}, {self.samples:,} samples, seed {self.provenance.seed}"
 
     def _title(self) -> str:

@@ -258,7 +258,7 @@ class PathResult(AnalysisResult):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr`."""
         within = milli(self.maximum_quantile(0, self.probability).value, 4)
         return (
             f"{len(self.poses):,} poses, {self.samples:,} robots, largest |d| within {within} mm for "
