@@ -201,7 +201,7 @@ class Declaration(NamedTuple):
 
     @property
     def outputs(self) -> str:
-        """Package of the modules ``table``, ``figure`` and ``section``."""
+        """Package of the modules ``table`` and ``figure``."""
         return self.function.partition(":")[0].rpartition(".")[0]
 
     def count_steps(self, space: Any, poses: int, arguments: Mapping[str, Any]) -> int:
