@@ -1,4 +1,4 @@
-"""Causes of the error in words: draws with their tolerances, those of one tolerance merged."""
+"""Causes of the error in words: the draws of each tolerance, merged."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from precision_pin.model.error_model import ErrorModel
 @final
 @dataclass(frozen=True)
 class Part:
-    """One draw of a cause: its name in the sheet and its description."""
+    """A draw's name in the sheet and its description."""
 
     name: str
     words: str
@@ -24,13 +24,10 @@ class Part:
 @final
 @dataclass(frozen=True)
 class Cause:
-    """The draws that one tolerance makes.
+    """The draws that one tolerance makes, and how often they are drawn.
 
     Attributes:
-        words: What it is, such as ``tilt of joint2 about z``.
-        tolerance: How far it varies, such as ``±0.3 mm``; empty where no unit is known.
-        scope: How often it is drawn.
-        parts: Its draws.
+        words, tolerance: Such as ``tilt of joint2 about z`` and ``±0.3 mm``; the latter empty for an unknown unit.
     """
 
     words: str
@@ -52,14 +49,12 @@ class Cause:
 @final
 @dataclass(frozen=True)
 class CauseShare:
-    """A cause's part of the variance of a vector.
+    """A cause's contribution to the variance of a vector.
 
     Attributes:
-        cause: Which.
         share: Closed form; ``None`` where nothing varies.
-        halved: Standard deviation if the tolerance were halved, m or rad; ``None`` where its draws are correlated.
-        first, total: Sobol indices of the exact model; ``None`` for several draws together and where they are not
-            resolved.
+        halved: Standard deviation with the tolerance halved, m or rad; ``None`` where its draws are correlated.
+        first, total: Sobol indices of the exact model; ``None`` for several draws together and where not resolved.
     """
 
     cause: Cause
@@ -70,7 +65,7 @@ class CauseShare:
 
     @property
     def rank(self) -> float:
-        """The sort key of causes: the share, or the total index where there is none."""
+        """Sort key: the share, or the total index where there is none."""
         if self.share is not None:
             return self.share
         return -1.0 if self.total is None else self.total.value
@@ -79,8 +74,7 @@ class CauseShare:
 def find_causes(model: ErrorModel) -> tuple[Cause, ...]:
     """Return the causes of a model, in the order of their first draws.
 
-    Draws that a source makes itself (the two bearings of an axis, a phase) and that share a law, or have no tolerance of
-    their own, are parts of one tolerance.
+    A source's own draws (bearings of an axis, a phase) that share a law, or have no tolerance, are one cause.
     """
     own = {
         draw.name: label
@@ -112,7 +106,7 @@ def rank_causes(causes: Sequence[Cause], budget: PoseBudget, vector: str) -> lis
 def _cause(members: Sequence[tuple[Draw, str]]) -> Cause:
     draw, words = members[0]
     parts = tuple(Part(draw.name, words) for draw, words in members)
-    # the two bearings of an axis are the axis; an amplitude with its phase is the amplitude
+    # the two bearings of an axis merge into the axis, an amplitude and its phase into the amplitude
     stems = {text.rpartition(",")[0] for _, text in members}
     name = stems.pop() if len(members) > 1 and len(stems) == 1 else ""
     return Cause(name or words, draw.tolerance, draw.scope.value, parts)
@@ -135,7 +129,7 @@ def _share(
 
 
 def sum_by_cause(causes: Sequence[Cause], values: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Return values of draws added up by cause, in words, the largest first."""
+    """Return the values of draws summed by cause, as text, largest first."""
     of = {name: cause.text for cause in causes for name in cause.names}
     sums: dict[str, float] = {}
     for names, value in values.items():

@@ -1,4 +1,4 @@
-"""Everything a report is made of, computed for one pose."""
+"""All results that a report shows, computed for one pose."""
 
 from __future__ import annotations
 
@@ -35,20 +35,16 @@ from precision_pin.statistics.digits import format_interval
 
 Found = TypeVar("Found")
 Step = Callable[[str, int], AbstractContextManager[Progress]]
-"""Takes the next step's name and its number of samples (0: none), returns the function that takes its progress."""
+"""Takes a step's name and number of samples (0: none), and returns its progress function."""
 
 CLOUD: Final = 5_000
-"""Samples that the 3-D view shows at most."""
+"""Largest number of samples in the 3-D view."""
 
 
 @final
 @dataclass(frozen=True)
 class Missing:
-    """Marker of a result that does not exist for this model.
-
-    Attributes:
-        reason: Why, one line.
-    """
+    """Marker of a result that does not exist for this model; the reason is one line."""
 
     reason: str
 
@@ -59,15 +55,15 @@ class Results:
     """The results that a report shows.
 
     Attributes:
-        sheet, model, at: What was analysed, and the model at the pose.
+        sheet, model, at: Sheet, its model, and the model at the pose.
         analysis: The sampled distribution.
-        found: What each of the other analyses found, by its name, or why there is nothing.
+        found: Results of the other analyses by name, or why there is none.
         mcpc: The chain's parameters, or why there are none.
         cloud: The first of the sampled errors ``(6, n)``, m and rad, base axes.
-        command: The words of the command line that makes the report again.
-        package_dirs: Folders of packages of meshes.
-        digests: SHA-256 of the files read, by name.
-        prefix: Of the identifiers of its parts in a page of several poses.
+        command: Command line that reproduces the report.
+        package_dirs: Folders of mesh packages.
+        digests: Names of the files read, each with its SHA-256.
+        prefix: Prefix of the HTML identifiers in a page of several poses.
     """
 
     sheet: Sheet
@@ -88,7 +84,7 @@ class Results:
         return find_causes(self.model)
 
     def errors_with(self, most: int) -> Callable[[Iterable[Cause]], Array]:
-        """Return a function from causes to the errors ``(6, n)`` of the first robots with the tolerances of these halved."""
+        """Return a function from causes to the errors ``(6, n)`` of the first robots with these tolerances halved."""
         space, layout = self.at.space, sampler.to_arrays(self.at)
         x = space.sample(self.analysis.seed, 0, min(self.analysis.samples, most))
         columns = dict(zip((draw.name for draw in space.draws), space.slices, strict=True))
@@ -104,7 +100,7 @@ class Results:
 
     @property
     def folders(self) -> tuple[str, ...]:
-        """Folders of this machine, which a report does not name."""
+        """Local folders, which a report does not name."""
         files = (self.sheet.file, self.model.chain.robot.file)
         near = [folder for file in files for folder in (os.path.dirname(file), os.path.dirname(os.path.realpath(file)))]
         known = [*near, *self.package_dirs, os.getcwd(), os.path.expanduser("~")]
@@ -128,18 +124,17 @@ def collect(
     """Run every analysis of a report at one pose.
 
     Args:
-        sheet: As read.
         pose: A pose's name, joint values, or None for the sheet's first.
         samples, seed, model, specifications: As for :func:`~precision_pin.sampling.monte_carlo`. The other analyses
-            take those that they declare; the model is theirs.
-        command: The words of the command line, for the report.
-        package_dirs: Folders of packages of meshes.
+            take those that they declare, with their own model.
+        command: Command line that reproduces the report.
+        package_dirs: Folders of mesh packages.
         step: Called at each step.
-        error_model: The sheet's, if it is there already.
+        error_model: The sheet's model, if already built.
 
     Raises:
-        InputError: A wrong pose, number of samples or seed; errors too large to compute with. An analysis besides the
-            sampling that refuses the model is left out instead, with its reason.
+        InputError: A wrong pose, number of samples or seed; errors too large to compute with. Another analysis than the
+            sampling that rejects the model is left out with its reason instead.
     """
     error_model = error_model or ErrorModel.from_sheet(sheet)
     with step("sampling", samples) as progress:
@@ -174,14 +169,10 @@ def collect(
 
 
 def collect_poses(sheet: Sheet, poses: Sequence[Pose], *, step: Step, **settings: Any) -> list[Results]:
-    """Run every analysis of a report at several poses, and return the worst first.
+    """Run every analysis of a report at several poses, and return the worst pose first.
 
-    The worst misses most specifications, or by most; without specifications it has the largest error, by its 95 % quantile.
-
-    Args:
-        sheet, step: As for :func:`collect`.
-        poses: Each as for :func:`collect`.
-        settings: The other arguments of :func:`collect`.
+    The worst pose misses most specifications, or by the widest margin. Without specifications it has the largest 95 %
+    quantile. The arguments are those of :func:`collect`.
     """
     error_model = ErrorModel.from_sheet(sheet)
 
@@ -197,7 +188,7 @@ def collect_poses(sheet: Sheet, poses: Sequence[Pose], *, step: Step, **settings
 
 
 def _goodness(results: Results) -> tuple[int, float, float]:
-    """Return the sort key of poses: specifications met, smallest margin, then the error, largest first."""
+    """Return the sort key of a pose: specifications missed, smallest margin, then the error; the worst sorts first."""
     given = results.analysis.summary.specifications
     norm = results.analysis.position.norm
     size = norm.quantile(0.95)
@@ -206,12 +197,12 @@ def _goodness(results: Results) -> tuple[int, float, float]:
 
 
 def count_steps(specifications: Sequence[Specification], poses: int = 1) -> int:
-    """Return how many steps a report takes: sampling, the other analyses, the chain's parameters, drawing the page."""
+    """Return the number of steps of a report: sampling, other analyses, the chain's parameters, and the page."""
     return (len(_asked(specifications)) + 2) * poses + 1
 
 
 def _asked(specifications: Sequence[Specification]) -> list[str]:
-    """Return the names of the analyses that a report shows: without specifications none that judges them."""
+    """Return the names of the analyses in a report; those that judge specifications need some."""
     shown = {name: one for name, one in declarations().items() if one.heading}
     return [name for name, one in shown.items() if specifications or "specifications" not in one.report_settings]
 
@@ -235,7 +226,7 @@ MISSING: Final = "–"
 
 
 def outward(low: float, high: float, per_si: float = 1e3) -> tuple[str, str]:
-    """Return the ends of an interval as text, rounded outwards; an interval of rounding errors is 0."""
+    """Return the ends of an interval as text, rounded outwards; an interval within rounding is 0."""
     if max(abs(low), abs(high)) < ROUNDING:
         return "0", "0"
     return format_interval(low, high, per_si)
@@ -253,7 +244,7 @@ def milli_interval(distribution: Distribution, level: float) -> str:
 
 
 def statistic(distribution: Distribution, which: str | float) -> str:
-    """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad, as far as it is resolved."""
+    """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad, to its resolved digits."""
     return shown(table.statistic(distribution, which))
 
 
@@ -263,5 +254,5 @@ def percent(share: float | None) -> str:
 
 
 def shown(cell: str) -> str:
-    """Return a cell of a table for a terminal as the report has it."""
+    """Return a cell of a terminal table as the report writes it."""
     return MISSING if cell == "-" else cell

@@ -1,8 +1,8 @@
 """Declarations of the analyses for the command line, the report, the package and the documentation.
 
-A declaration names functions and classes by their modules and imports none of them, so that the list of commands needs
-neither the compiler nor the plotting library. Named tuples are created in a tenth of the time of data classes, and faster
-still where annotations are types instead of text. This file therefore has no ``from __future__ import annotations``.
+A declaration names functions and classes as text, so that listing the commands imports neither the compiler nor the
+plotting library. Named tuples are created in a tenth of the time of data classes, and faster still where annotations
+are types instead of text; hence no ``from __future__ import annotations``.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -28,7 +28,7 @@ AT_POSES = ("poses", "chain", "target", "seed", "json", "out", "messages")
 
 
 class WrongUsageError(ValueError):
-    """Arguments or options that do not go together; the command line adds where its help is."""
+    """Arguments or options that contradict each other; the command line adds where its help is."""
 
 
 class Option(NamedTuple):
@@ -37,19 +37,15 @@ class Option(NamedTuple):
     Attributes:
         flag: Name on the command line, such as ``--samples``.
         argument: Keyword argument of the function.
-        help: Help text, one line.
-        kind: Type of the value.
         default: Default value, shown in the help unless it is None.
         metavar: Placeholder of the value in the help; optional for numbers and choices.
         choices: Allowed values; empty for any value.
-        is_repeated, is_needed: True if the option may be given several times (the argument is then a tuple), and if it
-            is required.
-        is_of_table: True if it is an argument of the table instead of the analysis.
+        is_repeated: True if the option may be repeated; the argument is then a tuple.
+        is_of_table: True if the table takes the argument instead of the analysis.
         check: ``module:function`` that rejects a wrong value before any input is read.
-        group: Heading in the help; by default none, of an option of the table :data:`OUTPUT`.
-        read: Function that turns the text into the value, or rejects it, before any input is read.
-        is_pose: True if it names a pose: one of the sheet's, or joint values.
-        is_default_shown: False if the help does not show the default value.
+        group: Heading in the help; an option of the table defaults to :data:`OUTPUT`, others to none.
+        read: Parses the text, or rejects it, before any input is read.
+        is_pose: True if the value names a pose: one of the sheet's, or joint values.
     """
 
     flag: str
@@ -70,7 +66,7 @@ class Option(NamedTuple):
 
     @property
     def initial(self) -> Any:
-        """Value where the option is not given."""
+        """Value if the option is not given."""
         return () if self.is_repeated else False if self.kind is bool and self.default is None else self.default
 
 
@@ -78,13 +74,12 @@ class Asked(NamedTuple):
     """Inputs of a command, for the function ``prepare`` of a declaration.
 
     Attributes:
-        sheets: The sheets by name, as read; one of no name for most commands.
+        sheets: Parsed sheets by name; most commands have one, whose name is empty.
         options: Values of all options by their arguments.
         chosen: Arguments of the options that the user gave.
-        read_poses, read_pose_set: Functions of the largest number of poses that read those of the command line, as a
-            list with names or as a :class:`precision_pin.robot.pose_set.PoseSet`; without poses in the options the
-            first of the first sheet.
-        read_measurements: Function that returns the measurements of the options and the first sheet.
+        read_poses, read_pose_set: Functions of the largest number of poses. They read the command line's poses (by
+            default the first) as a list with names or as a :class:`precision_pin.robot.pose_set.PoseSet`.
+        read_measurements: Reads the measurements named by the options, with the first sheet.
     """
 
     sheets: Mapping[str, Any]
@@ -101,7 +96,7 @@ class Asked(NamedTuple):
 
 
 class Files(NamedTuple):
-    """Files of a folder beside the result: figures by name, texts by file name, and how a note lists the figures."""
+    """Files written beside the result: figures by name, texts by file name, and how a note lists the figures."""
 
     figures: Mapping[str, Any] = {}
     texts: Mapping[str, str] = {}
@@ -112,19 +107,17 @@ class Job(NamedTuple):
     """What a command runs and writes, made by the function ``prepare`` of a declaration.
 
     Attributes:
-        run: Function with the arguments ``progress``, if there are steps, and of a command with the shared options
-            ``workers`` those that say what samples; returns the result.
+        run: Returns the result; takes ``progress`` if there are steps, and the settings of ``workers``.
         models: Models whose samplers are compiled first.
-        steps, what, unit: Number of progress steps, None for no progress; what they do and count.
+        steps, what, unit: Number of progress steps, None for no progress bar; its label and unit.
         is_unwound: True if a signal raises KeyboardInterrupt in the analysis instead of ending the process.
-        note: Line that is printed before.
+        note: Line printed before the run.
         stem: Name of the files; by default that of the command.
-        table: Function that returns the result as text; by default the declared one.
-        files: Function of the result that returns what else a folder gets; by default the figure.
-        write, is_written_first: Function of the result that writes the files of other options and returns notes, and
-            whether it runs before the result is printed instead of after.
-        findings: Findings passed to the analysis, of a result without warning lines: those that it adds are printed.
-        is_met: Function of the result that returns whether the exit code is 0.
+        table: Renders the result as text; by default the declared table.
+        files: Returns further files for the output folder; by default the figure.
+        write, is_written_first: Writes other options' files and returns notes; whether before the result is printed.
+        findings: Findings passed to an analysis whose result has no warning lines; those that it adds are printed.
+        is_met: Whether the exit code is 0.
     """
 
     run: Callable[..., Any]
@@ -147,35 +140,29 @@ class Declaration(NamedTuple):
     """Declaration of an analysis.
 
     The folder of the function has the modules ``table`` and ``figure``: ``table.table(result, …)`` returns text,
-    ``figure.figure(result, k)`` the figure of pose k, ``figure.content(result, results)`` the parts of the report's section,
-    and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
+    ``figure.figure(result, k)`` the figure of pose k, ``figure.content(result, results)`` the parts of the report's
+    section, and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
 
     Attributes:
         name: Name of the command, also in files and in the schema of the JSON.
         function, result: ``module:name`` of the function, with the arguments ``(model, pose, *, seed, findings,
             progress, …)``, and of the class of its result, a :class:`precision_pin.analyses.result.Result`.
-        title, heading: Entry in the report's table of contents, and heading of its section; an analysis without a
-            heading has no section about a pose.
-        summary, description: One line in the list of commands, text of the command's help.
-        options: Options of the command, in the order of its help; a word is a group of options that several commands
-            share.
-        report_settings: Arguments that a report passes on as it does to the sampling: ``samples``, ``specifications``.
-            An analysis with specifications is left out of a report without any.
-        steps: ``module:function(space, poses, **arguments)`` that returns the number of progress steps for a number of
-            poses; by default the samples at all poses.
-        unit: Unit of these steps.
+        title, heading: Entry in the report's contents, and heading of its section; no heading, no section.
+        summary, description: Line in the list of commands, and text of the command's help.
+        options: Options in the order of the help; a word stands for a group of shared options.
+        report_settings: Settings that a report passes on: ``samples``, ``specifications``. An analysis with
+            specifications is left out of a report without any.
+        steps: ``module:function(space, poses, **arguments)`` for the progress steps; by default all samples.
         has_warnings_in_table: True if the table includes the warnings, so that the command does not print them again.
         group: Heading in the list of commands.
-        prepare: Function that returns what the command runs for its inputs; by default ``function`` at the poses of the
-            command line.
-        check: Function that rejects options that do not go together, before any input is read; it may change them.
-        sheets: Function of the options that returns those with which each sheet is read, by name; by default one sheet.
-        arguments, data_suffixes: Name of the command's arguments and how the help shows them; ends of the names that
-            are neither robot nor sheet.
-        reads, writes: Arguments of the options that name further files to read, and of those that name files to write.
+        prepare: Returns what the command runs for its inputs; by default ``function`` at the poses of the command line.
+        check: Rejects options that contradict each other before any input is read; may change them.
+        sheets: Returns, by name, the options with which each sheet is read; by default one sheet.
+        arguments, data_suffixes: Command's arguments and their help; suffixes of those that are neither robot nor
+            sheet.
+        reads, writes: Arguments of the options that name further input files, and output files.
         files: Patterns of the names of files in a folder.
-        is_sampled: True if the command samples: on a machine where nothing is compiled yet, that begins while the
-            inputs are read.
+        is_sampled: True if the command samples, so that compilation may start while the inputs are read.
         table_name: Name of the function in ``table``.
     """
 
@@ -214,11 +201,11 @@ class Declaration(NamedTuple):
 
     @property
     def outputs(self) -> str:
-        """Package of the modules ``table``, ``figure`` and ``section``."""
+        """Package of the modules ``table`` and ``figure``."""
         return self.function.partition(":")[0].rpartition(".")[0]
 
     def count_steps(self, space: Any, poses: int, arguments: Mapping[str, Any]) -> int:
-        """Return the number of progress steps for a number of poses and some of the arguments."""
+        """Return the number of progress steps, with default values for missing arguments."""
         defaults = {option.argument: option.default for option in self.own_options if not option.is_of_table}
         known = {**defaults, **{key: value for key, value in arguments.items() if key in defaults}}
         if self.steps:
@@ -230,11 +217,11 @@ class Declaration(NamedTuple):
         return load(f"{self.outputs}.table:{self.table_name}")(result, **arguments)
 
     def figure(self, result: Any, *pose: int) -> Any:
-        """Return the figure of a result, of one at poses that at a pose, given by its number."""
+        """Return the figure of a result, or of its pose with the given index."""
         return load(f"{self.outputs}.figure:figure")(result, *pose)
 
     def draw(self, axes: Any, result: Any, pose: int, quantity: str) -> None:
-        """Draw one panel of a result's figure, ``"position"`` or ``"attitude"``, on given axes."""
+        """Draw one panel, ``"position"`` or ``"attitude"``, of a result's figure on given axes."""
         load(f"{self.outputs}.figure:draw")(axes, result, pose, quantity)
 
     def content(self, result: Any, results: Any) -> Any:

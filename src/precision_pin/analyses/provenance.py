@@ -22,7 +22,7 @@ from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics.intervals import check_confidence
 
 Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
-"""Name of a pose, or joint values in chain order or by name, with an approach or without; ``None`` for the first pose."""
+"""Name of a pose, or joint values in chain order or by name, with or without an approach; ``None``: the first pose."""
 
 
 @final
@@ -31,13 +31,13 @@ class Provenance:
     """Robot, seed and software versions of a result.
 
     Attributes:
-        robot, base, tip: The URDF and the ends of the chain.
+        robot, base, tip: File name of the URDF, and the ends of the chain.
         statics: ``"nominal"`` or ``"equilibrium"``.
         seed: 64-bit seed of all samples.
         assumed: Labels of the sources that the sheet marks as assumptions.
         sources: Number of sources.
-        origins, origins_at: Share in the first-order variance of position and attitude by provenance, empty where the
-            sheet states none; and the name of the pose where it was taken, the model's first.
+        origins, origins_at: Fraction of the first-order variance of position and attitude by provenance, empty where
+            the sheet states none; and the pose where it was computed, the model's first.
         versions: Versions of Python and the libraries that computed the result.
     """
 
@@ -65,7 +65,7 @@ class Provenance:
 
     @property
     def arm(self) -> str:
-        """Robot and ends of the chain in words."""
+        """Robot and ends of the chain as text."""
         return f"{self.robot}: {self.base} to {self.tip}"
 
     def to_dict(self, schema: str) -> dict[str, Any]:
@@ -81,10 +81,10 @@ class PoseLabel:
     """Name and joint values of a pose.
 
     Attributes:
-        name: Name of the pose, empty for a pose without one.
+        name: Empty for a pose without a name.
         q: Value of each joint, rad or m.
-        sliding_joints: Sliding joints, whose values are in m.
-        approach: ``+`` or ``-`` by the name of each joint whose last motion is known.
+        sliding_joints: Joints whose values are in m.
+        approach: ``+`` or ``-`` for each joint whose last direction of motion is known.
     """
 
     name: str
@@ -113,7 +113,7 @@ Poses = Pose | Sequence[Pose]
 
 
 def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose]:
-    """Return a list of poses. A row of numbers is one pose, any other list contains several."""
+    """Return a list of poses: a row of numbers is one pose, any other list contains several."""
     given = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
     if len(given) > 1:
         raise InputError("pose, poses and q mean the same; give one of them")
@@ -141,7 +141,7 @@ def check_common(
     progress: Progress | bool | None,
     confidence: float = 0.95,
 ) -> tuple[Finding, ...]:
-    """Check the arguments that all analyses have in common before any work is done; return the findings."""
+    """Check the arguments common to all analyses before any work is done, and return the findings."""
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
     check_confidence(confidence)
@@ -153,11 +153,6 @@ def check_common(
 def check_request(
     error_model: ErrorModel, poses: tuple[Poses, Poses, Poses], **common: Any
 ) -> tuple[list[Pose], tuple[Finding, ...]]:
-    """Check the arguments of an analysis at poses; return a list of these, and the findings.
-
-    Args:
-        error_model, common: Arguments of :func:`check_common`.
-        poses: The arguments ``poses``, ``q`` and ``pose``, which are synonyms.
-    """
+    """Check the arguments of an analysis at poses, ``(poses, q, pose)`` being synonyms; return poses and findings."""
     known = check_common(error_model, **common)
     return listed_poses(*poses), known

@@ -1,7 +1,4 @@
-"""Registry of the analyses, one line for each: the folder with its ``DECLARATION``.
-
-The command line, the report, the package and the documentation find all analyses by this list.
-"""
+"""The list of all analyses, read by the command line, the report, the package and the documentation."""
 
 from __future__ import annotations
 
@@ -24,17 +21,17 @@ FOLDERS: list[str] = [
     "precision_pin.analyses.iso9283",
     "precision_pin.analyses.calibration",
 ]
-"""Folders in the order of the commands and of the report's sections."""
+"""Folders with a ``DECLARATION`` each, in the order of the commands and of the report's sections."""
 
 
 def declarations() -> dict[str, Declaration]:
-    """Return the declarations of all analyses, keyed by name."""
+    """Return the declarations of all analyses by name."""
     found: list[Declaration] = [import_module(folder).DECLARATION for folder in FOLDERS]
     return {one.name: one for one in found}
 
 
 def find_function(name: str) -> Any:
-    """Return the function of this name among those of the analyses; ``None`` if there is none."""
+    """Return the analysis function of this name, or ``None``."""
     for one in declarations().values():
         if one.function.rpartition(":")[2] == name:
             return load(one.function)

@@ -1,24 +1,19 @@
 """Estimates from independent replicates, with intervals that allow for skewness.
 
 The standard error of a statistic follows from leaving out one replicate after another (jackknife). Means of few values
-with heavy tails are skewed, and Student's symmetric interval then misses on one side. The pseudo-values of the jackknife
-also give the skewness, and Hall's transformation of Student's ratio (Journal of the Royal Statistical Society B 54, 1992,
-221) gives an interval with unequal sides. The longer side is reported on both sides, at least as long as Student's, and
-widened by a tenth. Without this widening, intervals of ratios and of nets, whose replicates are not quite the independent
-normal values assumed, covered in 92 to 94 of 100 runs.
+with heavy tails are skewed, and Student's symmetric interval then misses on one side. The pseudo-values of the
+jackknife also give the skewness, and Hall's transformation of Student's ratio (Journal of the Royal Statistical Society
+B 54, 1992, 221) gives an interval with unequal sides. The longer side is reported on both sides, at least as long as
+Student's, and widened by a tenth. Without this widening, intervals of ratios and of nets, whose replicates are not
+quite independent and normal, covered in 92 to 94 of 100 runs.
 
-Tails that no replicate contains are assessed from the laws.
-
-Test whether samples represent the tails and the rare values of the laws, one number at a time.
-
-N samples contain no information on events with a probability below 1/N, and neither does an interval derived from them. A
-jump of probability 1e-5, or the outermost values of a wide lognormal law, may nevertheless contribute much to a variance.
-The laws themselves are known. Every uniform number of a sample is therefore varied from one end to the other, with all
-others at their medians, on nodes that are dense towards both ends. This gives the second and third moment of a statistic
-that is a mean over samples, as far as single numbers cause them, and from these the skewness of the mean of all
-replicates. The replicates of a net have one point in each n-th of each axis; for them only the two outermost n-ths count.
-A mean whose skewness exceeds `MOST_SKEWNESS` is too far from normal for an interval from its replicates, and is not
-resolved.
+N samples contain no information on events with a probability below 1/N, and neither does an interval derived from them.
+A jump of probability 1e-5, or the outermost values of a wide lognormal law, may nevertheless contribute much to a
+variance. The known laws show whether they do. Each uniform number of a sample is varied from one end to the other, with
+all others at their medians, on nodes that are dense towards both ends. This gives the second and third moments, as far
+as single numbers cause them, of a statistic that is a mean over samples, and from these the skewness of the mean of all
+replicates. The replicates of a net have one point in each n-th of each axis, so only the two outermost n-ths count. A
+mean with a skewness above `MOST_SKEWNESS` is too far from normal for an interval, and not resolved.
 """
 
 from __future__ import annotations
@@ -41,19 +36,14 @@ REPLICATES: Final = 32
 """Number of independent runs, or scrambles of a net."""
 
 _WIDENING: Final = 1.1
-# relative spread of the replicates below which their skewness counts as rounding
+# relative spread below which the skewness of the replicates is rounding noise
 _ROUNDING: Final = 1e-14
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Estimates with the half-widths of their intervals.
-
-    Attributes:
-        value, half_width: Arrays of one shape; NaN where not resolved.
-        replicate_variance: Approximate variance of the estimate of a single replicate.
-    """
+    """Estimates, NaN where not resolved, with half-widths of intervals, and the variance for a single replicate."""
 
     value: Array
     half_width: Array
@@ -65,17 +55,13 @@ class Estimates:
         return np.sqrt(self.replicate_variance / REPLICATES)
 
     def where(self, resolved: Array | NDArray[np.bool_]) -> Estimates:
-        """Return the estimates, with NaN where they are not resolved."""
+        """Return the estimates with NaN where they are not resolved."""
         keep = np.asarray(resolved, dtype=bool)
         return Estimates(*(np.where(keep, getattr(self, one.name), np.nan) for one in fields(self)))
 
 
 def pseudo_values(statistic: Callable[[NDArray[np.bool_]], Array]) -> tuple[Array, Array]:
-    """Return a statistic of all replicates, and the jackknife's pseudo-values ``(REPLICATES, …)``.
-
-    Args:
-        statistic: Function of the mask ``(REPLICATES,)`` of the replicates to use.
-    """
+    """Return a statistic of a mask ``(REPLICATES,)``, and the jackknife's pseudo-values ``(REPLICATES, …)``."""
     everything = np.ones(REPLICATES, dtype=bool)
     whole = np.asarray(statistic(everything), dtype=float)
     left_out = np.array([statistic(everything & (np.arange(REPLICATES) != k)) for k in range(REPLICATES)])
@@ -83,12 +69,7 @@ def pseudo_values(statistic: Callable[[NDArray[np.bool_]], Array]) -> tuple[Arra
 
 
 def jackknife(statistic: Callable[[NDArray[np.bool_]], Array], confidence: float) -> Estimates:
-    """Return a smooth statistic with its interval.
-
-    Args:
-        statistic: Function of the mask ``(REPLICATES,)`` of the replicates to use.
-        confidence: Confidence of the interval.
-    """
+    """Return a smooth statistic, as for :func:`pseudo_values`, with its interval."""
     return estimated(*pseudo_values(statistic), confidence)
 
 
@@ -102,8 +83,8 @@ def quantile_of(
 ) -> tuple[Array, Array]:
     """Return a quantile of each row of ``(k, N)`` and its distribution-free interval, ``(k,)`` and ``(2, k)``.
 
-    The order statistics at rank 1 + (N - 1) p are interpolated linearly, as in :class:`precision_pin.statistics.Distribution`.
-    The interval is NaN where the samples are too few for one.
+    The order statistics at rank 1 + (N - 1) p are interpolated linearly, as in
+    :class:`precision_pin.statistics.Distribution`. The interval is NaN where the samples are too few for one.
     """
     count = values.shape[1]
     position = (count - 1) * probability
@@ -118,7 +99,7 @@ def quantile_of(
 
 
 def half_widths(pseudo: Array, confidence: float) -> Array:
-    """Return the half-widths of the intervals of means of ``(REPLICATES, …)``, for skewed means those of the longer side."""
+    """Return the half-widths of intervals of means of ``(REPLICATES, …)``; of a skewed mean, the longer side."""
     middle, spread = pseudo.mean(axis=0), pseudo.std(axis=0)
     varies = spread > _ROUNDING * np.abs(middle)
     cubes = ((pseudo - middle) ** 3).mean(axis=0)
@@ -148,7 +129,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
 def law_breaks(space: Space) -> list[tuple[float, ...]]:
-    """Return, for each component, the uniform numbers at which the inverse of its law has jumps or kinks."""
+    """Return, for each component, the uniform numbers at which the inverse of its law jumps or kinks."""
     result: list[tuple[float, ...]] = []
     for draw in space.draws:
         breaks = tuple(draw.law.breaks) if draw.law.size == 1 else ()
@@ -162,12 +143,10 @@ class Marginals:
     """Nodes along each of d uniform numbers.
 
     Attributes:
-        uniforms: ``(d, M)`` nodes along the first number, then those along the second, …, with all other numbers at
-            1/2.
-        weights: ``(M,)`` probability of each node, with the sum 1 for each number.
+        uniforms: ``(d, M)`` nodes along the first number, then along the second, …, with all others at 1/2.
+        weights: ``(M,)`` probability of each node; they sum to 1 along each number.
         columns: Columns of the nodes of each number.
-        points: Points in a replicate.
-        is_net: True if a replicate is a net, false if it is random.
+        points, is_net: Points in a replicate, and whether they form a net instead of being random.
     """
 
     uniforms: Array
@@ -178,14 +157,7 @@ class Marginals:
 
     @classmethod
     def of(cls, dimension: int, points: int, *, is_net: bool, breaks: Sequence[tuple[float, ...]] = ()) -> Marginals:
-        """Return the nodes.
-
-        Args:
-            dimension: Number of uniform numbers, d.
-            points: Points in a replicate.
-            is_net: True if a replicate is a net.
-            breaks: Jumps and kinks of each number's law, as from :func:`law_breaks`.
-        """
+        """Return the nodes for a dimension d, with jumps and kinks as from :func:`law_breaks`."""
         lines = [_line(points, tuple(breaks[number]) if breaks else ()) for number in range(dimension)]
         ends = np.cumsum([0, *(u.size for u, _ in lines)]).tolist()
         columns = tuple(map(slice, ends, ends[1:]))
@@ -205,12 +177,12 @@ class Marginals:
     def is_resolved(
         self, contributions: Array, replicate_variance: Array, factors: Array | None = None
     ) -> NDArray[np.bool_]:
-        """Return ``(q,)`` whether the mean of a statistic over all samples is sufficiently near to normal.
+        """Return ``(q,)`` whether the mean of a statistic over all samples is close enough to normal.
 
         Args:
-            contributions: ``(q, M)`` contribution of a sample at each node to the mean.
+            contributions, factors: ``(q, M)`` contribution of a sample at each node; factors along each number, ``(d,
+                q)``.
             replicate_variance: ``(q,)`` sampled variance of a replicate's mean.
-            factors: ``(d, q)`` factors of the contributions along each number, by default 1.
         """
         second, third = np.zeros(len(contributions)), np.zeros(len(contributions))
         for number, where in enumerate(self.columns):
@@ -229,7 +201,7 @@ class Marginals:
         return np.abs(third) <= limit
 
     def outermost(self, numbers: Sequence[int], samples: int) -> tuple[NDArray[np.intp], Array]:
-        """Return the outermost nodes along some numbers, beyond which few of the samples lie, and their weights."""
+        """Return the outermost nodes along some numbers, beyond which few samples lie, and their weights."""
         inside = np.ones(self.weights.size, dtype=bool)
         for number in numbers:
             u = self.uniforms[number, self.columns[number]]
@@ -246,7 +218,7 @@ class Marginals:
 
 
 def _line(points: int, breaks: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return nodes and weights on (0, 1), in cells of two octaves towards both ends with edges at 1/n and all breaks."""
+    """Return nodes and weights on (0, 1), in cells of two octaves towards both ends, split at 1/n and all breaks."""
     middle = -round(math.log2(points))
     outer = np.exp2([*range(middle, _DEEPEST, -_STEP), float(_DEEPEST)])
     inner = np.exp2([*range(middle, -1, _STEP), -1.0])

@@ -36,11 +36,11 @@ class PoseResult(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Outcome(Record, JsonResult):
-    """What every analysis returns, with a table or without; a subclass declares the keys of its JSON, ``"*head"`` first.
+    """Base of every result, with or without a table; a subclass declares the keys of its JSON, ``"*head"`` first.
 
     Attributes:
         provenance: Robot, seed and software versions.
-        findings: Findings passed in, such as those of the sheet; of a calibration its warnings too.
+        findings: Findings passed in, such as those of the sheet; for a calibration also its own warnings.
         warnings: One line each: the findings, then the warnings of the analysis; empty where all are findings.
     """
 
@@ -59,35 +59,35 @@ class Outcome(Record, JsonResult):
         return self.warnings[len(dict.fromkeys(map(str, self.findings))) :]
 
     def _output(self, place: str) -> Any:
-        """Return ``module:name`` of the result's own folder, imported late: outputs rest on results, not results on outputs."""
+        """Return ``module:name`` from the result's own folder; imported late, because outputs depend on results."""
         return load(f"{type(self).__module__.rpartition('.')[0]}.{place}")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class AnalysisResult(Outcome):
-    """Result of an analysis as a data frame and a picture.
+    """Result of an analysis that converts to a data frame and a figure.
 
-    The keys of its JSON are ``"*head"``, its settings, ``assumptions``, ``warnings``, ``findings`` and what it found.
+    The keys of its JSON are ``"*head"``, its settings, ``assumptions``, ``warnings``, ``findings`` and its values.
 
     Attributes:
-        ASSUMPTIONS: Assumptions that every result of the class has.
+        ASSUMPTIONS: Assumptions that hold for every result of the class.
     """
 
     ASSUMPTIONS: ClassVar[tuple[str, ...]] = ()
 
     @property
     def met(self) -> bool | None:
-        """True if every specification is met, and for an analysis without; ``None`` where none could be looked at."""
+        """Whether every specification is met; true without any, ``None`` where none could be judged."""
         return True
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """Assumptions of the numbers, one sentence each."""
+        """Assumptions behind the numbers, one sentence each."""
         return self.ASSUMPTIONS
 
     @property
     def summary(self) -> str:
-        """What `repr` says of the result, beside the arm."""
+        """Text of `repr` after the arm."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -95,7 +95,7 @@ class AnalysisResult(Outcome):
         return f"<{type(self).__name__} of {of.robot!r}, {of.base!r} to {of.tip!r}: {self.summary}>"
 
     def settings(self) -> dict[str, Any]:
-        """Return the settings of the JSON and of data frames: its keys from the head to the findings."""
+        """Return the settings for the JSON and data frames: its keys from the head to the findings."""
         return self.encoded(self.KEYS[: self.KEYS.index("findings") + 1])
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -133,7 +133,7 @@ class Result(AnalysisResult):
     A subclass adds its own settings, :meth:`to_pandas` and the three parts of the notebook view.
 
     Attributes:
-        samples, confidence: Number of samples at each pose; confidence of each interval by itself.
+        samples, confidence: Number of samples at each pose; confidence of each single interval.
         poses: One entry for each pose.
     """
 
@@ -149,10 +149,9 @@ class Result(AnalysisResult):
         """Draw the result at one of its poses.
 
         Args:
-            pose: Number of the pose, from 0.
-            quantity: Panel to draw on given axes, ``"position"`` or ``"attitude"``; a new figure shows both.
-            axes: Matplotlib axes to draw one panel on; ``None`` creates a figure with all panels, a legend and a
-                caption.
+            pose: Index of the pose, from 0.
+            quantity: Panel to draw on given axes; a new figure shows both.
+            axes: Matplotlib axes for one panel; ``None`` creates a figure with all panels, a legend and a caption.
 
         Returns:
             The given axes, or the new figure, which a notebook shows and ``savefig`` writes.
@@ -171,16 +170,16 @@ class Result(AnalysisResult):
 
     @property
     def labels(self) -> list[str]:
-        """Names of the poses in data frames, all different."""
+        """Distinct names of the poses for data frames."""
         return pose_labels([entry.pose.name for entry in self.poses])
 
     def attributes(self) -> dict[str, Any]:
-        """Return the attributes of a data frame: the JSON with the joint values only of the poses."""
+        """Return the attributes of a data frame: the JSON with only the joint values of the poses."""
         joints = {label: dict(entry.pose.q) for label, entry in zip(self.labels, self.poses, strict=True)}
         return self.settings() | {"poses": joints}
 
     def _frame(self, level: str, rows: Callable[[Any], Iterable[tuple[Any, Mapping[str, Any]]]]) -> pandas.DataFrame:
-        """Return the rows of each entry of ``poses``, a label and columns each, as a data frame of poses and ``level``."""
+        """Return a data frame indexed by pose and ``level``; ``rows`` gives label and columns of each row of a pose."""
         made = [
             ((label, name), columns)
             for label, pose in zip(self.labels, self.poses, strict=True)
@@ -201,7 +200,6 @@ class Result(AnalysisResult):
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: mm and mrad."""
         hidden = len(self.poses) - MOST_POSES
         return rendered(
             f"{self._title()} of {self.provenance.arm}",
@@ -216,5 +214,5 @@ def name_pose(pose: PoseLabel) -> str:
 
 
 def list_warnings(findings: Iterable[Finding], found: Iterable[str]) -> tuple[str, ...]:
-    """Return findings and further warnings as lines, without repetitions."""
+    """Return findings and further warnings as lines without repetitions."""
     return tuple(dict.fromkeys((*map(str, findings), *found)))

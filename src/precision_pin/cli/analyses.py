@@ -43,7 +43,7 @@ _SHARED: Final[dict[str, shared.Decorator]] = {
     "plot": shared.output_option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there."),
     "messages": shared.together(shared.all_warnings_option, shared.quiet_option),
 }
-"""Options that declarations give by a word."""
+"""Groups of options by the word that declares them."""
 _LISTED: Final = "precision_pin.statistics.plan:listed_specifications"
 
 
@@ -84,7 +84,6 @@ def _option(option: Option) -> shared.Decorator:
 
 
 def _run(declaration: Declaration, options: dict[str, Any]) -> int:
-    """Run an analysis as its command; returns the exit code."""
     outputs, sheets = _check(declaration, options)
     read = {name: read_sheet({**options, **own}, outputs) for name, own in sheets.items()}
     first = next(iter(read.values()))
@@ -125,11 +124,7 @@ def _run(declaration: Declaration, options: dict[str, Any]) -> int:
 
 
 def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, Mapping[str, Any]]:
-    """Refuse wrong options and unwritable outputs before any work.
-
-    Returns:
-        The outputs, and for each sheet by name the options with which it is read.
-    """
+    """Reject wrong options and unwritable outputs before any work; return outputs, and each sheet's options by name."""
     from precision_pin.draws.space import check_seed
 
     if "seed" in options:
@@ -165,7 +160,6 @@ def _texts(value: str | Iterable[str] | None) -> Iterable[str]:
 
 
 def _at_poses(declaration: Declaration, asked: Asked) -> Job:
-    """Return the run of an analysis at the poses of the command line, with a figure for each."""
     from precision_pin.model.error_model import ErrorModel
 
     poses = asked.read_poses()
@@ -190,7 +184,7 @@ def _at_poses(declaration: Declaration, asked: Asked) -> Job:
 
 
 def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[str, Any]) -> None:
-    """Print a result and write the requested files: ``NAME.json`` and the figures in a folder, and those of other options."""
+    """Print a result and write the requested files: ``NAME.json`` and figures in a folder, and those of options."""
     json_path, out, stem = options["json_path"], options["out"], job.stem or declaration.name
     write = job.write or (lambda _: ())
     if job.is_written_first:
@@ -212,10 +206,10 @@ def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[st
 
 
 def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what: str = "", **options: Any) -> Any:
-    """Return the result of an analysis for a page that shows it, at poses as its function takes them; print its warnings.
+    """Return the result of an analysis for a page, at poses in the form of its function; print its warnings.
 
-    ``what`` names the progress, by default as the command does; ``options`` are values that are not the defaults, by argument.
-    The findings of the sheet stand on the page already.
+    ``what`` labels the progress, by default as the command does; ``options`` are non-default values by argument. The
+    findings of the sheet are already on the page.
     """
     declaration = declarations()[name]
     assert declaration.prepare is not None

@@ -28,7 +28,7 @@ FILES_OF_POSES: Final = ("poses.json", "position.*", "attitude.*")
 """Files written to a folder."""
 
 MOST_UNTIL: Final = 10**9
-"""The most samples until a result is precise enough, where no number is given."""
+"""Largest number of samples of ``--until`` if no number is given."""
 
 
 @click.command("analyze", cls=shared.SamplingCommand)
@@ -173,7 +173,7 @@ def _analyze_poses(
 
 
 def _find(error_model: ErrorModel, poses: Sequence[AskedPose], model: Any) -> tuple[Finding, ...]:
-    """Return the warnings at each pose, as an analysis of it has them; beyond the first 200, those about joint limits."""
+    """Return the warnings at each pose, as for its analysis; beyond the first 200, those about joint limits."""
     from precision_pin.model.verdict_grounds import MOST_POSES, exact_findings
     from precision_pin.render.tables import pose_labels
 

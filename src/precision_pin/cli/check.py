@@ -1,4 +1,4 @@
-"""``precision-pin check`` and ``mcpc``, which take a URDF without a sheet too."""
+"""``precision-pin check`` and ``mcpc``, which also accept a URDF without a sheet."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _findings(arm: Options) -> tuple[Finding, ...]:
 
 
 def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
-    """Return the warnings and errors of an analysis at each of the sheet's poses; for very many poses, joint limits only."""
+    """Return the warnings and errors of an analysis at each pose of the sheet; for very many, joint limits only."""
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.model.verdict_grounds import MOST_POSES, pose_findings
 
@@ -90,7 +90,6 @@ def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
 
 
 def _allocation_findings(sheet: Sheet) -> tuple[Finding, ...]:
-    """Return the errors in ``allocate:``, if the sheet has it."""
     if sheet.contents is None or "allocate" not in sheet.contents.text.data:
         return ()
     from precision_pin.analyses.allocation.problem import check_problem, read_problem
@@ -106,7 +105,7 @@ def _allocation_findings(sheet: Sheet) -> tuple[Finding, ...]:
     except InputError as error:
         if sheet.estimates is None:
             return error.findings
-        # all commands but one take the sheet
+        # all commands but one read the sheet
         return tuple(replace(one, severity="warning", code="W_ALLOCATE") for one in error.findings)
     return ()
 

@@ -1,4 +1,4 @@
-"""Every command: its line in the list, and itself, imported only when it runs."""
+"""Every command and its line in the list; its module is imported only when it runs."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "schema": ("precision_pin.cli.explain:schema", HELP, "Print the JSON schema of the sheet."),
     "doctor": ("precision_pin.cli.explain:doctor", HELP, "Print versions and paths."),
 }
-"""The module whose ``command`` runs, or a name in it, the heading in the list, and the line below it; without analyses."""
+"""Module (or a name in it) of the command, heading in the list, and the line below it; without the analyses."""
 
 
 def list_commands() -> dict[str, str]:
-    """Return the line of every command by its name, main command first, then the analyses."""
+    """Return the line of every command by name, main command first, then the analyses."""
     return {name: line for lines in list_groups().values() for name, line in lines.items()}
 
 

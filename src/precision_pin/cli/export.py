@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 MOST_UNITS: Final = 100_000
 FEW_UNITS: Final = 100
-"""Units that are written without an estimate."""
+"""Number of units written without an estimate."""
 TRIALS: Final = 4
 ROW: Final = 300
 """Bytes of a row of the table."""
 LONG: Final = 10.0
 LARGE: Final = 100_000_000
-"""Seconds or bytes from which an estimate is printed."""
+"""Seconds or bytes above which an estimate is printed."""
 FILES: Final = ("units.csv", "*.unit*.urdf")
 HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
 
@@ -89,11 +89,10 @@ def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
 
 
 def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) -> None:
-    """Print an estimate of time and size, where they are large."""
     seconds, largest = math.inf, 0
     started = time.perf_counter()
     for built in writer.units(seed, first, TRIALS):
-        # the first ones also prepare what the others share
+        # the first units also prepare what the others share
         seconds = min(seconds, time.perf_counter() - started)
         largest = max(largest, len(built.text))
         started = time.perf_counter()
@@ -111,7 +110,6 @@ def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) 
 
 
 def _size(size: float) -> str:
-    """Return a number of bytes as kB, MB or GB."""
     unit, name = next(((unit, name) for unit, name in ((1e9, "GB"), (1e6, "MB")) if size >= unit), (1e3, "kB"))
     return f"{size / unit:.0f} {name}" if size >= 10 * unit else f"{size / unit:.1f} {name}"
 
@@ -133,7 +131,7 @@ def _added(writer: AsBuilt) -> Iterator[Finding]:
 
 
 def _lost_meshes(writer: AsBuilt, old: Path, new: Path) -> Iterator[Finding]:
-    """Yield a warning where relative names of meshes lead nowhere from the new folder."""
+    """Yield a warning if relative mesh names do not resolve from the new folder."""
     relative = [name for name in writer.original.meshes if "://" not in name and not os.path.isabs(name)]
     lost = [name for name in relative if os.path.isfile(old / name) and not os.path.isfile(new / name)]
     if lost:

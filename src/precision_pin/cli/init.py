@@ -91,7 +91,7 @@ def command(
 
 
 def _expanded(robot: str, arguments: tuple[str, ...], *, force: bool) -> str:
-    """Return the robot; of one written in xacro the URDF, which is written into this folder."""
+    """Return the robot, converted from xacro to a URDF in this folder if necessary."""
     from precision_pin.robot.examples import DESCRIPTIONS, expand, read_arguments, xacro_source
 
     given, source = read_arguments(arguments), xacro_source(robot)
@@ -108,7 +108,7 @@ def _expanded(robot: str, arguments: tuple[str, ...], *, force: bool) -> str:
 
 
 def _mended(robot: str, *, force: bool) -> str:
-    """Return the robot; of one with inertias that no body can have the copy without, which is written into this folder."""
+    """Return the robot, or its copy in this folder with inertias that a body can have."""
     from precision_pin.robot.examples import resolve_robot
     from precision_pin.robot.urdf.reader import mended
 
@@ -123,7 +123,7 @@ def _mended(robot: str, *, force: bool) -> str:
 
 
 def _new_urdf(name: str, *, force: bool) -> Path:
-    """Return the path of a URDF to write into this folder, which is not there or may be written over."""
+    """Return the path of a new URDF in this folder; an existing file needs ``force``."""
     target = Path(name)
     if target.exists() and not force:
         message = f"{target} exists; --force writes it anew, or run precision-pin init {shlex.quote(str(target))}"

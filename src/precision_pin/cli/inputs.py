@@ -1,4 +1,4 @@
-"""The robot, sheet and pose that a command line means."""
+"""The robot, sheet and pose of a command line."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ MOST_LEAVES: Final = 6
 @final
 @dataclass(frozen=True)
 class Inputs:
-    """The robot and sheet of a command line; ``robot`` is ``None`` where the sheet names it."""
+    """The robot and sheet of a command line; ``robot`` is ``None`` if the sheet names it."""
 
     robot: Path | None
     sheet: Path | None
 
 
 def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
-    """Return which of the arguments is the robot and which the sheet; with none, the paper's.
+    """Return which argument is the robot and which the sheet; without arguments, the paper's.
 
-    A robot alone goes with the sheet beside it, or the one of its name in the working folder, where ``init`` writes it, or,
-    as ``example:NAME``, with the one that comes with this package; stderr says so for all but the first.
+    A robot alone goes with the sheet beside it, or the one of its name in the working folder, where ``init`` writes it,
+    or, as ``example:NAME``, with the shipped one; stderr reports all but the first.
     """
     if not arguments:
         return Inputs(None, PAPER_SHEET)
@@ -57,7 +57,7 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
 
 
 def _refuse_misnamed(robot: Path | None, sheet: Path | None) -> None:
-    """Refuse a sheet that would be read as a robot for its name, or a robot that would be read as a sheet."""
+    """Reject a sheet whose name would make it a robot, and the reverse."""
     if robot is not None and re.search(rb"^precision-pin:", _beginning(robot), re.MULTILINE):
         message = "this is a sheet; name it .yaml or .yml, so that it is taken for one"
         raise InputError.of("E_FILE_KIND", message, str(robot))
@@ -77,7 +77,7 @@ def _beginning(path: Path) -> bytes:
 
 
 def _sheet_of(name: str, robot: Path) -> Path:
-    """Return the sheet for a robot given alone; a file that is not a URDF is refused before a missing sheet is."""
+    """Return the sheet for a robot given alone; a file that is not a URDF is rejected before a missing sheet."""
     from precision_pin.robot import urdf
 
     if not os.path.isfile(robot):
@@ -115,7 +115,7 @@ def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
 
 
 def read_inputs(found: Inputs, options: Options) -> Sheet:
-    """Read the sheet of a command line, with its robot if one is given, and the changes of ``--set``."""
+    """Read the sheet of a command line, with its robot if given, and apply ``--set``."""
     from precision_pin.sheet import Overrides, parse_change, read
     from precision_pin.sheet.chain_entry import parse_target
 
@@ -144,7 +144,7 @@ def read_inputs(found: Inputs, options: Options) -> Sheet:
 
 
 def _other_robot(found: Inputs) -> str | None:
-    """Return the robot that a sheet names; None if it is the one of the command line or cannot be determined."""
+    """Return the robot that a sheet names; None if it is the command line's or unknown."""
     from precision_pin.sheet.text import read_text
 
     if found.sheet is None or found.robot is None:
@@ -165,7 +165,7 @@ def echo_findings(findings: Sequence[Finding]) -> None:
 
 
 def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[np.float64] | None:
-    """Return which pose ``--pose`` or ``--q`` asks for: a name, joint values ``(n,)``, or None for the sheet's first."""
+    """Return the pose of ``--pose`` or ``--q``: a name, joint values ``(n,)``, or None for the sheet's first."""
     from precision_pin.sheet import parse_pose, pose_remark
 
     if pose is not None and q is not None:
@@ -186,13 +186,13 @@ def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[
 
 
 def _joint_values(text: str) -> str | list[str] | dict[str, str]:
-    """Return ``--q`` as a sheet would have it: one text, ``a, b, c`` or ``joint1: a, joint2: b``."""
+    """Return ``--q`` as in a sheet: one text, ``a, b, c`` or ``joint1: a, joint2: b``."""
     entries = [entry.strip() for entry in text.split(",")]
     if ":" not in text:
         return entries if len(entries) > 1 else text
     values: dict[str, str] = {}
     for entry in entries:
-        # a name may itself hold a colon, a value never does
+        # a name may contain a colon, a value never does
         name, colon, value = (part.strip() for part in entry.rpartition(":"))
         if not colon:
             raise InputError(f"{entry!r} names no joint; write 'joint: value' for each, or values in chain order")

@@ -24,7 +24,7 @@ _NUMBERS: Final = (
     ("attitude_std", units.ANGLE, 1),
     *((name, units.LENGTH, 3) for name in ("point", "anchor", "visible_from")),
 )
-"""Options with numbers, and how many."""
+"""Numeric options with their count of numbers."""
 _option: Final = partial(headed_option, heading="Instrument")
 
 measurement_options: Final = together(
@@ -60,17 +60,14 @@ measurement_options: Final = together(
 
 
 def measurement_of(sheet: Sheet, options: Options) -> Measurement:
-    """Return the only one of :func:`measurements_of`; an :class:`InputError` where there are several."""
+    """Return the only measurement of :func:`measurements_of`; an :class:`InputError` if there are several."""
     from precision_pin.sheet.measurement import only_one
 
     return only_one(measurements_of(sheet, options))
 
 
 def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
-    """Return the measurements that the options and, where they say nothing, the sheet's ``measurement:`` describe.
-
-    Of several that the sheet lists ``--kind`` picks.
-    """
+    """Return the measurements of the options and the sheet's ``measurement:``; ``--kind`` selects one of several."""
     from precision_pin.sheet.measurement import Measurement
 
     listed, kind = sheet.measurements or (Measurement(),), options["kind"]
@@ -107,7 +104,7 @@ def _changed(stated: Measurement, options: Options) -> Measurement:
 
 
 def calibration_of(sheet: Sheet, data: str) -> CalibrationResult:
-    """Return the fit of the sheet to readings of its own instrument, for a page that shows it; print its warnings."""
+    """Return the fit of the sheet to readings of its own instrument, for a page; print its warnings."""
     from precision_pin.analyses.calibration.calibrate import calibrate
     from precision_pin.model.error_model import ErrorModel
 

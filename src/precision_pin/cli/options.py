@@ -27,14 +27,14 @@ Options = Mapping[str, Any]
 Decorator = Callable[[Any], Any]
 _OWN: Final = "Options"
 _LAST: Final = (POSES, ROBOT, SAMPLING, OUTPUT)
-"""The headings that are alike in all commands, in their order after a command's own."""
+"""Headings common to all commands, in their order after a command's own."""
 
 
 class Command(click.Command):
-    """A command that refuses an option given twice where one is meant, and more than one robot and one sheet."""
+    """A command that rejects a repeated single option, and more than one robot and one sheet."""
 
     data_suffixes: tuple[str, ...] = ()
-    """Ends of the names of inputs that are data beside robot and sheet."""
+    """Suffixes of inputs that are data beside robot and sheet."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments."""
@@ -52,12 +52,12 @@ class Command(click.Command):
         left = super().parse_args(ctx, args)
         inputs = [text for text in ctx.params.get("inputs") or () if not text.lower().endswith(self.data_suffixes)]
         if len(inputs) > 2:
-            # before what an unquoted option value left behind is taken for the value
+            # before a leftover of an unquoted option value is taken for the value
             raise click.UsageError(describe_excess(inputs), ctx)
         return left
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options: those without a heading first, then those under the command's own, then those of all commands."""
+        """Write the options: those without a heading, those under the command's own headings, then the common ones."""
         groups: dict[str, list[tuple[str, str]]] = {_OWN: []}
         help_option = self.get_help_option(ctx)
         for option in self.get_params(ctx):
@@ -70,10 +70,7 @@ class Command(click.Command):
                 formatter.write_dl(groups[heading])
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command if the libraries can be loaded; it prints the package's warnings among its findings.
-
-        ``doctor`` runs anyway and reports what is missing.
-        """
+        """Run the command if the libraries load (``doctor`` always), with the package's warnings as findings."""
         if self.name != "doctor":
             require_resources()
         with warnings.catch_warnings():
@@ -82,7 +79,7 @@ class Command(click.Command):
 
 
 class SamplingCommand(Command):
-    """A command that samples: on a machine where nothing is compiled yet, that begins while the inputs are read."""
+    """A command that samples: where nothing is compiled yet, compilation starts while the inputs are read."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""
@@ -109,7 +106,7 @@ output_option: Final = partial(headed_option, heading=OUTPUT)
 
 
 def together(*options: Decorator) -> Decorator:
-    """Return what adds several options to a command, in their order."""
+    """Return a decorator that adds several options to a command, in their order."""
 
     def add(command: Any) -> Any:
         for option in reversed(options):
@@ -208,7 +205,7 @@ layer_options: Final = together(
         "show readings against predictions.",
     ),
 )
-"""Options of what a page shows beside the arm."""
+"""Options of the layers of a page beside the arm."""
 pose_options: Final = together(
     pose_option(
         "--pose",
@@ -236,7 +233,7 @@ pose_options: Final = together(
     ),
     pose_option("--approach", metavar="DIRECTIONS", help=f'{_APPROACH_HELP}, or "previous": from the pose before it.'),
 )
-"""Options that :func:`precision_pin.cli.poses.read_poses` turns into poses."""
+"""Options for :func:`precision_pin.cli.poses.read_poses`."""
 arm_options: Final = together(inputs_argument, pose_options, target_option, chain_options)
 """Robot, sheet and poses of a command that shows or samples them."""
 one_pose_options: Final = together(
@@ -252,7 +249,7 @@ one_pose_options: Final = together(
 
 
 def layer_files(options: Options) -> list[str]:
-    """Return the files of what a page shows beside the arm."""
+    """Return the files of the layers of a page."""
     files = (options[f"{name}_file"] for name in ("map", "path", "compensate", "calibrate"))
     return [file for file in files if file is not None]
 
@@ -277,7 +274,7 @@ worker_options: Final = together(
 
 
 def check_workers(options: Options) -> None:
-    """Refuse more than one kind of worker, and ``--resume`` without ``--journal``."""
+    """Reject more than one kind of worker, and ``--resume`` without ``--journal``."""
     asked = [f"--{name}" for name in ("threads", "processes", "dask") if options[name] is not None]
     if len(asked) > 1:
         raise click.UsageError(f"{' and '.join(asked)} exclude each other")
@@ -287,7 +284,7 @@ def check_workers(options: Options) -> None:
 
 @contextmanager
 def working(options: Options) -> Iterator[dict[str, Any]]:
-    """Start what samples, and end it; yields the arguments of functions that sample; an interrupt says what the journal holds."""
+    """Start and stop the workers; yields the sampling arguments. An interrupt reports what the journal holds."""
     from precision_pin.sampling import dask_cluster
 
     with ExitStack() as stack:
@@ -305,7 +302,7 @@ def working(options: Options) -> Iterator[dict[str, Any]]:
 
 
 def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -> None:
-    """Compile the sampler of a model, if it never was on this machine, and show progress."""
+    """Compile the sampler of a model with progress, if this machine never did."""
     from precision_pin.base.compile_ahead import COMPILING_NOTE, shown_by, silent
     from precision_pin.base.progress import compilation
     from precision_pin.kernel import sampler
@@ -323,7 +320,7 @@ def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -
 
 @contextmanager
 def progress_bar(total: int, what: str, unit: str = "samples", delay: float = 0.7) -> Iterator[Callable[[int], None]]:
-    """Show progress on a terminal after ``delay`` s, unless quiet; yield what takes the steps and stops at an interrupt."""
+    """Show progress on a terminal after ``delay`` s, unless quiet; yield a step function that stops at an interrupt."""
     if is_given("quiet"):
         yield lambda _: raise_if_interrupted()
         return

@@ -1,4 +1,4 @@
-"""The poses that a command line means: by name, by joint values, all of the sheet's, those of a trajectory or a grid."""
+"""The poses of a command line: by name, by joint values, all of the sheet's, those of a trajectory or a grid."""
 
 from __future__ import annotations
 
@@ -23,18 +23,15 @@ if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
 
 MOST_ROWS: Final = 2**20 - 1
-"""The most poses of a trajectory or a grid where a command sets no lower bound: draws of pose scope can be made at no more."""
+"""Default limit of a trajectory or grid, the largest number of poses for draws of pose scope."""
 _LARGE: Final = 2**20
-"""Bytes of a trajectory from which its reading is shown at once, without waiting whether it takes long."""
+"""Bytes of a trajectory from which progress of its reading is shown at once."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class AskedPose:
-    """A requested pose, as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it, and its name.
-
-    In a trajectory the name is the time or row; it is empty where there is none.
-    """
+    """A pose as for :meth:`precision_pin.model.error_model.ErrorModel.at`; a trajectory's has time or row as name."""
 
     where: str | NDArray[np.float64] | ApproachedPose | None
     name: str
@@ -42,19 +39,19 @@ class AskedPose:
 
 @final
 class AskedPoses(list[AskedPose]):
-    """The requested poses in order, and warnings about poses of a grid that are left out, since no joint values lead there."""
+    """The requested poses in order, with warnings about unreachable poses of a grid that are left out."""
 
     def __init__(self, poses: Iterable[AskedPose], left_out: tuple[Finding, ...] = ()) -> None:
         super().__init__(poses)
         self.left_out = left_out
 
     def noted_in(self, sheet: Sheet) -> Sheet:
-        """Return a sheet with the warnings about poses that are left out, so that they get into results."""
+        """Return a sheet with the warnings about poses that are left out, so that results include them."""
         return replace(sheet, findings=(*sheet.findings, *self.left_out))
 
 
 def check_poses(options: Options) -> None:
-    """Refuse two ways to name poses at once, and steps without a trajectory."""
+    """Reject two ways to name poses at once, and steps without a trajectory."""
     flags = {"pose_names": "--pose", "all_poses": "--all-poses", "qs": "--q"}
     flags |= {"trajectory": "--trajectory", "grid": "--grid"}
     given = [flag for name, flag in flags.items() if options[name] not in (None, False, ())]
@@ -65,15 +62,12 @@ def check_poses(options: Options) -> None:
 
 
 def pose_files(options: Options) -> list[str]:
-    """Return the files that hold the poses, which no output may overwrite."""
+    """Return the files of the poses, which no output may overwrite."""
     return [file for file in (options["trajectory"], options["grid"]) if file is not None]
 
 
 def read_poses(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> AskedPoses:
-    """Return the poses that the options ask for, the sheet's first where they ask for none.
-
-    Poses of a grid whose joint values are not known are left out, with a warning.
-    """
+    """Return the requested poses, by default the sheet's first; unknown poses of a grid are left out with a warning."""
     poses = _read_poses(sheet, options, most)
     return poses if options["approach"] is None else approach_poses(sheet, poses, options["approach"])
 
@@ -93,7 +87,6 @@ def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses
 
 
 def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDArray[np.int8]:
-    """Return the approach of poses ``(n, P)`` that ``--approach`` asks for, ``(n, P)``."""
     import numpy as np
 
     from precision_pin.robot.approach import PREVIOUS, approaches_along, read_approach
@@ -102,7 +95,7 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
         if values.shape[1] < 2:
             message = "--approach previous is the way from the pose before, and there is one pose; give + or - by joint"
             raise InputError.of("E_POSE", message)
-        # a pose of a grid that is not reached is not passed on the way
+        # an unreached pose of a grid is not on the path
         known = np.isfinite(values[0])
         found = np.zeros(values.shape, dtype=np.int8)
         found[:, known] = approaches_along(values[:, known])
@@ -115,7 +108,7 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
 
 
 def pose_values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
-    """Return the joint values of a pose without an approach."""
+    """Return the joint values of a pose without its approach."""
     where = next(iter(sheet.poses)) if pose.where is None else pose.where
     if isinstance(where, str):
         if where not in sheet.poses:
@@ -140,14 +133,13 @@ def _read_poses(sheet: Sheet, options: Options, most: int) -> AskedPoses:
 
 
 def read_pose_set(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> PoseSet:
-    """Return the poses that the options ask for with status and approach of each, the sheet's first if for none."""
+    """Return the requested poses with their statuses and approaches, by default the sheet's first."""
     poses = _read_pose_set(sheet, options, most)
     approach = options["approach"]
     return poses if approach is None else replace(poses, approaches=_approaches(sheet, poses.q, approach))
 
 
 def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
-    """Return the poses, those of the sheet with their own approaches."""
     import numpy as np
 
     from precision_pin.robot.pose_set import PoseSet
@@ -169,7 +161,7 @@ def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
 
 
 def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -> Trajectory:
-    """Return the trajectory of a file, with the poses between its rows that ``--step`` asks for."""
+    """Return the trajectory of a file, with the poses between its rows requested by ``--step``."""
     from precision_pin.base import units
     from precision_pin.robot.trajectory import read_trajectory
 
@@ -194,7 +186,7 @@ def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -
 
 
 def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] | None:
-    """Return the pose that ``--relative-to`` names: one of the sheet's, or joint values as for ``--q``."""
+    """Return the pose of ``--relative-to``: a name, or joint values as for ``--q``."""
     if text is None or text in sheet.poses:
         return text
     try:
@@ -206,7 +198,7 @@ def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] 
 
 
 def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
-    """Return the poses of a file for ``--grid``, those without joint values too."""
+    """Return the poses of a file for ``--grid``, including those without joint values."""
     from precision_pin.sheet.pose_grid import read_pose_grid
 
     grid = read_pose_grid(file, sheet.chain, sheet.poses)
@@ -223,7 +215,6 @@ def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
 
 
 def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
-    """Return the poses with joint values, and a warning about the others."""
     known = poses.known
     if not known.any():
         message = f"no joint values lead to any of the {len(poses):,} poses: {_counted(poses.status)}"

@@ -1,4 +1,4 @@
-"""The command line read and run, and every way in which that can end as an exit code."""
+"""Runs the command line, and turns every way in which it can end into an exit code."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class LateGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Suggest the nearest command for an unknown name."""
+        """Suggest the closest command for an unknown name."""
         name = args[0] if args else ""
         if name not in list_commands() and not name.startswith("-"):
             ctx.fail(f"no command named {shown(name)}; {nearest(name, list_commands())}")
@@ -106,11 +106,11 @@ def _interrupted() -> int:
 
 
 class _InterruptedError(Exception):
-    """Ctrl-C, kept from click, which would print an empty line for it."""
+    """Ctrl-C, hidden from click, which would print an empty line for it."""
 
 
 def _usage_line(error: click.ClickException) -> str:
-    """Return a wrong command line's message as one line, with where help is."""
+    """Return a usage error as one line that names the help."""
     message = one_line(" ".join(error.format_message().split()).rstrip("."))
     context = getattr(error, "ctx", None)
     path = "precision-pin" if context is None else context.command_path

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _FRONT: Final = 7
 """Points of the front of cost against accuracy."""
 MOST_POSES: Final = 12
-"""The most poses of one page, each with all its analyses."""
+"""Largest number of poses of one page, each with all its analyses."""
 
 
 @click.command("report", cls=shared.SamplingCommand)
@@ -96,7 +96,7 @@ def command(samples: int, seed: int, specs: tuple[str, ...], is_allocated: bool,
     step = _Steps(count_steps(specifications, len(poses)) + asked_for)
     chapters, missed = [], []
     if arm["calibrate_file"] is not None:
-        # first: whether the readings are those of this arm shows in the fit alone
+        # first, because only the fit shows whether the readings are those of this arm
         with step("calibration", 0):
             fitted = calibration_of(sheet, arm["calibrate_file"])
     model = ErrorModel.from_sheet(sheet)
@@ -155,7 +155,7 @@ _FLAGS: Final = ("--all-poses", "--beyond-limits", "--allocate", "--full")
 
 
 def _given() -> list[str]:
-    """Return the options of the running command in an order of their own, files without their folders."""
+    """Return the options of the running command in a fixed order, files without their folders."""
     context = click.get_current_context()
     values = {option.opts[0]: context.params.get(option.name or "") for option in context.command.params}
     words = []
@@ -167,7 +167,7 @@ def _given() -> list[str]:
 
 
 def _check_allocation(sheet: Sheet) -> None:
-    """Refuse a sheet that asks for no allocation, before anything long begins."""
+    """Reject a sheet without an allocation before any long work."""
     from precision_pin.analyses.allocation.problem import read_problem
     from precision_pin.model.error_model import ErrorModel
 
@@ -183,7 +183,7 @@ def _choose_poses(sheet: Sheet, arm: shared.Options) -> AskedPoses:
 
 
 class _Steps:
-    """Says on stderr which step begins, and shows the progress of those that count samples."""
+    """Reports on stderr which step begins, with the progress of those that count samples."""
 
     def __init__(self, total: int) -> None:
         self._total = total
@@ -198,5 +198,4 @@ class _Steps:
 
 
 def _name(path: str) -> str:
-    """Return a file's or folder's own name; ``example:NAME`` is one."""
     return os.path.basename(os.path.normpath(path))

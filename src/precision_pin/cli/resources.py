@@ -14,14 +14,14 @@ NEEDED: Final = 10**9
 """Bytes of address space; with less, C++ libraries abort while they are loaded."""
 
 AMPLE: Final = 8 * 10**9
-"""With less, the threads of linear algebra, each of which reserves some of it, are left out."""
+"""Address space below which linear algebra runs without threads, each of which reserves some."""
 
 MOST_TRIED: Final = 128
-"""The most threads of linear algebra."""
+"""Largest number of threads of linear algebra."""
 
 
 def require_resources() -> None:
-    """Refuse limits with which the libraries cannot be loaded: of address space, and of threads."""
+    """Reject limits of address space or threads with which the libraries cannot be loaded."""
     limit = _address_space()
     if limit is not None and limit < NEEDED:
         raise _lack(
@@ -32,12 +32,12 @@ def require_resources() -> None:
     if not started:
         raise _lack("the system lets no thread start (a limit of processes or of memory, ulimit -a)")
     if started < wanted or (limit is not None and limit < AMPLE):
-        # libraries of linear algebra would send this process a SIGINT where threads are missing
+        # libraries of linear algebra would send this process a SIGINT if threads are missing
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _started(wanted: int) -> int:
-    """Return how many threads of so many could be started at a time."""
+    """Return how many of the wanted threads could be started simultaneously."""
     go = threading.Event()
     threads = [threading.Thread(target=go.wait) for _ in range(wanted)]
     started = 0
@@ -55,7 +55,7 @@ def _started(wanted: int) -> int:
 
 
 def shortage(error: Exception) -> InputError | None:
-    """Return the resource that the system refused, if that caused an error."""
+    """Return the error about the resource that the system refused, if that was the cause."""
     message = _message(error)
     return None if message is None else _lack(message)
 
@@ -74,7 +74,7 @@ def _message(error: Exception) -> str | None:
         return f"{error.strerror}; a limit of this system or of this shell (ulimit -a)"
     limit = _address_space()
     if limit is not None and limit < AMPLE:
-        # libraries say it in many ways: a segment that cannot be mapped, a function without a result
+        # libraries report it in many ways: a segment that cannot be mapped, a function without a result
         what = f"{type(error).__name__}: {error}"
         return f"this does not fit into the address space, which is limited to {limit / 1e6:.0f} MB ({what})"
     return None

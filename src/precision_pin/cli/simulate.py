@@ -18,9 +18,9 @@ from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_note
 
 _MOST: Final = 100_000
-"""Readings in a file."""
+"""Largest number of readings in a file."""
 _LONGEST: Final = 1000
-"""Characters of the comment that says what was simulated."""
+"""Largest length of the comment that describes the simulation."""
 
 
 @click.command("simulate", cls=shared.Command)

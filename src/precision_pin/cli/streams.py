@@ -1,8 +1,8 @@
 """Standard output and error that may be full, closed or gone.
 
-What goes wrong with them is kept until somebody asks, instead of coming out of every print, of the libraries' too, and of
-the interpreter when it ends. A message that cannot be shown is no reason to stop; data that cannot be is an error, unless
-its reader has gone, as ``head`` does, or there never was one.
+Their errors are kept until requested, instead of surfacing in every print, in libraries and at exit. A message that
+cannot be shown is ignored; data that cannot be written is an error, unless the reader has closed the stream, as
+``head`` does, or there never was one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from precision_pin.base.errors import OutputError, one_line
 
 _USUAL_COLUMNS: Final = 80
 _USUAL_ROWS: Final = 24
-"""Of a terminal that does not say."""
+"""Size of a terminal that does not report one."""
 _SAID: Final = f"{__name__}.said"
 """Rows of messages of the running command."""
 
@@ -64,7 +64,7 @@ class _Tolerant(io.RawIOBase):
 def prepare_streams() -> None:
     """Make stdout and stderr escape characters that they cannot encode."""
     for descriptor in range(3):
-        # a file that is opened later must not be taken for a stream, to which libraries write
+        # a file opened later must not get the descriptor of a stream, to which libraries write
         try:
             os.fstat(descriptor)
         except OSError:
@@ -76,17 +76,17 @@ def prepare_streams() -> None:
         elif type(stream) is io.TextIOWrapper and not isinstance(getattr(stream.buffer, "raw", None), _Tolerant):
             with suppress(OSError):
                 if stream.fileno() == descriptor:
-                    # stderr at once, as it was: what clears a progress bar ends in no line feed
+                    # stderr unbuffered, as before: what clears a progress bar does not end in a line feed
                     lines = stream.line_buffering or name == "stderr"
                     raw = _Tolerant(descriptor)
                     setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(raw), stream.encoding, line_buffering=lines))
         if isinstance(getattr(sys, name), io.TextIOWrapper):
-            # names may hold what a terminal cannot show; that is no reason to stop
+            # names may contain characters that the terminal cannot show, which is no reason to stop
             getattr(sys, name).reconfigure(errors="backslashreplace")
 
 
 def say(line: str) -> None:
-    """Print a line on stderr; a name in it cannot make two of it, only the width of a terminal can."""
+    """Print a line on stderr; a name in it cannot break it, only the width of a terminal can."""
     text = messages(one_line(line))
     click.echo(text, err=True)
     context = click.get_current_context(silent=True)
@@ -95,14 +95,14 @@ def say(line: str) -> None:
 
 
 def messages(text: str) -> str:
-    """Return lines as stderr shows them: short paths of what comes with a package, on a terminal wrapped at words."""
+    """Return lines as stderr shows them: short paths of package files, wrapped at words on a terminal."""
     from precision_pin.robot.examples import named_briefly  # late: --help needs it not
 
     return "\n".join(wrapped(line, sys.stderr) for line in named_briefly(text).split("\n"))
 
 
 def count_columns(stream: TextIO) -> int | None:
-    """Return how many columns the terminal of a stream has, None if the stream goes elsewhere."""
+    """Return the number of columns of a stream's terminal, None if the stream goes elsewhere."""
     if not stream.isatty():
         return None
     with suppress(OSError, ValueError):
@@ -111,7 +111,7 @@ def count_columns(stream: TextIO) -> int | None:
 
 
 def count_rows(stream: TextIO) -> int:
-    """Return how many rows the terminal of a stream has left below the messages of the running command."""
+    """Return the rows of a stream's terminal that remain below the messages of the running command."""
     rows = _USUAL_ROWS
     with suppress(OSError, ValueError):
         rows = os.get_terminal_size(stream.fileno()).lines or rows
@@ -120,7 +120,7 @@ def count_rows(stream: TextIO) -> int:
 
 
 def wrapped(line: str, stream: TextIO, most: int | None = None) -> str:
-    """Return a line wrapped at words to the terminal of a stream, and to at most so many columns; a value keeps its unit."""
+    """Return a line wrapped at words to a stream's terminal and at most ``most`` columns; a value keeps its unit."""
     columns = min(count_columns(stream) or len(line), most or len(line))
     if len(line) <= columns:
         return line
@@ -133,7 +133,7 @@ def wrapped(line: str, stream: TextIO, most: int | None = None) -> str:
 
 
 def echo_data(text: str) -> None:
-    """Print data on stdout; a reader that closes early, as ``head`` does, is no error."""
+    """Print data on stdout; a reader that closes early, as ``head`` does, is not an error."""
     click.echo(text)
     raise_if_output_lost()
 

@@ -1,4 +1,4 @@
-"""Outputs that a command line names: options that name files, and ``--out``, a page or a folder."""
+"""Outputs of a command line: options that name files, and ``--out``, a page or a folder."""
 
 from __future__ import annotations
 
@@ -19,24 +19,20 @@ PAGES: Final = (".html", ".htm")
 FILES: Final = (
     *PAGES, ".csv", ".jpeg", ".jpg", ".json", ".pdf", ".png", ".svg", ".txt", ".urdf", ".xml", ".yaml", ".yml", ".zip",
 )  # fmt: skip
-"""Suffixes of files, in a name that is meant for a folder; others are part of a folder's name."""
+"""Suffixes that identify a file name given as a folder; any others are part of a folder's name."""
 
 
 @final
 @dataclass(frozen=True)
 class Outputs:
-    """The outputs that a command line asks for.
-
-    ``files``: a name for each option that names a file, None where it is not given, ``-`` for stdout; ``folder``: what ``--out``
-    names, where that is a folder; ``names``: patterns of the names that files in the folder get.
-    """
+    """Outputs of a command line: files by option (``-`` for stdout), folder of ``--out``, patterns of its files."""
 
     files: Mapping[str, str | None] = field(default_factory=dict)
     folder: str | None = None
     names: Sequence[str] = ()
 
     def check(self) -> None:
-        """Refuse unwritable outputs before any work; create nothing."""
+        """Reject unwritable outputs before any work; creates nothing."""
         check_folder_name(self.folder, json="--json" in self.files)
         if self.folder is not None:
             if not self.folder:
@@ -60,7 +56,7 @@ class Outputs:
                 )
 
     def refuse_inputs(self, inputs: Iterable[str]) -> None:
-        """Refuse to write over a file that was read, under any name, links included."""
+        """Reject overwriting an input file under any name, links included."""
         outputs = [name for _, name in self._named()]
         if self.folder is not None:
             with suppress(OSError):
@@ -81,7 +77,7 @@ class Outputs:
 @final
 @dataclass(frozen=True)
 class PageOutput:
-    """A page to write: a file, or ``name`` in a folder, if what ``--out`` gives ends in a slash or names a folder."""
+    """A page to write: the file of ``--out``, or ``name`` in it if it ends in a slash or is a folder."""
 
     given: str
     name: str
@@ -93,18 +89,18 @@ class PageOutput:
 
     @property
     def outputs(self) -> Outputs:
-        """The same as any command's."""
+        """The same as for any command."""
         if self._in_folder:
             return Outputs(folder=self.given, names=(self.name,))
         return Outputs({"--out": self.given})
 
     def check(self) -> None:
-        """Refuse before any work a page that could not be written at its end; makes nothing."""
+        """Reject an unwritable page before any work; creates nothing."""
         check_page_name(self.given)
         self.outputs.check()
 
     def write(self, text: str) -> None:
-        """Write the page, whole or not at all."""
+        """Write the page atomically."""
         if not self._in_folder:
             write_text(self.given, text)
             return
@@ -131,7 +127,7 @@ def write_folder(
 
 
 def check_page_name(out: str) -> None:
-    """Refuse a name of a page that promises another format; a folder, a device or a pipe may have any name."""
+    """Reject a page name that promises another format; a folder, a device or a pipe may have any name."""
     if not out:
         raise OutputError("--out names no file; a page is HTML: --out NAME.html")
     is_file = not os.path.lexists(out) or os.path.isfile(out)
@@ -141,7 +137,7 @@ def check_page_name(out: str) -> None:
 
 
 def check_folder_name(out: str | None, *, json: bool) -> None:
-    """Refuse a name of a folder that is one of a file; ``json``: whether the command has ``--json``, which may be meant."""
+    """Reject a folder name that looks like a file; ``json``: whether ``--json`` exists and may be meant."""
     if not out or out.endswith(os.sep) or os.path.lexists(out):
         return
     suffix = Path(out).suffix.lower()

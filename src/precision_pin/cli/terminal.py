@@ -19,7 +19,7 @@ from precision_pin.cli.streams import count_columns, count_rows, echo_data, say,
 from precision_pin.render.text_table import folded
 
 WIDTH: Final = 100
-"""Most columns of a sentence, and those of one that goes to no terminal; tables shorten their cells to fit."""
+"""Largest width of a sentence, also without a terminal; tables shorten their cells to fit."""
 ALL: Final = "is_whole"
 """Name of the option ``--all``, which prints everything."""
 
@@ -33,13 +33,13 @@ _FOOT: Final = "rests on assumptions: "
 _KINDS: Final = re.compile(r" \(.*\)$")
 _CAUSE: Final = "they cause "
 _FEWEST: Final = 12
-"""Rows of a result however low the terminal is."""
+"""Rows of a result on a terminal of any height."""
 _SHORT: Final = 8
-"""Rows up to which an answer need not be said twice."""
+"""Rows up to which an answer is not repeated."""
 _OF_PROSE: Final = 2
-"""Rows of a sentence that is left out where there is no room for all."""
+"""Rows beyond which a sentence is left out if there is no room for all."""
 _OF_TABLE: Final = 3
-"""Rows of a table from which on it is worth beginning."""
+"""Fewest rows for which a table is started."""
 _OF_ANSWER: Final = 3
 
 
@@ -51,16 +51,14 @@ class _Piece(NamedTuple):
 
 
 def echo_table(text: str, *, is_answered: bool = False, below: int = 0) -> None:
-    """Print a result's text: on a terminal nothing is wider than it, and verdicts are in colour.
+    """Print a result's text: on a terminal it is folded to the width, with verdicts in colour.
 
-    On a terminal that is too low for it, sentences and rows of tables are left out, unless ``--all`` is given, and the answer,
-    its verdicts or else its first sentence, stands at the end once more.
-
-    ``NO_COLOR`` turns colours off (no-color.org).
+    On a low terminal, sentences and rows of tables are left out, unless ``--all`` is given, and the answer, its
+    verdicts or else its first sentence, is repeated at the end. ``NO_COLOR`` turns colours off (no-color.org).
 
     Args:
-        text: The text, in blocks with blank lines between them; the first one answers.
-        is_answered: Whether it ends with the answer, or is none.
+        text: Blocks separated by blank lines; the first one answers.
+        is_answered: Whether the text ends with the answer, or is none.
         below: Rows of notes that will follow.
     """
     columns = count_columns(sys.stdout)
@@ -95,7 +93,6 @@ def _pieces(lines: Sequence[str], columns: int | None) -> list[_Piece]:
 
 
 def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: bool) -> list[str]:
-    """Return the rows of a result that a terminal shows at once."""
     room = max(count_rows(sys.stdout) - 1 - below, _FEWEST)
     whole = _height(chain(*blocks)) + len(blocks) - 1
     answer = [] if is_answered or whole <= _SHORT else _answer(text)
@@ -120,7 +117,7 @@ def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: b
             if rows:
                 taken.append(_Piece(rows, piece.is_table))
                 here -= len(rows)
-        # a sentence is about what stands before or below it
+        # a sentence refers to what is before or after it
         if taken and (not is_cut or any(piece.is_table for piece in taken)):
             kept.append(taken)
             left = here
@@ -135,7 +132,7 @@ def _height(pieces: Iterable[_Piece]) -> int:
 
 
 def _brief_foot(pieces: Sequence[_Piece]) -> _Piece:
-    """Return on what a result rests as one sentence, without the kinds of its assumptions."""
+    """Return the assumptions of a result as one sentence, without their kinds."""
     lines = [" ".join(row.strip() for row in piece.rows) for piece in pieces]
     text = "; ".join([_KINDS.sub("", lines[0]), *(line for line in lines[1:] if line.startswith(_CAUSE))])
     return _Piece(wrapped(text, sys.stdout, WIDTH).split("\n"), False)
@@ -154,7 +151,7 @@ def _unnamed(piece: _Piece) -> _Piece:
 
 
 def _first_rows(piece: _Piece, room: int) -> list[str]:
-    """Return so many rows of a table, whole groups of its columns first; none of a sentence."""
+    """Return the rows of a table that fit, whole groups of its columns first; none of a sentence."""
     if not piece.is_table or room < _OF_TABLE:
         return []
     end = next((k for k, row in enumerate(piece.rows) if not row), len(piece.rows))
@@ -162,12 +159,12 @@ def _first_rows(piece: _Piece, room: int) -> list[str]:
 
 
 def _answer(text: str) -> list[str]:
-    """Return the verdicts of a text, or its first block, as rows, as far as it is short."""
+    """Return the verdicts of a text, or its first block, as rows, if short."""
     return _verdict_rows(text) or _short(text.partition("\n\n")[0].split("\n"))
 
 
 def _verdict_rows(text: str) -> list[str]:
-    """Return the verdicts of a text, those of what is not met first."""
+    """Return the verdicts of a text, those not met first."""
     lines = (line.strip().partition(" - ")[0] for line in text.split("\n") if _VERDICT.search(line))
     given = [line.removeprefix("spec ") for line in lines]
     return _short(sorted(given, key=lambda line: line.endswith(": MET")))
@@ -188,7 +185,7 @@ def _paint(line: str) -> str:
 
 
 def remember(context: click.Context, option: click.Parameter, given: bool) -> None:
-    """Keep a flag of the running command for :func:`is_given`."""
+    """Store a flag of the running command for :func:`is_given`."""
     context.meta[f"{__name__}.{option.name}"] = given
 
 
@@ -199,10 +196,7 @@ def is_given(option: str) -> bool:
 
 
 def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
-    """Print warnings about sheet and robot on stderr: of several with one code the first, and how many more there are.
-
-    Those of the robot's file ``urdf`` are one line, as ``check`` and ``init`` list them.
-    """
+    """Print warnings on stderr: the first of each code and the number of others; one line for the file ``urdf``."""
     findings = [finding for finding in findings if finding.severity != "note"]
     if is_given("all_warnings"):
         for finding in findings:
@@ -220,7 +214,7 @@ def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
 
 
 def _say_once(line: str) -> None:
-    """Print a line on stderr unless this command has; ``compare`` reads the same robot for every sheet."""
+    """Print a line on stderr once per command; ``compare`` reads the same robot for every sheet."""
     context = click.get_current_context(silent=True)
     said = set() if context is None else context.meta.setdefault(f"{__name__}.said", set())
     if line not in said:
@@ -229,7 +223,7 @@ def _say_once(line: str) -> None:
 
 
 def echo_warning_lines(lines: Iterable[str]) -> None:
-    """Print a result's warnings on stderr, without what the sheet accepts."""
+    """Print a result's warnings on stderr, without those that the sheet accepts."""
     for line in dict.fromkeys(lines):
         if not is_note(line):
             say(line)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
 
 CHUNK = 2**14
-"""Samples between two steps of the progress."""
+"""Samples between two progress steps."""
 
 
 @click.command("view", cls=shared.SamplingCommand)
@@ -130,7 +130,6 @@ def command(
 
 
 def _layers(sheet: Sheet, arm: shared.Options) -> list[Layer]:
-    """Return what is shown beside the arm."""
     from precision_pin.analyses.calibration.layer import CalibrationLayer
     from precision_pin.analyses.compensation.figure import CompensationLayer
     from precision_pin.analyses.map.figure import PlacesData
@@ -196,7 +195,7 @@ def _sampled(
 
 
 def _gathered(findings: Sequence[tuple[Finding, ...]]) -> list[Finding]:
-    """Return a pose's findings, or of several poses' the first of each code with the number of poses that have one."""
+    """Return a pose's findings; for several poses the first of each code with the number of poses that have one."""
     if len(findings) == 1:
         return list(findings[0])
     first = {finding.code: finding for of_pose in reversed(findings) for finding in reversed(of_pose)}

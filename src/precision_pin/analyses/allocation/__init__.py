@@ -8,7 +8,7 @@ from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaratio
 
 
 def prepare(asked: Asked) -> Job:
-    """Return the allocation that the sheet of a command line asks for; a sheet is written if tolerances keep the limits."""
+    """Return the allocation of a command line's sheet; the new sheet is written if the limits can be kept."""
     from precision_pin.analyses.allocation.allocate import allocate, allocation_steps
     from precision_pin.analyses.allocation.problem import read_problem
     from precision_pin.model.error_model import ErrorModel

@@ -41,29 +41,27 @@ from precision_pin.statistics import COMPONENTS, NO_GROUNDS, QUANTITIES, Grounds
 from precision_pin.statistics.verdicts import Verdict, judge
 
 Basis = Literal["proof", "samples", "normal law"]
-"""What a lower bound of the cost rests on."""
+"""Basis of a lower bound of the cost."""
 
 
 @final
 @dataclass(frozen=True)
 class AllocatedLimit(Record):
-    """A limit with the tolerances chosen, at its worst pose.
+    """A limit at its worst pose, with the chosen tolerances.
 
     Attributes:
         kind: ``"quantile"``, ``"rms"`` or ``"worst_case"``.
-        quantity, limit, required: What is limited, m or rad, and the required probability of a quantile.
-        aimed: Probability at which the first-order quantile was held, so that the samples show the required one;
-            ``None`` where every choice of grades was sampled.
-        first_order: Largest value over the poses: quantile, root mean square or worst case of the first-order model.
-        worst_pose: The worst pose: by the samples of a quantile, else by the first-order model.
-        shadow_price: What the least cost would fall for each m or rad of a wider limit, summed over the poses; ``None``
-            if infeasible.
-        probability, interval: Share of fresh samples of the exact model inside, and its 95 % interval; ``None`` of a
-            limit without probability.
+        quantity, limit, required: Limited quantity, its limit in m or rad, and the required probability of a quantile.
+        aimed: Probability at which the first-order quantile was held, so that samples show the required one; ``None``
+            where every choice of grades was sampled.
+        first_order: Largest quantile, root mean square or worst case over the poses, by the first-order model.
+        worst_pose: By the samples of a quantile, else by the first-order model.
+        shadow_price: Decrease of the least cost per m or rad of a limit, summed over the poses; ``None`` if infeasible.
+        probability, interval: Fraction of fresh exact samples inside, and its 95 % interval; ``None`` without
+            probability.
         varies: Whether the quantity differs from robot to robot.
-        margin: Probability beyond the required one that the interval keeps, so that as many samples as were asked for
-            will show it.
-        grounds: What keeps it from being judged, and what it takes as exact.
+        margin: Excess over the required probability, so that ``for_samples`` samples will show that it is kept.
+        grounds: Why the limit cannot be judged, and what is taken as exact.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -87,12 +85,12 @@ class AllocatedLimit(Record):
 
     @property
     def is_kept(self) -> bool:
-        """Whether it is kept, whether it may be judged or not."""
+        """Whether it is kept, regardless of whether it may be judged."""
         return self._judged == "met"
 
     @property
     def verdict(self) -> Verdict:
-        """That of the interval of the samples; of a limit without probability, whether the first order keeps it."""
+        """Verdict by the interval of the samples; for a limit without probability, by the first order."""
         return "not judged" if self.grounds.not_judged else self._judged
 
     @property
@@ -110,7 +108,7 @@ class AllocatedLimit(Record):
 
 
 def tightest_of(limits: Sequence[AllocatedLimit]) -> int:
-    """Return the number of the limit exceeded most by the first order, of those not kept; else of that with the least left."""
+    """Return the index of the unkept limit that the first order exceeds most; else of the one with least reserve."""
     return max(range(len(limits)), key=lambda k: (not limits[k].is_kept, limits[k].first_order / limits[k].limit))
 
 
@@ -120,27 +118,24 @@ class AllocationResult(AnalysisResult):
     """Cheapest tolerances that keep every limit, or the narrowest ones where none do.
 
     Attributes:
-        tolerances: What was to be chosen, with the values of the sheet.
+        tolerances: Tolerances to choose, with the values of the sheet.
         after, costs: Chosen tolerances (m, rad) and the cost of each, ``(n,)``.
-        shadow_prices: What one held by its upper bound would save for each m or rad more; negative at the lower bound,
-            zero between and where it has grades.
-        lower_bound: No tolerances that keep the limits, as they are stated, cost less; ``None`` if infeasible, where
-            the time for a choice of grades ended before one was found, and where specifications have a law far from
-            normal or a norm below 92 %.
-        bound_basis: What the lower bound rests on: ``"proof"``, of limits of the first order; ``"samples"``, where
-            every cheaper choice of grades was sampled and shown to fail, with 95 % confidence; ``"normal law"``, of
-            specifications otherwise: that no other tolerances exceed the normal law of the first order by more than the
-            samples show, and that the variances that keep the quantile of a norm form a convex set.
-        limits: The limits with the tolerances chosen.
-        for_samples: Number of samples that are to show that the specifications are met; 0 for no margin.
-        margin_cost: What the margin costs: by samples of the cheapest choice without one, else by the first order;
-            ``None`` without margin, and where that is not known.
-        parts: What causes the error at the worst pose of the tightest limit, before and after.
+        shadow_prices: Saving per m or rad of an upper bound; negative at the lower bound, zero between and for grades.
+        lower_bound: No tolerances that keep the limits as stated cost less. ``None`` if infeasible, where the time for
+            a choice of grades ran out first, and for specifications with a law far from normal or a norm below 92 %.
+        bound_basis: ``"proof"`` for limits of the first order; ``"samples"`` where every cheaper choice of grades was
+            sampled and shown to fail, with 95 % confidence; else ``"normal law"``. The last assumes that no other
+            tolerances exceed the normal law of the first order by more than the samples show, and that the variances
+            that keep a norm's quantile form a convex set.
+        limits: The limits with the chosen tolerances.
+        for_samples: Number of samples meant to show that the specifications are met; 0 for no margin.
+        margin_cost: Cost of the margin: by samples of the cheapest choice without one, else by the first order;
+            ``None`` without margin and where unknown.
+        parts: Contributions to the error at the worst pose of the tightest limit, before and after.
         poses: Names of the poses.
-        grounds: What keeps the limits from being judged, and what is taken as exact.
-        feasible: Whether tolerances within the bounds keep the limits; if not, all numbers are those of the narrowest
-            tolerances.
-        front: Points of the front of cost against accuracy, if asked for.
+        grounds: Why the limits cannot be judged, and what is taken as exact.
+        feasible: Whether tolerances within the bounds keep the limits; if not, the narrowest ones are given.
+        front: Points of the front of cost against accuracy, if requested.
     """
 
     schema: ClassVar[str] = "precision-pin/allocation/1"
@@ -178,24 +173,24 @@ class AllocationResult(AnalysisResult):
 
     @property
     def gap(self) -> float | None:
-        """Largest share of the cost that could still be saved, the margin's included; ``None`` where limits are not met."""
+        """Largest fraction of the cost, margin included, that could still be saved; ``None`` if a limit is not met."""
         if self.lower_bound is None or not self.met:
             return None
         return max(self.cost - self.lower_bound, 0.0) / max(abs(self.cost), 1e-300)
 
     @property
     def met(self) -> bool:
-        """Whether every limit is met; false where a pose is outside joint limits, unless the model is judged there too."""
+        """Whether every limit is met; false where a pose is outside joint limits, unless the model is judged there."""
         return self.feasible and not self.grounds.not_judged and all(one.met for one in self.limits)
 
     @property
     def tightest(self) -> AllocatedLimit:
-        """The limit that is not kept and exceeded most; where all are kept, the one with the least left."""
+        """The limit that is exceeded most; where all are kept, the one with least reserve."""
         return self.limits[tightest_of(self.limits)]
 
     @property
     def changes(self) -> dict[str, str]:
-        """The chosen tolerances by path, as :meth:`ErrorModel.with_` and ``--set`` take them."""
+        """The chosen tolerances by path, as for :meth:`ErrorModel.with_` and ``--set``."""
         return {one.path: one.written(value) for one, value in zip(self.tolerances, self.after.tolist(), strict=True)}
 
     @property
@@ -214,21 +209,18 @@ class AllocationResult(AnalysisResult):
         ]
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: the table of the command."""
         return preformatted(self._output("table:allocation_table")(self))
 
     @property
     def summary(self) -> str:
-        """What `repr` says of the result, beside the arm."""
+        """Text of `repr` after the arm."""
         return f"{len(self.tolerances)} tolerances, cost {self.cost:.6g}"
 
 
 def allocated_sheet(model: ErrorModel, result: AllocationResult, folder: Path) -> str:
     """Return the sheet of a model with the chosen tolerances, without its comments.
 
-    Args:
-        model, result: The model that was allocated, and the result.
-        folder: Where the sheet will lie; the robot's file is named from there.
+    The robot's file is named relative to ``folder``, where the sheet will be saved.
 
     Raises:
         InputError: The model was not read from a sheet.
@@ -242,7 +234,7 @@ def allocated_sheet(model: ErrorModel, result: AllocationResult, folder: Path) -
 MEAN: Final = "constant part"
 """Name of the error with every component at its mean."""
 TOGETHER: Final = "correlated draws"
-"""Name of more correlated draws than can be told apart."""
+"""Name of a group of correlated draws too large to be separated."""
 _ROUNDING: Final = 1e-9
 _DEVIATIONS: Final = 3.0
 
@@ -250,11 +242,10 @@ _DEVIATIONS: Final = 3.0
 @final
 @dataclass(frozen=True)
 class SourcePart(Record):
-    """Part of a source.
+    """Contribution of a source, the root mean square (worst case: largest deviation), m or rad.
 
     Attributes:
         source: Label of the source, or of those that share a draw; or `MEAN`.
-        before, after: Root mean square (worst case: largest deviation), m or rad.
         is_chosen: Whether the allocation chooses any of its tolerances.
     """
 
@@ -269,12 +260,11 @@ class SourcePart(Record):
 @final
 @dataclass(frozen=True)
 class ErrorParts(Record):
-    """Parts of the first-order error at the worst pose of the tightest limit, the largest first.
+    """Parts of the first-order error at the worst pose of the tightest limit, largest first.
 
     Attributes:
-        pose, quantity: Where, and of what: ``position.norm``, ``attitude.x`` and so on.
+        quantity: ``position.norm``, ``attitude.x`` and so on.
         kind: ``"rms"``: squares of the parts add to the mean square; ``"worst_case"``: the parts add.
-        sources: The parts.
     """
 
     pose: str
@@ -283,7 +273,7 @@ class ErrorParts(Record):
     sources: tuple[SourcePart, ...]
 
     def shares(self) -> list[float]:
-        """Return the share of each part in the mean square or the worst case, with the tolerances chosen."""
+        """Return the fraction of each part in the mean square or the worst case, with the chosen tolerances."""
         powers = [one.after ** (1 if self.kind == "worst_case" else 2) for one in self.sources]
         return [one / (sum(powers) or 1.0) for one in powers]
 
@@ -291,13 +281,7 @@ class ErrorParts(Record):
 def error_parts(
     models: Sequence[ErrorModel], pose: str, rows: Sequence[int], quantity: str, *, worst_case: bool
 ) -> ErrorParts:
-    """Return the parts of every source.
-
-    Args:
-        models: The model before, after, and with every tolerance to be chosen changed.
-        pose, rows, quantity: Where, which of the six components together, and their name.
-        worst_case: Whether parts are largest deviations, of one component.
-    """
+    """Return all sources' contributions for the models before, after, and with every chosen tolerance changed."""
     before, after, changed = (_norm_parts(one, pose, list(rows), worst_case) for one in models)
     rounding = _ROUNDING * max(before.values())
     found = [
@@ -314,7 +298,7 @@ def _norm_parts(model: ErrorModel, pose: str, rows: list[int], worst_case: bool)
     each: Array = reaches(at, _DEVIATIONS)[:, rows[0]] if worst_case else by_draw(at)[:, rows].sum(axis=1)
     result: dict[str, float] = {}
     for owners, part in zip(model.owners, each.tolist(), strict=True):
-        # more than twelve correlated draws have no part each
+        # correlated groups of more than twelve draws are not split
         name = ", ".join(owners) if np.isfinite(part) else TOGETHER
         result[name] = result.get(name, 0.0) + (part if np.isfinite(part) else 0.0)
     if not worst_case:
@@ -325,18 +309,18 @@ def _norm_parts(model: ErrorModel, pose: str, rows: list[int], worst_case: bool)
 
 
 _ROUNDS: Final = 6
-# share of a limit, first order, from which it may hold the choice
+# fraction of a limit, first order, from which it may be active
 _HOLDS: Final = 0.9
 _SAME: Final = 1e-6
-# scores of the normal law by which the aim moves more each round, while the samples do not change their mind
+# normal scores by which the aim moves more in each round, while the verdict of the samples does not change
 _STRIDE: Final = 0.4
-# probability that may be left between the lower end of an interval and what is required
+# probability that may remain between the lower end of an interval and the required one
 _SPARE: Final = 0.002
 SHOWN_BY: Final = 100_000
-"""Samples that `analyze` takes where nothing else is asked."""
+"""Default number of samples of `analyze`."""
 _MOST_SHOWN: Final = 10**9
 _SHAPE_SAMPLES: Final = 8_192
-# skewness and excess kurtosis (of a uniform law -1.2) up to which a law is about normal
+# skewness and excess kurtosis (-1.2 for a uniform law) up to which a law is treated as nearly normal
 _MOST_SKEWED, _MOST_CURVED = 0.3, 1.35
 
 
@@ -356,23 +340,19 @@ def allocate(
     """Return the cheapest tolerances that keep every limit at every pose.
 
     The least cost is that of the first-order model with a normal error. The exact model with these tolerances is then
-    sampled; specifications are held with a margin, so that ``for_samples`` other samples will show them too. Where the lower
-    end of an interval misses the probability with its margin, or has much to spare, another one is aimed at and the tolerances
-    are found anew, verified with fresh samples. The intervals of all rounds hold together.
+    sampled; specifications are held with a margin, so that ``for_samples`` other samples will show them too. Where the
+    lower end of an interval misses the probability with its margin, or has much to spare, the aim is changed and the
+    tolerances are chosen again and verified with fresh samples. The intervals of all rounds hold together.
 
     Args:
         error_model: Model read from a sheet or a dictionary.
-        problem: ``tolerances``, ``specs`` and ``poses`` as the sheet's ``allocate:`` has them; by default the sheet's
-            own.
+        problem: ``tolerances``, ``specs`` and ``poses`` as in the sheet's ``allocate:``; by default the sheet's own.
         seed: 64-bit seed of the samples.
-        seconds: Time for the choice of grades, and again for the front; then the best found is returned, with the gap
-            that is left.
-        pareto: How many points of the front of cost against accuracy to find: 0, or 2 to 1000.
-        for_samples: Number of samples that are to show, with a chance of 95 %, that all specifications are met: as many
-            as ``analyze`` takes. 0 for no margin.
+        seconds: Time for the choice of grades, and again for the front; then the best so far is returned, with its gap.
+        pareto: Number of points of the front of cost against accuracy: 0, or 2 to 1000.
+        for_samples: Samples of ``analyze`` that will, at 95 %, show that all specifications are met; 0: no margin.
         findings: Warnings to include in the result, such as those of the sheet.
-        progress: Function called with the steps done since its last call, :func:`allocation_steps` in all; ``True``
-            shows a bar.
+        progress: Called with the steps done since its last call, of :func:`allocation_steps`; ``True`` shows a bar.
 
     Raises:
         InputError: A wrong problem, or a tolerance with which the error does not scale.
@@ -401,7 +381,7 @@ def allocate(
         else:
             rounds = search.rounds(advance)
             if (rounds[-1].solution is None or not rounds[-1].is_met) and (judge.aimed > judge.required).any():
-                # what can be kept, but not with a margin
+                # limits that can be kept, but not with a margin
                 judge.aimed = judge.required
                 rounds += search.rounds(lambda _: None)
             found = rounds[-1]
@@ -426,13 +406,13 @@ def allocate(
 
 
 def allocation_steps(problem: Problem, pareto: int = 0) -> int:
-    """Return the number of steps that ``progress`` is told of."""
+    """Return the total number of progress steps."""
     return len(problem.tolerances) + _ROUNDS + pareto
 
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """Tolerances of one round, what the samples say, what the bound of the cost rests on, and the cost without a margin."""
+    """A round: tolerances, the samples' verdict, the basis of the lower bound, and the cost without a margin."""
 
     programme: Programme
     solution: Solution | None
@@ -456,7 +436,7 @@ class _Attempt:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Search for the cheapest tolerances by the first order; ``members`` has the group of each tolerance, ``end`` the time."""
+    """First-order search for the cheapest tolerances; ``members`` are their groups, ``end`` is the deadline."""
 
     task: Problem
     parts: Contributions
@@ -487,7 +467,7 @@ class _Search:
             return np.stack([array[members == g].sum(axis=0) for g in range(len(together))])
 
         squares, reaches = grouped(parts.by_tolerance), grouped(parts.reach_by_tolerance)
-        # correlated tolerances of one group are one square
+        # correlated tolerances of one group contribute one square
         of = np.append(members, len(costs))[parts.pairs]
         for group, part in zip(of[:, 0][of[:, 0] == of[:, 1]], parts.by_pair[of[:, 0] == of[:, 1]], strict=True):
             squares[group] += part
@@ -515,7 +495,7 @@ class _Search:
         return _Attempt(programme, solution, chosen, walked.judged, "samples", walked.least_met)
 
     def rounds(self, advance: Callable[[int], None]) -> list[_Attempt]:
-        """Return the rounds by the first order, each aimed at what the samples of the one before say; the best is the last."""
+        """Return the first-order rounds, each aimed by the samples of the previous one; the best comes last."""
         aims = self.judge.aimed.tolist()
         rounds: list[_Attempt] = []
         found: _Attempt | None = None
@@ -524,7 +504,7 @@ class _Search:
             programme = self.programme(aims)
             near = None if found is None or found.solution is None else found.solution.t
             solution = solve(programme, self.choices, self.end - monotonic(), advance, near)
-            # what cannot be met is verified with the tolerances that exceed it least
+            # limits that cannot be met are verified with the tolerances that exceed them least
             chosen = (programme.least if solution is None else solution.t)[self.members]
             made = _Attempt(programme, solution, chosen)
             known = (
@@ -534,25 +514,25 @@ class _Search:
                 rounds += [] if self.judge.chances else [made]
                 found = found or made
                 break
-            # the narrowest ones again, where the first order still refuses what the samples show to be kept
+            # retry the narrowest ones where the first order rejects what the samples accept
             is_known = known is not None and known.is_clear
             made = replace(made, judged=known if is_known else self.judge.look(chosen, self.judge.many))
             rounds.append(made)
             advance(1)
             assert made.judged is not None
             spare = made.judged.sampled[1].min(axis=1) - self.judge.aimed
-            # with the margin before without, then the cheaper; the last one where none is met
+            # prefer those with the margin, then the cheaper; the last one where none is met
             better = found is not None and (made.is_clear, -made.cost) > (found.is_clear, -found.cost)
             if found is None or not found.is_met or (made.is_met and better):
                 found = made
-            # of several limits only those that hold the choice have something to give back
+            # of several limits only the active ones have reserve to give back
             holds = [
                 one.measure(programme.least[:, None] if solution is None else solution.t[:, None]).max()
                 > _HOLDS * one.limit
                 for one in programme.limits
                 if one.kind == "quantile"
             ]
-            # the first order may refuse what the samples show to be kept
+            # the first order may reject what the samples accept
             if (solution is None and not made.is_clear) or (made.is_clear and not (holds & (spare > _SPARE)).any()):
                 break
             tried.append((aims, spare))
@@ -566,10 +546,10 @@ class _Search:
         return [*(one for one in rounds if one is not found), found]
 
     def bound(self, rounds: Sequence[_Attempt]) -> tuple[float | None, Basis]:
-        """Return a lower bound of the cost of all that keeps the limits as they are stated, not as they were aimed at.
+        """Return a lower bound of the cost under the limits as stated, not as aimed at; none for laws far from normal.
 
-        With specifications it is the bound of the first order, whose probability is lowered by as much as the samples of any
-        round may exceed it. Of laws that are far from a normal one that says nothing about other tolerances: no bound.
+        With specifications it is the first-order bound, at a probability lowered by the samples' largest excess of any
+        round.
         """
         found = rounds[-1]
         if not self.judge.chances:
@@ -589,7 +569,7 @@ class _Search:
 
 
 def _near_normal(judge: Judge, parts: Contributions) -> bool:
-    """Return whether the laws of the chosen tolerances are about as near to a normal one as a uniform one is."""
+    """Return whether the laws of the chosen tolerances are about as close to normal as a uniform one is."""
     columns = np.unique(np.concatenate([one.columns for one in parts.moved]))
     numbers = in_deviations(judge.model.space, 0, _SHAPE_SAMPLES)[columns]
     skewness, excess = (numbers**3).mean(axis=1), (numbers**4).mean(axis=1) - 3
@@ -597,10 +577,10 @@ def _near_normal(judge: Judge, parts: Contributions) -> bool:
 
 
 def _next_aim(aims: Array, spares: Array) -> float:
-    """Return the probability to aim at after rounds in which the lower ends of the intervals had this much to spare.
+    """Return the next probability to aim at, given the spare probabilities of the lower ends in earlier rounds.
 
-    Between an aim that was too low and one that was high enough it is interpolated, in scores of the normal law. Without both
-    the step grows from round to round: of a law far from normal it may have to be of another size.
+    Between an aim that was too low and one that was high enough it is interpolated, in normal scores. Without both the
+    step grows from round to round, because a law far from normal may need a step of another size.
     """
     aim, spare, short = float(aims[-1]), float(spares[-1]), spares < 0
     if short.any() and not short.all():
@@ -616,7 +596,7 @@ def _next_aim(aims: Array, spares: Array) -> float:
 
 
 def _members(tolerances: Sequence[Tolerance]) -> NDArray[np.intp]:
-    """Return the number of the group of each tolerance; one without a group has its own."""
+    """Return the group number of each tolerance; one without a group has its own."""
     names = [one.group or f"\0{k}" for k, one in enumerate(tolerances)]
     order = list(dict.fromkeys(names))
     return np.array([order.index(name) for name in names])
@@ -682,7 +662,7 @@ def _result(search: _Search, found: _Attempt, seed: int, findings: tuple[Finding
 
 
 def _parts(model: ErrorModel, task: Problem, found: _Attempt, place: int, limit: int) -> ErrorParts:
-    """Return what causes the error at a place of a limit; those of a worst case are rows times poses."""
+    """Return the contributions to the error at a place of a limit; a worst case has rows times poses as places."""
     one, rows = task.limits[limit], found.programme.limits[limit].rows
     worst_case = isinstance(one, Bound) and one.kind == "worst_case"
     row, pose = divmod(place, len(task.poses))

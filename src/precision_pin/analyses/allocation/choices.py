@@ -1,8 +1,8 @@
-"""Choices of grades in the order of their costs, each judged by samples: the cheapest that keeps the limits, and a lower bound.
+"""Choices of grades in the order of their costs, each judged by samples: the cheapest one, and a lower bound.
 
-No choice is left out because of a normal law. Most choices are far too wide, which a sample of the first-order error with the
-laws of the sheet shows for hundreds of them at a time; what it does not show is sampled by the exact model. The confidences of
-all these statements are shared out, so that together they hold with `CONFIDENCE`.
+No choice is rejected by a normal law. Most choices are far too wide; a sample of the first-order error with the laws of
+the sheet rejects hundreds of them at a time, and the exact model is sampled for the rest. The error probability is
+divided among all statements, so that together they hold with `CONFIDENCE`.
 """
 
 from __future__ import annotations
@@ -28,39 +28,38 @@ from precision_pin.statistics.intervals import share_to_show, upper_ends
 
 SAMPLES: Final = 50_000
 """Fresh samples of a verification."""
-# how many times as many are drawn, afresh, of a choice of grades of which they do not decide
+# factors on the number of fresh samples for a choice of grades that the first samples do not decide
 _MORE: Final = (4, 16, 64)
-# robots times poses of a round that no other choice follows; at least `SAMPLES` and at most four times as many robots
+# robots times poses of a final round; at least `SAMPLES` and at most four times as many robots
 _ROBOTS: Final = 1_000_000
 CONFIDENCE: Final = 0.95
-"""Of all statements of one allocation together, and of the intervals of the samples that the margin is for."""
-# with which the samples that the margin is for show every limit at every pose
+"""Confidence of all statements of one allocation together, and of the intervals that the margin is for."""
+# probability with which the samples that the margin is for show every limit at every pose
 _CHANCE: Final = 0.95
-# probability of a wrong statement that is left to the first-order samples; the rest is left to those of the exact
-# model
+# probability of a wrong statement reserved for the first-order samples; the exact samples have the rest
 _OF_SCREENS: Final = 0.01
 _MOST_CHOICES: Final = 20_000
-# choices that are looked at together
+# choices examined together
 _AT_ONCE: Final = 128
 # first-order samples of every choice, and of those that the first do not decide
 _FIRST, _SECOND = 4_096, 32_768
 _TIMES_OFF: Final = 2.0
-# the share of the first-order samples may be off by this, and twice what the exact model differs on the same robots
+# allowance for the first-order fraction: this, and twice the difference to the exact model on the same robots
 _LEAST_OFF: Final = 1e-3
-# numbers in memory at once, about
+# approximate number of values in memory at once
 _NUMBERS: Final = 2**22
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What samples of the exact model say of tolerances.
+    """Verdict of exact-model samples on tolerances.
 
     Attributes:
-        sampled: Shares inside and the ends of their intervals, ``(3, limits, poses)``.
+        sampled: Fractions inside and the ends of their intervals, ``(3, limits, poses)``.
         varies: Whether the quantity differs from robot to robot, ``(limits, poses)``.
-        is_met, is_failed: Whether the lower ends reach what is required everywhere; whether an upper end stays below it
-            somewhere. Neither where the samples do not decide.
+        is_met, is_failed: Whether all lower ends reach the required probability; whether any upper end stays below it.
+            Both are false where the samples do not decide.
         is_clear, is_short: The same with the margin.
     """
 
@@ -79,10 +78,10 @@ class Judged:
 
 @final
 class Judge:
-    """Samples the exact model with tolerances, afresh each time; the n-th look has 1/(n(n+1)) of what may go wrong.
+    """Judges tolerances by fresh samples of the exact model; look n gets 1/(n(n+1)) of the error probability.
 
-    ``aimed`` are the required probabilities with the margin with which ``for_samples`` samples will show that they are kept.
-    There is none where no number of samples inside shows that, or where the samples taken here could not show the margin.
+    ``aimed`` are the required probabilities plus the margin with which ``for_samples`` samples will show that they are
+    kept. There is no margin where no number of samples inside would show that, or where the samples here could not.
     """
 
     def __init__(self, model: ErrorModel, task: Problem, seed: int, for_samples: int) -> None:
@@ -100,13 +99,13 @@ class Judge:
         )
 
     def look(self, chosen: Array, samples: int = SAMPLES) -> Judged:
-        """Return what fresh samples say of tolerances ``(n,)``."""
+        """Return the verdict of fresh samples on tolerances ``(n,)``."""
         self._looks += 1
         wrong = (1 - CONFIDENCE - _OF_SCREENS) / (self._looks * (self._looks + 1))
         seed = (self._seed + self._looks) % 2**64
         found = self._sample(chosen, seed, samples, confidence=1 - wrong)
         shares, ends = found.probability, np.moveaxis(found.probability_interval, 1, 0)
-        # one place is enough to fail, so that a wrong one must be ruled out at all of them
+        # one place is enough to fail, so that a wrong failure must be excluded at all of them
         most = upper_ends(np.round(shares * samples), samples, wrong / (2 * max(shares.size, 1)))
         required, aimed = self.required[:, None], self.aimed[:, None]
         varies = [[one.varies for one in each.results] for each in found.specification_results]
@@ -120,7 +119,7 @@ class Judge:
         )
 
     def decide(self, chosen: Array, end: float) -> Judged:
-        """Return what samples say, with more of them while they do not decide and there is time."""
+        """Return the verdict, with more samples while it is open and time remains."""
         found = self.look(chosen)
         for times in _MORE:
             if found.is_decided or monotonic() > end:
@@ -129,7 +128,7 @@ class Judge:
         return found
 
     def same_robots(self, chosen: Array, seed: int, samples: int) -> Array:
-        """Return shares inside, ``(limits, poses)``, of the robots of a seed; no statement rests on them."""
+        """Return fractions inside, ``(limits, poses)``, for the robots of a seed; no statement rests on them."""
         return self._sample(chosen, seed, samples).probability
 
     def _sample(self, chosen: Array, seed: int, samples: int, confidence: float = CONFIDENCE) -> PosesResult:
@@ -142,7 +141,7 @@ class Judge:
 @final
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Where a walk through the choices ended.
+    """End of a walk through the choices.
 
     Attributes:
         chosen, judged: The cheapest choice that is met with the margin, ``(n,)``; else the cheapest that is met, else
@@ -168,13 +167,12 @@ def walk(
     seed: int,
     end: float,
 ) -> Walk | None:
-    """Return the cheapest choice that keeps the limits; ``None`` where not all have grades, or there are too many choices.
+    """Return the cheapest choice that keeps the limits; ``None`` unless all have grades, and for too many choices.
 
     Args:
-        programme, choices, members: Costs and first-order limits of the variables; their grades; the variable of each
-            tolerance.
+        programme, choices, members: Costs and limits of the variables; their grades; the variable of each tolerance.
         parts: First-order error of each tolerance.
-        judge, seed: What samples the exact model, and the seed of the first-order samples.
+        seed: Seed of the first-order samples.
         end: Time at which to stop.
     """
     listed = [one for one in choices if one is not None]
@@ -219,7 +217,7 @@ def walk(
 
 
 class _Screen:
-    """Samples of the first-order error with the laws of the sheet, the same robots for every choice."""
+    """First-order samples with the laws of the sheet, the same robots for every choice."""
 
     def __init__(self, judge: Judge, parts: Contributions, members: NDArray[np.intp], seed: int, choices: int) -> None:
         self._judge, self._parts, self._members, self._seed = judge, parts, members, seed
@@ -229,7 +227,7 @@ class _Screen:
     def possible(self, t: Array) -> NDArray[np.bool_]:
         """Return which of the choices ``(n, m)`` are not shown to fail."""
         shares = self._shares(t, _FIRST)
-        # where the two models are compared: at the choice that is nearest to what is required
+        # the two models are compared at the choice closest to the required probability
         nearest = int(np.abs(shares - self._judge.required[:, None]).max(axis=(1, 2)).argmin())
         exact = self._judge.same_robots(t[self._members, nearest], self._seed, _FIRST)
         self._off = max(self._off, _TIMES_OFF * float(np.abs(exact - shares[nearest]).max()))
@@ -244,7 +242,6 @@ class _Screen:
         return np.asarray((most >= self._judge.required[:, None]).all(axis=(1, 2)))
 
     def _shares(self, t: Array, samples: int) -> Array:
-        """Return shares inside, ``(m, limits, poses)``."""
         chances, poses = self._judge.chances, range(len(self._judge.task.poses))
         result = np.empty((t.shape[1], len(chances), len(poses)))
         numbers, shared = None, all(draw.scope.value == "unit" for draw in self._judge.model.space.draws)

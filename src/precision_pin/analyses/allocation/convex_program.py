@@ -1,9 +1,9 @@
 """Cheapest tolerances under limits of the first-order model: solution, multipliers, lower bound of the cost.
 
-In x = ln t every limit is the logarithm of a measure of the error, which is convex in x for the root mean square and the worst
-case. In t these limits and the costs are convex, and the Lagrangian is a sum over the tolerances: its minimum at any
-multipliers is a lower bound of the cost, found one tolerance at a time. Of a quantile the tangent in t² is taken: its bound
-holds where the variances that keep the quantile form a convex set.
+In x = ln t every limit is the logarithm of a measure of the error, convex in x for the root mean square and the worst
+case. In t these limits and the costs are convex. The Lagrangian is a sum over the tolerances, and its minimum at any
+multipliers, found one tolerance at a time, is a lower bound of the cost. A quantile is replaced by its tangent in t²:
+its bound holds where the variances that keep the quantile form a convex set.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from precision_pin.analyses.map.normal_norms import (
 from precision_pin.base.arrays import Array, Fixed
 
 ROUNDING: Final = 1e-9
-"""Excess of a limit, relative, that is rounding."""
-# points of a way that are tried together
+"""Relative excess of a limit that counts as rounding."""
+# points of a line evaluated together
 _AT_ONCE: Final = 34
 _HALF: Final = 0.5
-# probability from which on no pair of covariances was found with one between them that does not keep the quantile
+# lowest probability from which no two covariances that keep the quantile were found with one between them that does not
 _CONVEX: Final = 0.92
-# distance from a limit, relative, below which it is active
+# relative distance from a limit below which it is active
 _ACTIVE: Final = 1e-5
 
 
 def last_kept(kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]:
-    """Return the last share of a way, 0 to 1, that is kept, and the first that is not; 0 is kept and 1 is not."""
+    """Return the last kept fraction of a line from 0 (kept) to 1 (not kept), and the first that is not kept."""
     least, most = 0.0, 1.0
     while most - least > ROUNDING:
         shares = np.linspace(least, most, _AT_ONCE)
@@ -55,11 +55,11 @@ class Limit(Fixed):
     Attributes:
         kind: ``"quantile"``, ``"rms"`` or ``"worst_case"``.
         limit, probability: Largest value, m or rad; probability of a quantile.
-        rows: Which components of the error are limited.
+        rows: Limited components of the error.
         mean, fixed: Rows of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation,
             ``(r, 1, P)``) that no tolerance changes, ``(r, r, P)``.
-        parts: The same for each tolerance of 1 m or rad, ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``); then what the
-            product of two tolerances adds.
+        parts: The same for each tolerance of 1 m or rad, ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``); then the
+            contributions of products of two tolerances.
         pairs: Numbers of these two, n for the part that no tolerance changes; ``(m, 2)``.
     """
 
@@ -74,16 +74,16 @@ class Limit(Fixed):
 
     @property
     def is_convex(self) -> bool:
-        """Whether the variances that keep the limit form a convex set; of a component's quantile they are below a number."""
+        """Whether the variances that keep the limit form a convex set; those of one component are below a bound."""
         return self.kind != "quantile" or (len(self.rows) == 1 and self.probability >= _HALF)
 
     @property
     def has_bound(self) -> bool:
-        """Whether that is so, or so in all that was tried: the quantile of a norm from 92 % on."""
+        """Whether it is convex, or was in all trials: the quantile of a norm from 92 %."""
         return self.is_convex or self.probability >= _CONVEX
 
     def measure(self, t: Array) -> Array:
-        """Return what is limited, for tolerances ``(n, m)``: ``(m, places)``; places are poses, or rows times poses."""
+        """Return the limited value ``(m, places)`` for tolerances ``(n, m)``; places are poses, or rows times poses."""
         if self.kind == "worst_case":
             sums = np.abs(self.mean)[None] + self.fixed[:, 0] + np.einsum("nrp,nm->mrp", self.parts[:, :, 0], t)
             return np.asarray(sums.reshape(t.shape[1], -1))
@@ -139,7 +139,7 @@ class Limit(Fixed):
         return np.asarray(slopes[: len(t)])
 
     def _vectors(self, t: Array) -> tuple[Array, Array]:
-        """Return mean and covariance, ``(3, m P)`` and ``(3, 3, m P)``, for tolerances ``(n, m)``; rows not limited are 0."""
+        """Return mean and covariance, ``(3, m P)`` and ``(3, 3, m P)``, for tolerances ``(n, m)``; other rows are 0."""
         rows, poses = self.mean.shape
         several = t.shape[1]
         covariance = self.fixed[:, :, None] + np.einsum("nijp,nm->ijmp", self.parts, self._products(t))
@@ -157,11 +157,10 @@ class Solution(Fixed):
     Attributes:
         t: Tolerances ``(n,)``.
         cost: Sum of their costs.
-        lower_bound: No tolerances that keep the limits cost less; of the quantile of a norm if the variances that keep
-            it form a convex set. ``None`` where these do not, below 92 %, or where it was not found in time.
+        lower_bound: No tolerances that keep the limits cost less; for the quantile of a norm, if the variances that
+            keep it form a convex set. ``None`` where these do not, below 92 %, or where it was not found in time.
         prices: Derivative of the least cost with respect to each limit, with its sign changed.
-        bound_prices: What a tolerance held by its bounds would save for each m or rad more, ``(n,)``; negative at the
-            lower bound.
+        bound_prices: Saving per m or rad of a tolerance held by its bounds, ``(n,)``; negative at the lower bound.
     """
 
     t: Array
@@ -174,7 +173,7 @@ class Solution(Fixed):
 @final
 @dataclass(frozen=True, eq=False)
 class Programme:
-    """Minimise the sum of the costs within bounds ``low``, ``high`` and limits; ``costs`` of each tolerance are added."""
+    """Minimise the sum of the costs within bounds ``low``, ``high`` and limits; each tolerance's ``costs`` add up."""
 
     costs: Sequence[Sequence[Cost | Grades]]
     low: Array
@@ -203,12 +202,12 @@ class Programme:
 
     @property
     def is_monotone(self) -> bool:
-        """Whether every narrower tolerance makes every error smaller; correlated ones may make up for each other."""
+        """Whether every narrower tolerance makes every error smaller; correlated ones may cancel each other."""
         return not any(len(one.pairs) for one in self.limits)
 
     @cached_property
     def least(self) -> Array:
-        """Tolerances that exceed the limits least: the narrowest, or found by minimising the largest measure."""
+        """Tolerances that exceed the limits least: the narrowest, or those that minimise the largest measure."""
         if self.is_monotone or self.exceeded(self.low).max() <= 0 or (self.low == self.high).all():
             return self.low
         low, high = np.log(self.low), np.log(self.high)
@@ -231,7 +230,7 @@ class Programme:
         return min(self.low, reached, key=lambda t: float(self.exceeded(t).max()))
 
     def solve(self, near: Array | None = None) -> Solution | None:
-        """Return the cheapest tolerances, or ``None`` where even those of `least` do; ``near`` is where to begin."""
+        """Return the cheapest tolerances, starting from ``near``, or ``None`` where even `least` exceeds a limit."""
         if self.exceeded(self.least).max() > ROUNDING:
             return None
         if (self.low == self.high).all():
@@ -252,12 +251,12 @@ class Programme:
             method="SLSQP",
             options={"maxiter": 500, "ftol": 1e-14},
         )
-        # the lower bound, not the solver's flag, says how good this is; limits are kept to rounding only, so step back
+        # the lower bound, not the solver's flag, measures the quality; limits are kept to rounding only, so step back
         x = self._largest_within(np.log(self.least), np.clip(found.x, low, high))
         return self.priced(np.exp(x))
 
     def _largest_within(self, kept: Array, high: Array) -> Array:
-        """Return the point nearest to ``high`` on the way from ``kept`` that keeps all limits."""
+        """Return the point closest to ``high`` on the line from ``kept`` that keeps all limits."""
         if self.exceeded(np.exp(high)).max() <= ROUNDING:
             return high
         least, _ = last_kept(
@@ -275,7 +274,7 @@ class Programme:
         free = (t > self.low * (1 + 1e-7)) & (t < self.high * (1 - 1e-7))
         if len(active) and free.any():
             gradient = np.hstack(slopes)[:, active][free]
-            # conditions in proportion to what each tolerance weighs
+            # conditions weighted by the effect of each tolerance
             weights = 1 / np.maximum(falls[free], 1e-300)
             multipliers[active] = optimize.nnls(gradient * weights[:, None], falls[free] * weights)[0]
         total = tuple(float(multipliers[places == k].sum() / one.limit) for k, one in enumerate(self.limits))
@@ -285,10 +284,7 @@ class Programme:
         return Solution(t, float(self.cost_of(t).sum()), bound, total, np.where(free, 0.0, rest))
 
     def _lower_bound(self, t: Array, slopes: Sequence[Array], multipliers: Array, places: NDArray[np.intp]) -> float:
-        """Return the minimum of the Lagrangian in t, by bisection of the slope of each tolerance's convex part.
-
-        A quantile is replaced by its tangent in t² at ``t``, and with correlated tolerances by that in t.
-        """
+        """Return the minimum of the Lagrangian in t, with quantiles replaced by tangents in t² (t if correlated)."""
         square, line = np.zeros(len(self.low)), np.zeros(len(self.low))
         constant = 0.0
         for k, one in enumerate(self.limits):

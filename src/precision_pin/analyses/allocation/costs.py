@@ -1,4 +1,4 @@
-"""A tolerance to choose, and its cost as a function of its width, or of its grade."""
+"""A tolerance to choose, and its cost as a function of its width or grade."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from precision_pin.base.arguments import shown
 from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError, UnknownNameError
 
-# unit of each number of a cost, of the tolerance's units; empty for a pure number
+# unit of each number of a cost, in terms of the tolerance's unit; empty for a pure number
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "reciprocal": ("{}",),
     "squared": ("{}^2",),
@@ -25,14 +25,14 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 _LISTS: Final = ("grades", "iso286")
 _MOST_POWER: Final = 100.0
-# numbers beyond this, in SI, overflow in slopes and ratios of costs
+# larger numbers, in SI, overflow in slopes and ratios of costs
 _LARGEST: Final = 1e50
 
 
 @final
 @dataclass(frozen=True)
 class Cost:
-    """A cost that falls with the tolerance t (m, rad) and is convex in it, and in t².
+    """A cost that decreases with the tolerance t (m, rad) and is convex in t and t².
 
     Attributes:
         kind: ``reciprocal`` c/t, ``squared`` c/t², ``power`` b t^(-k), ``exponential`` b exp(-c t), ``logarithmic`` c
@@ -53,7 +53,7 @@ class Cost:
         return first * t**-self._power
 
     def slope(self, t: Array) -> Array:
-        """Return its derivative with respect to the tolerance, which is negative."""
+        """Return the derivative with respect to the tolerance, which is negative."""
         first = self.numbers[0]
         if self.kind == "exponential":
             return -first * self.numbers[1] * np.exp(-self.numbers[1] * t)
@@ -69,12 +69,7 @@ class Cost:
 @final
 @dataclass(frozen=True, eq=False)
 class Grades(Fixed):
-    """Tolerances that can be had, with their prices.
-
-    Attributes:
-        names: Names of the grades, such as ``IT7``; empty texts for those without.
-        widths, prices: Tolerances (m, rad), narrowest first, and the price of each, ``(g,)``.
-    """
+    """Available tolerances (m, rad; narrowest first), their names, such as ``IT7`` or empty, and prices ``(g,)``."""
 
     names: tuple[str, ...]
     widths: Array
@@ -89,7 +84,7 @@ class Grades(Fixed):
         return np.zeros_like(t)
 
     def name_of(self, t: float) -> str:
-        """Return the name of a tolerance's grade; empty where it is none."""
+        """Return the name of a tolerance's grade; empty if it is none."""
         place = int(self._places(np.array(t)))
         return self.names[place] if np.isclose(self.widths[place], t, rtol=1e-9, atol=0) else ""
 
@@ -103,10 +98,9 @@ class Tolerance:
     """A tolerance to choose.
 
     Attributes:
-        path: Where it stands in the sheet.
-        sign, unit: What stands before its number, up to a ±, and after it.
+        path: Path in the sheet.
+        sign, unit: Text before its number, up to a ±, and after it.
         before, low, high: Its value in the sheet and its bounds, m or rad.
-        cost: Its cost.
         group: Tolerances of one group are equal; empty without one.
     """
 
@@ -121,14 +115,14 @@ class Tolerance:
 
     @property
     def grades(self) -> Array | None:
-        """Tolerances within the bounds that can be had, narrowest first; ``None`` where any can."""
+        """Available tolerances within the bounds, narrowest first; ``None`` where any value is."""
         if not isinstance(self.cost, Grades):
             return None
         widths = self.cost.widths
         return widths[(widths >= self.low * (1 - 1e-9)) & (widths <= self.high * (1 + 1e-9))]
 
     def grade(self, value: float) -> str:
-        """Return the name of a value's grade; empty where it has none."""
+        """Return the name of a value's grade; empty if it has none."""
         return self.cost.name_of(value) if isinstance(self.cost, Grades) else ""
 
     def number(self, value: float) -> str:
@@ -142,7 +136,7 @@ class Tolerance:
 
 @contextmanager
 def said_of(where: str, kind: type[InputError] = InputError) -> Iterator[None]:
-    """Begin the message of an error with where it is."""
+    """Prefix the message of an error with its place."""
     try:
         yield
     except InputError as error:
@@ -153,14 +147,12 @@ def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> 
     """Return the cost that a mapping of one kind to its numbers, or its grades, states.
 
     Args:
-        given: The mapping.
-        where: What messages begin with.
-        quantity: Length or angle, as the tolerance is.
-        key: Last key of its path: a ``diameter`` is as wide as a grade, anything else half as wide; ``std`` is no
-            width.
+        where: Prefix of messages.
+        quantity: Length or angle, as of the tolerance.
+        key: Last key of its path: a ``diameter`` is as wide as a grade, others half as wide; ``std`` is no width.
 
     Raises:
-        InputError: Another kind, numbers that are not positive, a unit that does not fit, or no grades.
+        InputError: Another kind, numbers that are not positive, a wrong unit, or no grades.
     """
     if not isinstance(given, Mapping) or len(given) != 1 or next(iter(given)) not in (*_UNITS, *_LISTS):
         raise InputError(
@@ -188,7 +180,7 @@ def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> 
 
 
 def _number(given: object, form: str, where: str, quantity: units.Quantity) -> float:
-    """Return a positive number in SI; ``form`` is its unit, of a unit of the tolerance. Without a unit it is in SI."""
+    """Return a positive number in SI; ``form`` is its unit in terms of the tolerance's. Without a unit it is in SI."""
     with said_of(where):
         numbers, unit = units.split(str(given))
     factors = {form.format(one): _factor(form, factor) for one, factor in quantity.units.items()} if form else {}
@@ -215,7 +207,7 @@ def _listed_grades(given: object, where: str, quantity: units.Quantity) -> list[
 
 
 def _iso_grades(given: object, where: str, quantity: units.Quantity, key: str) -> list[tuple[str, float, float]]:
-    """Return the grades of ISO 286 that have a price; a half-width is half of a grade's width."""
+    """Return the priced grades of ISO 286; a half-width is half of a grade's width."""
     if key == "std":
         raise InputError(
             f"{where}: a grade of ISO 286 limits a width, and this is a standard deviation; list its grades"
@@ -264,7 +256,7 @@ def _price(given: object, where: str) -> float:
 SIZES: Final = (
     3, 6, 10, 18, 30, 50, 80, 120, 180, 250, 315, 400, 500, 630, 800, 1000, 1250, 1600, 2000, 2500, 3150,
 )  # fmt: skip
-"""Largest nominal size of each step, mm; a step begins above the largest size of the one before."""
+"""Largest nominal size of each step, mm; a step begins above the largest size of the previous one."""
 
 GRADES: Final[Mapping[str, tuple[int, ...]]] = {
     "IT5": (4, 5, 6, 8, 9, 11, 13, 15, 18, 20, 23, 25, 27, 32, 36, 40, 47, 55, 65, 78, 96),
@@ -293,7 +285,7 @@ def grade_width(grade: str, size: float) -> float:
     """
     if grade not in GRADES:
         raise UnknownNameError("ISO 286 grade", grade, tuple(GRADES))
-    # a size such as 80 mm belongs to the step that ends with it, whatever its last digit in binary
+    # a size such as 80 mm belongs to the step that ends with it, whatever its binary rounding
     rounded = round(size * 1e3, 9)
     if not 0 < rounded <= SIZES[-1]:
         raise InputError(f"a nominal size of ISO 286 is above 0 and at most {SIZES[-1]} mm, got {rounded:g} mm")

@@ -1,4 +1,4 @@
-"""An allocation as a picture: what causes the error before and after, and the cost against the accuracy."""
+"""Figure of an allocation: the error's sources before and after, and cost against accuracy."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _WORDS: Final = {"rms": "root mean square", "worst_case": "largest deviation"}
 
 
 def figure(result: AllocationResult) -> Figure:
-    """Return the figure, 174 mm wide: sources before and after, beside them the front if there is one."""
+    """Return the figure, 174 mm wide: sources before and after, next to the front if there is one."""
     with style():
         made = new_figure(DOUBLE_COLUMN)
         panels = list(made.subplots(1, 2)) if result.front else [made.subplots()]
@@ -54,7 +54,6 @@ def figure(result: AllocationResult) -> Figure:
 
 
 def _draw_parts(axes: Axes, result: AllocationResult) -> int:
-    """Draw the largest parts and return how many."""
     parts = result.parts
     sizes = {one.source: max(one.before, one.after) for one in parts.sources}
     largest = max(sizes.values(), default=0.0)

@@ -1,12 +1,13 @@
-"""Cheapest tolerances where some come in grades: outer approximation with branch and bound.
+"""Cheapest tolerances where some have grades: outer approximation with branch and bound.
 
-A grade is a binary variable. In these, t and t² are linear, so that a worst case and a root mean square are linear rows; a
-quantile is a row tangent to the set of variances that keep it, added where it is exceeded. A tolerance without grades has t,
-t² and its cost as variables, bounded by tangents. The mixed-integer linear programme, solved by branch and bound (HiGHS), is a
-lower bound of the cost; with its grades the others are chosen by the exact programme, which is an upper bound. Both are repeated
-with more tangents until they meet (Duran, Grossmann, Mathematical Programming 36, 307, 1986).
+A grade is a binary variable. In these, t and t² are linear, so that a worst case and a root mean square are linear
+rows; a quantile is a row tangent to the set of variances that keep it, added where it is exceeded. A tolerance without
+grades has t, t² and its cost as variables, bounded by tangents. The mixed-integer linear programme, solved by branch
+and bound (HiGHS), gives a lower bound of the cost; with its grades fixed, the exact programme chooses the others and
+gives an upper bound. Both are repeated with more tangents until they meet (Duran, Grossmann, Mathematical Programming
+36, 307, 1986).
 
-Pareto front: the least cost against limits that are all wider or narrower by a factor.
+Pareto front: the least cost against limits that are all scaled by one factor.
 """
 
 from __future__ import annotations
@@ -29,16 +30,16 @@ from precision_pin.analyses.allocation.convex_program import ROUNDING, Limit, Pr
 from precision_pin.base.arrays import Array
 from precision_pin.base.record import Record
 
-# share of the cost that may be left between the bounds
+# fraction of the cost that may remain between the bounds
 _GAP: Final = 1e-6
-# distance from a limit, relative, below which its tangent is added
+# relative distance from a limit below which its tangent is added
 _NEAR: Final = 1e-4
-# factor on tolerances that keep the limits, after which the way to them leaves the limits near by
+# factor on tolerances that keep the limits, after which the line to them leaves the limits close by
 _BEYOND: Final = 1.5
-# tangents of each tolerance without grades to begin with
+# initial tangents of each tolerance without grades
 _TANGENTS: Final = 12
 _ROUNDS: Final = 1000
-# seconds that the first lower bound has in any case
+# least time for the first lower bound, in seconds
 _LEAST_TIME: Final = 0.5
 
 
@@ -47,11 +48,8 @@ def solve_with_grades(
 ) -> Solution | None:
     """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit.
 
-    Args:
-        programme: Costs, bounds and limits.
-        choices: Tolerances that each variable can have, narrowest first, within its bounds; ``None`` for any.
-        seconds: After this time the best found so far is returned, with its lower bound.
-        advance: Called after each round of both bounds.
+    ``choices`` are the available values of each variable, narrowest first, or ``None`` for any. After ``seconds`` the
+    best so far is returned, with its lower bound. ``advance`` is called after each round of both bounds.
     """
     end = monotonic() + seconds
     fixed = np.array([one is not None for one in choices])
@@ -74,7 +72,7 @@ def solve_with_grades(
         if t is None or (best is not None and best.cost - bound <= _GAP * abs(best.cost)):
             break
         if t[fixed].tobytes() in seen:
-            # what is left between the bounds then is rounding of the linear programme
+            # the remaining gap is then rounding of the linear programme
             if best is not None and gained <= _GAP / 10 * abs(best.cost):
                 break
         elif (solution := _with_grades(programme, fixed, t)) is None:
@@ -93,13 +91,12 @@ def solve_with_grades(
 
 
 def _with_grades(programme: Programme, fixed: NDArray[np.bool_], t: Array) -> Solution | None:
-    """Return the cheapest tolerances with the grades of ``t``."""
     low, high = np.where(fixed, t, programme.low), np.where(fixed, t, programme.high)
     return replace(programme, low=low, high=high).solve()
 
 
 def _widened(programme: Programme, choices: Sequence[Array | None]) -> Array:
-    """Return grades that keep the limits: from the narrowest, step by step where most is saved for what a limit loses."""
+    """Return grades that keep the limits: from the narrowest, widening where most is saved for the reserve it costs."""
     places = np.zeros(len(choices), dtype=int)
     lists = [np.asarray(one) for one in choices]
     t = np.array([own[0] for own in lists])
@@ -190,7 +187,7 @@ class _Relaxation:
         return np.clip(t, self._programme.low, self._programme.high), cost
 
     def refuse(self, t: Array) -> None:
-        """Demand a narrower grade than that of ``t`` somewhere where errors grow with every tolerance; else another one."""
+        """Demand somewhere a narrower grade than that of ``t``, if errors grow with every tolerance; else another."""
         row = np.zeros(len(self._cost))
         for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
             if own is not None:
@@ -220,7 +217,7 @@ class _Relaxation:
                 self._most.append(most)
 
     def touch(self, t: Array) -> None:
-        """Add all tangents at tolerances ``t``, those of the quantiles that they just keep included."""
+        """Add all tangents at tolerances ``t``, including those of active quantiles."""
         self.add_tangents(t)
         for one in self._programme.limits:
             if one.kind != "quantile" and not len(one.pairs):
@@ -231,7 +228,7 @@ class _Relaxation:
                 self._add_slope(one, slopes[:, place], t, -float(excess[place]))
 
     def cut(self, t: Array) -> None:
-        """Add the tangents of the quantiles that ``t`` exceeds, each where the way to ``t`` in t² leaves the limit."""
+        """Add the tangents of the quantiles that ``t`` exceeds, each where the line to ``t`` in t² leaves the limit."""
         low = self._programme.least
         for one in self._programme.limits:
             if one.kind != "quantile" and not len(one.pairs):
@@ -249,10 +246,7 @@ class _Relaxation:
                 self._add_slope(one, only.log_slopes(between)[:, 0], between, 0.0)
 
     def _add_slope(self, one: Limit, slopes: Array, t: Array, left: float) -> None:
-        """Add the tangent of ln of a measure at ``t`` in t², or in t where tolerances are correlated.
-
-        ``slopes`` are those with respect to ln t; ``left`` is what is missing to the limit.
-        """
+        """Add the tangent of ln of a measure in t² (t if correlated), by its slopes in ln t and reserve ``left``."""
         if len(one.pairs):
             self._add((slopes / t * self._widest) @ self._t, float(slopes.sum()) + left)
         else:
@@ -271,7 +265,6 @@ class _Relaxation:
                 self._add((parts * self._widest / one.limit) @ self._t, 1 - still[place] / one.limit)
 
     def _add(self, row: Array, most: float) -> None:
-        """Add a row, scaled so that its largest coefficient is 1."""
         size = float(np.abs(row).max(initial=0.0))
         if size > 0:
             self._rows.append(row / size)
@@ -286,14 +279,14 @@ def _worthwhile(programme: Programme, k: int, grades: Array) -> Array:
     return np.asarray(grades[prices < np.minimum.accumulate(np.concatenate([[np.inf], prices[:-1]]))])
 
 
-# begin of a line that HiGHS 1.12 (SciPy 1.17) leaves from its development
+# beginning of a debug line that HiGHS 1.12 (SciPy 1.17) prints
 _LINE: Final = b"HighsMipSolverData::transformNewIntegerFeasibleSolution"
 _STDOUT: Final = 1
 
 
 @contextmanager
 def without_solver_lines() -> Iterator[None]:
-    """Hold back what is written to standard output during the block, and write it afterwards without the solver's line."""
+    """Buffer standard output during the block, and write it afterwards without the solver's line."""
     _flush()
     try:
         kept = os.dup(_STDOUT)
@@ -315,7 +308,6 @@ def without_solver_lines() -> Iterator[None]:
 
 
 def _flush() -> None:
-    """Write the buffers of Python and of C."""
     with suppress(OSError, ValueError, AttributeError):
         sys.stdout.flush()
     ctypes.CDLL(None).fflush(None)
@@ -330,13 +322,7 @@ _EDGE: Final = 1.001
 @final
 @dataclass(frozen=True, eq=False)
 class FrontPoint(Record):
-    """The cheapest tolerances of the first-order model for limits that are multiplied by a factor.
-
-    Attributes:
-        factor, cost: Factor of every limit, and the least cost.
-        lower_bound: Of the cost; ``None`` where it was not found in time.
-        tolerances: The tolerances, m or rad, ``(n,)``.
-    """
+    """Cheapest first-order tolerances ``(n,)``, m or rad, for limits times ``factor``; no late lower bound."""
 
     factor: float
     cost: float
@@ -351,7 +337,7 @@ def solve(
     advance: Callable[[int], None],
     near: Array | None = None,
 ) -> Solution | None:
-    """Return the cheapest tolerances, with or without grades, as :func:`solve_with_grades` does; ``near`` is where to begin."""
+    """Return the cheapest tolerances, with or without grades, as :func:`solve_with_grades`, starting from ``near``."""
     if all(one is None for one in choices):
         return programme.solve(near)
     return solve_with_grades(programme, choices, max(seconds, 0.0), lambda _: advance(0))
@@ -365,13 +351,12 @@ def pareto_front(
     seconds: float,
     advance: Callable[[int], None],
 ) -> tuple[FrontPoint, ...]:
-    """Return points from the narrowest limits that can be kept, or a third, to those that cost the least, or threefold.
+    """Return points from a third of the limits (or the narrowest possible) to threefold (or the least cost).
 
     Args:
-        programme, choices: What is solved.
         members: Number of the group of each tolerance.
-        count: How many points; their factors have equal ratios, but for the one nearest to 1, which is 1.
-        seconds: For all points together, where there are grades.
+        count: Number of points; their factors have equal ratios, but for the one closest to 1, which is 1.
+        seconds: Time for all points together, where there are grades.
         advance: Called with 1 after each point.
     """
     least = float(programme.shares(programme.low[:, None]).max()) * _EDGE

@@ -1,4 +1,4 @@
-"""The problem of an allocation as the sheet's ``allocate:`` states it."""
+"""The problem of an allocation as stated by the sheet's ``allocate:``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from precision_pin.sheet.settings import TOLERANCE_PATTERN
 from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import specification
 
-# bounds of a tolerance without its own: this much narrower and wider than it is
+# default bounds of a tolerance, as factors of its value
 _RANGE: Final = 100.0
 _KEYS: Final = ("path", "cost", "min", "max", "group")
 _BOUNDS: Final = ("rms", "worst_case")
@@ -42,14 +42,14 @@ class Bound:
 
     @property
     def components(self) -> tuple[int, ...]:
-        """Components of the error, of six, that are limited, together or (worst case) each."""
+        """Limited components of the error, of six; together, or (worst case) each."""
         return (0, 1, 2) if self.is_position else (3, 4, 5)
 
 
 @final
 @dataclass(frozen=True)
 class Problem:
-    """Tolerances, limits and poses; no poses for all of the sheet's."""
+    """Tolerances, limits and poses; no poses means all of the sheet's."""
 
     tolerances: tuple[Tolerance, ...]
     limits: tuple[Specification | Bound, ...]
@@ -57,11 +57,7 @@ class Problem:
 
 
 def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
-    """Return the problem that a mapping states, or the sheet's own.
-
-    Raises:
-        InputError: A model without a sheet or a sheet without a problem; a wrong key or value.
-    """
+    """Return the problem of a mapping or, by default, the sheet; InputError if there is none, or it is wrong."""
     if model.sheet is None or model.sheet.contents is None:
         raise InputError("the model was not read from a sheet or a dictionary, so that it has no tolerances to choose")
     contents = model.sheet.contents if given is None else None
@@ -93,11 +89,7 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
 
 
 def check_problem(model: ErrorModel, task: Problem) -> None:
-    """Refuse a tolerance of the sheet's own problem that cannot be chosen.
-
-    Raises:
-        InputError: As an allocation would, at the first pose.
-    """
+    """Raise InputError, as an allocation would at the first pose, for a tolerance that cannot be chosen."""
     assert model.sheet is not None
     try:
         with unheard():
@@ -109,7 +101,7 @@ def check_problem(model: ErrorModel, task: Problem) -> None:
 
 @contextmanager
 def _at(contents: Contents | None, *path: str | int) -> Iterator[None]:
-    """Add file and line to an error about an entry of the sheet's ``allocate:``; ``None`` for a problem from elsewhere."""
+    """Add file and line to an error about an entry of the sheet's ``allocate:``; ``None`` for another problem."""
     try:
         yield
     except InputError as error:
@@ -120,7 +112,7 @@ def _at(contents: Contents | None, *path: str | int) -> Iterator[None]:
 
 
 def _check_together(tolerances: Sequence[Tolerance]) -> None:
-    """Refuse a path that is listed twice, and groups without a common value."""
+    """Reject a path that is listed twice, and groups without a common value."""
     paths = [one.path for one in tolerances]
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
@@ -147,7 +139,7 @@ def _poses(model: ErrorModel, given: object) -> tuple[str, ...]:
 
 
 def common_grades(tolerances: Sequence[Tolerance]) -> Array | None:
-    """Return the tolerances that all of a group can have, narrowest first; ``None`` where none of them has grades."""
+    """Return the tolerances that all of a group can have, narrowest first; ``None`` if none of them has grades."""
     listed = [one.grades for one in tolerances if one.grades is not None]
     if not listed:
         return None
@@ -186,11 +178,11 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
 
 
 class _NoToleranceError(InputError):
-    """What a path names is no positive length or angle."""
+    """The path does not name a positive length or angle."""
 
 
 def _read(entry: Mapping[str, Any], path: str, text: str) -> Tolerance:
-    """Return the tolerance of an entry, whose path and text in the sheet are known."""
+    """Return the tolerance of an entry from its path and its text in the sheet."""
     sign, number = _split(text)
     with said_of(f"allocate: {path}", _NoToleranceError):
         before = units.parse(number, units.LENGTH, units.ANGLE)
@@ -223,7 +215,7 @@ def _read(entry: Mapping[str, Any], path: str, text: str) -> Tolerance:
 
 
 def _chosen(model: ErrorModel, path: str) -> tuple[str, str]:
-    """Return the path of the tolerance that a path means, and its text in the sheet."""
+    """Return the path of the tolerance that a path refers to, and its text in the sheet."""
     values = values_of(model, path)
     given = list(values.values())
     is_alike, is_source = all(value == given[0] for value in given), source_of(path) == path
@@ -257,14 +249,14 @@ def values_of(model: ErrorModel, path: str) -> dict[str, Any]:
 
 
 def _split(text: str) -> tuple[str, str]:
-    """Return what stands up to a ±, and the number."""
+    """Return the text up to a ±, and the number."""
     sign = _SIGN.search(text)
     end = 0 if sign is None else sign.end()
     return text[:end], text[end:].strip()
 
 
 def _tolerances_below(model: ErrorModel, path: str, value: object) -> list[str]:
-    """Return the paths of positive lengths and angles in a value of the sheet: of a law its width, of a name the parameter's."""
+    """Return the paths of positive lengths and angles in a value: for a law its width, for a name the parameter's."""
     if isinstance(value, Mapping):
         widths = [key for key in value if key in laws_of_sheets()]
         entries = [(f"{path}.{key}", value[key]) for key in widths or value]
@@ -283,7 +275,7 @@ def _tolerances_below(model: ErrorModel, path: str, value: object) -> list[str]:
 
 
 def _parameter(model: ErrorModel, text: str) -> tuple[str, object] | None:
-    """Return path and value of the parameter that a name, or that of one of its numbers, is; ``None`` for anything else."""
+    """Return path and value of the parameter of this name, or of this number; ``None`` for anything else."""
     contents = None if model.sheet is None else model.sheet.contents
     stated = {} if contents is None else contents.text.data.get("parameters") or {}
     name = next((one for one in (text, text.rpartition(".")[0]) if one in stated), None)
@@ -302,7 +294,7 @@ def _can_be_chosen(model: ErrorModel, path: str) -> bool:
 
 
 def unchosen(model: ErrorModel, error: NoScaleError) -> InputError:
-    """Return the error about a tolerance with which the error does not scale, with what can be done."""
+    """Return the error about a tolerance with which the error does not scale, with a remedy."""
     path, sheet = error.path, model.sheet
     if sheet is not None and sheet.estimates is not None and _can_be_chosen(model.with_({"calibrated": "none"}), path):
         return InputError(
@@ -317,7 +309,7 @@ def _ignore(count: int) -> None:
 
 
 def beside(model: ErrorModel, path: str) -> str:
-    """Return which tolerances of the same source or parameter can be chosen instead of a path, for the end of a message."""
+    """Return, for the end of a message, which tolerances of the same source or parameter can be chosen instead."""
     above = source_of(path) or path.rpartition(".")[0]
     try:
         values = values_of(model, above) if above else {}

@@ -1,4 +1,4 @@
-"""Part of each tolerance in the first-order error, and a check that it grows in proportion to the tolerance."""
+"""Contribution of each tolerance to the first-order error, and a check that it is proportional to the tolerance."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 
-# factors of the tolerances by which their parts are found, and checked
+# factors on the tolerances to find their contributions, and to check them
 _WIDE: Final = 2.0
 _NARROW: Final = 0.5
-# error of a contribution, of the largest, above which it does not scale with its tolerance
+# relative error of a contribution, by the largest, above which it does not scale with its tolerance
 _LEAST: Final = 1e-6
-# slope, by the largest, that is rounding
+# slope, relative to the largest, that counts as rounding
 _ROUNDING: Final = 1e-12
-# standard deviations of a normal law at which a worst case ends
+# standard deviations at which the worst case of a normal law ends
 _WIDTH: Final = 3.0
-# samples that show whether a law keeps its shape
+# samples to check whether a law keeps its shape
 _FEW: Final = 64
 
 
 @final
 class NoScaleError(InputError):
-    """The error does not follow a tolerance in proportion; ``path`` is that of the tolerance."""
+    """The error is not proportional to the tolerance at ``path``."""
 
     def __init__(self, path: str, reason: str) -> None:
         super().__init__(f"allocate: {reason}")
@@ -44,17 +44,17 @@ class NoScaleError(InputError):
 @final
 @dataclass(frozen=True, eq=False)
 class Contributions(Fixed):
-    """First-order error at P poses, in parts: ``mean + rest z + Σ t_i moved_i z``, z the components in standard deviations.
+    """First-order error at P poses: ``mean + rest z + Σ t_i moved_i z``, z the components in standard deviations.
 
     Attributes:
         mean: Error at the means ``(6, P)``.
-        covariance, by_tolerance: Covariance that no tolerance changes ``(6, 6, P)``, and that of each tolerance of 1 m
-            or rad ``(n, 6, 6, P)``.
-        pairs, by_pair: Numbers of two tolerances with correlated draws, n for what is not chosen, ``(m, 2)``; what
-            their product adds to the covariance, ``(m, 6, 6, P)``.
+        covariance, by_tolerance: Fixed covariance ``(6, 6, P)``, and that of each tolerance of 1 m or rad ``(n, 6, 6,
+            P)``.
+        pairs, by_pair: Numbers of two tolerances with correlated draws, n for the unchosen rest, ``(m, 2)``; the
+            contribution of their product to the covariance, ``(m, 6, 6, P)``.
         reach, reach_by_tolerance: Largest deviations of the components, ``(6, P)`` and ``(n, 6, P)``.
-        moved, rest: Slopes of the error by the components that each tolerance moves: their columns ``(c,)`` and ``(6,
-            c, P)``; and of what is not chosen.
+        moved, rest: Slopes of the error by the components that each tolerance moves, columns ``(c,)`` and ``(6, c,
+            P)``; and those of the unchosen rest.
     """
 
     mean: Array
@@ -70,10 +70,7 @@ class Contributions(Fixed):
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """First-order error of one model: mean ``(6, P)``, slopes by standard deviation ``(6, d, P)``, largest deviations.
-
-    ``deviations`` are the standard deviations of the components, ``(d,)``.
-    """
+    """First-order error of a model: mean ``(6, P)``, slopes by deviation ``(6, d, P)``, deviations ``(d,)``."""
 
     mean: Array
     slopes: Array
@@ -94,11 +91,10 @@ def contributions(
 ) -> Contributions:
     """Return the parts of the first-order error at named poses; ``advance`` is called with 1 for each tolerance.
 
-    Each tolerance is doubled, and all are halved together: the error must follow in proportion, and nothing else may change.
+    Each tolerance is doubled, and all are halved together: the error must be proportional, and nothing else may change.
 
     Raises:
-        InputError: A tolerance whose part does not follow in proportion, or that changes the mean or other tolerances'
-            parts.
+        InputError: A tolerance whose part is not proportional, or that changes the mean or other tolerances' parts.
     """
     whole = _errors(model, poses, worst_case)
     scale = max(float(np.abs(whole.slopes).max(initial=0.0)), 1e-300)
@@ -117,7 +113,7 @@ def contributions(
         reaches.append((wide.reach - whole.reach) / (_WIDE - 1))
         advance(1)
     largest = max(float(whole.reach.max(initial=0.0)), 1e-300)
-    # all of them narrower at once show whether any part does not follow in proportion, one alone which
+    # halving all at once shows whether any part is not proportional, halving one shows which
     together = _at_factor(model, tolerances, _NARROW, poses, worst_case)
     if not _follows(together, whole, np.sum(parts, axis=0), scale):
         for one, part in zip(tolerances, parts, strict=True):
@@ -165,7 +161,7 @@ class Moved(Fixed):
 
     @classmethod
     def of(cls, slopes: Array) -> Moved:
-        """Return what is not zero of slopes ``(6, d, P)``."""
+        """Return the nonzero columns of slopes ``(6, d, P)``."""
         largest = np.abs(slopes).max(axis=(0, 2), initial=0.0)
         columns = np.flatnonzero(largest)
         return cls(columns, slopes[:, columns])
@@ -182,7 +178,7 @@ class Moved(Fixed):
 
 
 def _products(moved: Sequence[Moved], correlation: BlockCovariance) -> tuple[NDArray[np.intp], Array]:
-    """Return the pairs whose draws are correlated, and what their products add to the covariance."""
+    """Return the pairs whose draws are correlated, and the contributions of their products to the covariance."""
     blocks = [
         set(columns.tolist())
         for columns, matrix in correlation.blocks
@@ -210,7 +206,7 @@ def _covariance(one: Array, other: Array, correlation: BlockCovariance) -> Array
 
 
 def _follows(narrow: _Errors, whole: _Errors, part: Array, scale: float) -> bool:
-    """Return whether the error changes by the share of its part, and nothing else of the laws does."""
+    """Return whether the error changes in proportion to its part, and no other law changes."""
     return (
         not _differ(narrow.slopes, whole.slopes + (_NARROW - 1) * part, _LEAST * scale)
         and not _differ(narrow.numbers, whole.numbers, 1e-6 * float(np.abs(whole.numbers).max(initial=1.0)))
@@ -247,7 +243,6 @@ def in_deviations(space: Space, seed: int, count: int, pose: int = 0) -> Array:
 
 
 def _errors(model: ErrorModel, poses: Sequence[str], worst_case: bool) -> _Errors:
-    """Return the first-order error at poses."""
     values, _ = model.configurations(list(poses))
     chunks = list(tangents(model.at_columns(values, model.approaches_of(list(poses), values))))
     mean = np.concatenate([chunk.error for chunk in chunks], axis=1)

@@ -1,4 +1,4 @@
-"""An allocation as text for a terminal."""
+"""Terminal table of an allocation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _WORDS: Final = {"quantile": "", "rms": "root mean square ", "worst_case": "wors
 
 
 def allocation_table(result: AllocationResult) -> str:
-    """Return the verdict and the cost, the limits, a row for each tolerance, and the error's sources before and after."""
+    """Return verdict and cost, the limits, a row for each tolerance, and the error's sources before and after."""
     of, parts, front = result.provenance, result.parts, front_rows(result)
     largest = part_rows(result)
     hidden = parts.shares()[len(largest) - 1 :]
@@ -61,10 +61,11 @@ def tolerance_rows(result: AllocationResult) -> list[list[str]]:
 
 
 def verdict_lines(result: AllocationResult) -> list[str]:
-    """Return the cost and how far above the least it is, or what no allocation can meet and what is in the way."""
+    """Return the cost and its gap to the least, or the limit that no allocation can meet and the obstacles."""
     if not result.feasible:
         one = result.tightest
-        # narrower is not always better: an error far out may bring robots back that a rare value moves just beyond the limit
+        # narrower is not always better: a wide error may bring back robots that a rare value moves just beyond the
+        # limit
         is_shown = one.required is None or result.bound_basis == "samples"
         none = "no allocation can meet" if is_shown else "no allocation was found that meets"
         return [
@@ -82,7 +83,7 @@ def verdict_lines(result: AllocationResult) -> list[str]:
 
 
 def _margin(result: AllocationResult) -> list[str]:
-    """Return what the margin is for and what it costs; nothing without one."""
+    """Return purpose and cost of the margin; nothing without one."""
     given = [one for one in result.limits if one.required is not None]
     if not given or not result.for_samples:
         return []
@@ -96,7 +97,7 @@ def _margin(result: AllocationResult) -> list[str]:
 
 
 def _above_least(result: AllocationResult) -> str:
-    """Return in words how far above the least cost the result is, and what that rests on."""
+    """Return as text how far the cost is above the least, and the basis of that."""
     gap = result.gap
     if gap is None:
         return "how far above the least is not known"
@@ -108,12 +109,11 @@ def _above_least(result: AllocationResult) -> str:
 
 
 def pose_count(result: AllocationResult) -> str:
-    """Return the number of poses in words."""
+    """Return the number of poses as text."""
     return f"{len(result.poses):,} pose{'s' if len(result.poses) > 1 else ''}"
 
 
 def _in_words(one: AllocatedLimit) -> str:
-    """Return a limit such as ``position.norm 0.5 mm @ 95 %``."""
     required = "" if one.required is None else f" @ {100 * one.required:.6g} %"
     return f"{_WORDS[one.kind]}{one.quantity} {1e3 * one.limit:.4g} {unit(one.quantity)}{required}"
 
@@ -126,7 +126,7 @@ def _reached(one: AllocatedLimit) -> str:
 
 
 def _obstacles(result: AllocationResult) -> str:
-    """Return the largest parts that are left with every tolerance at its least: the constant one, then those that scatter."""
+    """Return the largest parts that remain with every tolerance at its least: the constant, then the random ones."""
     parts = result.parts
     size = unit(parts.quantity)
     scattered = [one for one in parts.sources if one.source != MEAN]
@@ -146,7 +146,7 @@ def _state(one: SourcePart) -> str:
 
 
 def parts_in_words(result: AllocationResult) -> str:
-    """Return what the parts of the sources are, and where."""
+    """Return meaning and place of the source parts."""
     what = "largest deviation" if result.parts.kind == "worst_case" else "root mean square"
     return f"{what} of {result.parts.quantity} at {visible(result.parts.pose)}, first order"
 
@@ -163,7 +163,7 @@ def part_rows(result: AllocationResult) -> list[list[str]]:
 
 
 def front_in_words(result: AllocationResult) -> str:
-    """Return what the front is of."""
+    """Return the title of the front."""
     others = ", the others with it" if len(result.limits) > 1 else ""
     return f"cost against accuracy, first order{others}"
 

@@ -1,4 +1,4 @@
-"""Error budget: the share of each tolerance in the pose error."""
+"""Error budget: the contribution of each tolerance to the pose error."""
 
 from precision_pin.analyses.declaration import AT_POSES, INPUTS, SAMPLING, Declaration, Option
 

@@ -1,7 +1,6 @@
-"""Error budget: shares of draws, sources and joints in the spread of the pose error, and the effect of tighter tolerances.
+"""Error budget: contributions of draws, sources and joints to the pose error, and the effect of tighter tolerances.
 
-The budget has closed-form shares of the tangent model and Sobol indices of the exact model. They agree as far as the model
-is linear.
+Closed-form shares of the tangent model and Sobol indices of the exact model agree as far as that is linear.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ from precision_pin.statistics import QUANTITIES, quantity_values
 from precision_pin.statistics.quantities import QUANTITY_WORDS
 
 MARKED: Final = 0.95
-"""Probability of the quantile on which the effect of a halved tolerance is given."""
+"""Probability of the quantile for which the effect of a halved tolerance is given."""
 
 NONLINEAR: Final = 0.01
 """Difference of a share between closed form and sampling, beyond the interval, above which it counts as nonlinear."""
@@ -103,7 +102,7 @@ class SampledBudget:
             else np.zeros((0, samples))
         )
         self.points = points[:size]
-        # groups that do not vary need no sampling: their indices are zero
+        # groups that do not vary are not sampled: their indices are zero
         self.sampled = [k for k, group in enumerate(groups) if any(self.random[draw] for draw in group)]
         self.indices = sobol.sobol_indices(
             lambda uniforms: quantity_values(self._errors(at.space.inverse(uniforms))),
@@ -148,7 +147,6 @@ class SampledBudget:
         return Halved(std, values, changes)
 
     def _with_half(self, x: Array, rows: slice) -> Array:
-        """Return the samples with half the deviation in some rows."""
         result = x.copy()
         mean = self.at.space.mean[rows, None]
         result[rows] = mean + (x[rows] - mean) / 2
@@ -235,17 +233,15 @@ def budget(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
         seed: 64-bit seed of the sampled indices and quantiles.
         samples: Points in each of the two sets of the pick-freeze method: 32 independent scrambles of a power of two.
             The exact model is evaluated about ``samples · (2 + 3 · draws)`` times.
-        confidence: Confidence of each interval by itself.
+        confidence: Confidence of each single interval.
         k, bound_at: Number of standard deviations at which unbounded laws are cut in the share of the worst case, as in
-            :func:`precision_pin.worst_case`. The two arguments are synonyms, of which the second is the former name.
+            :func:`precision_pin.worst_case`. The second is the former name of the first.
         findings: Warnings to include in the result, such as those of the sheet.
-        progress: Function called with the number of evaluations of the model since its last call, zero while points are
-            prepared; ``True`` shows a bar.
+        progress: Function called with the number of evaluations since its last call; ``True`` shows a bar.
 
     Raises:
         InputError: A wrong pose, seed, number of samples, confidence or bound; errors too large to compute with.
@@ -283,7 +279,7 @@ def check_points(samples: int) -> None:
 
 
 def _check_cost(space: Space, samples: int) -> None:
-    """Reject a budget that would take hours, or more memory than there is: the time grows with the square of the draws."""
+    """Reject a budget that would take hours, quadratic in the number of draws, or too much memory."""
     draws, size = len(space.draws), space.size
     evaluations = samples * (2 + 3 * draws)
     if evaluations * size > MOST_NUMBERS:
@@ -299,7 +295,7 @@ def evaluations(space: Space, samples: int) -> int:
     """Return the number of robots that a budget evaluates at a pose."""
     random = list_random_draws(space)
     groups = sum(any(random[draw] for draw in group) for group in correlated_groups(space))
-    # two sets of points, two more for each group with its numbers exchanged, one unchanged, and one for each halved draw
+    # two sets of points; for each group two more with its numbers exchanged; one unchanged; one for each halved draw
     return samples * (2 + 2 * groups + 1 + sum(random))
 
 
@@ -310,7 +306,7 @@ def count_steps(space: Space, poses: int, samples: int, **others: object) -> int
 
 
 def check_quantities(quantities: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of quantities in results: ``position.x`` for ``x`` and ``dx``.
+    """Return the names of quantities in results, such as ``position.x`` for ``x`` and ``dx``.
 
     Here ``position`` and ``attitude`` are the three components together, ``|d|`` and ``|δ|`` the norms.
 

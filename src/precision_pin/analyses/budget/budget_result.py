@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
 VECTORS: Final = ("position", "attitude")
-"""Quantities of three components together: their variance is E|d - E d|², the trace of the covariance."""
+"""Vectors as quantities: their variance is E|d - E d|², the trace of the covariance."""
 
 Shares = Mapping[str, float | None]
 """Shares by quantity: position, attitude, position.x … attitude.z; None where the quantity does not vary."""
@@ -42,13 +42,11 @@ class Estimate:
 @final
 @dataclass(frozen=True)
 class Halved:
-    """Effect of halving one draw's tolerance.
+    """Effect of halving one draw's tolerance: new values, and the change of the quantile with the same random numbers.
 
     Attributes:
-        std: New standard deviations, m and rad, closed form; for position and attitude the root of the trace.
-        quantile: New quantile of |d| and |δ|, m and rad, keyed by ``position.norm`` and ``attitude.norm``; ``None``
-            where the points do not resolve it.
-        change: Change of the quantile, with the same random numbers.
+        std: Standard deviations, m and rad, closed form; for position and attitude the root of the trace.
+        quantile: Quantile by ``position.norm`` and ``attitude.norm``, m and rad; ``None`` where not resolved.
     """
 
     std: Mapping[str, float]
@@ -62,7 +60,6 @@ class DrawShare:
     """Contribution of one draw.
 
     Attributes:
-        name, scope: Name and scope of the draw.
         unbounded: True if its reach is infinite in some component and was cut at ``k`` standard deviations.
         share: Share of the variance, closed form; Shapley effects for correlated draws.
         components: Shares of the single numbers of a draw of several, by name.
@@ -92,10 +89,8 @@ class Group:
     Attributes:
         draws: Names of the draws.
         share: Share of the variance, closed form.
-        first, total: Indices of the exact model by quantity: the two vectors, norms and components; ``None`` where the
-            quantity does not vary or the points do not resolve it.
-        nonlinear: Quantities whose index differs from the closed form by more than one percentage point beyond the
-            interval.
+        first, total: Indices of the exact model by quantity; ``None`` where it does not vary or is not resolved.
+        nonlinear: Quantities whose index differs from the closed form by over one percentage point beyond the interval.
     """
 
     draws: tuple[str, ...]
@@ -134,7 +129,7 @@ class Sums:
         closed: Sum of the closed-form shares: 1 to rounding.
         first: Sum of the first-order indices: 1 if the exact model has no interactions, less otherwise.
         std: Standard deviation of the tangent model, m or rad.
-        variance: Variance of the exact model, sampled; ``None`` where the points do not resolve it.
+        variance: Sampled variance of the exact model; ``None`` where not resolved.
     """
 
     closed: float | None
@@ -149,13 +144,11 @@ class PoseBudget:
     """Error budget at one pose.
 
     Attributes:
-        pose: Name and joint values of the pose.
         nominal: Error with every parameter at its mean, ``[d; δ]``.
         std: Standard deviations of the tangent model, m and rad.
-        quantile: Quantile of |d| and |δ| of the exact model; ``None`` where the points do not resolve it.
+        quantile: Quantile of |d| and |δ| of the exact model; ``None`` where not resolved.
         reach: Half-width of the range of every component, first order.
-        draws, groups, sources, places: Shares of the draws, of groups of correlated draws, of the sources, and of the
-            joints and links.
+        draws, groups, sources, places: Shares of draws, correlated groups, sources, and joints and links.
         sums: Sums of the shares, by quantity.
         warnings: One line each.
     """
@@ -193,11 +186,7 @@ class PoseBudget:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class BudgetResult(Result):
-    """Error budgets of a model.
-
-    Attributes:
-        k, marked: Number of standard deviations at which unbounded laws are cut; probability of the quantiles.
-    """
+    """Error budgets; ``k`` cuts unbounded laws (standard deviations), ``marked`` is the quantiles' probability."""
 
     schema: ClassVar[str] = "precision-pin/budget/1"
     KEYS: ClassVar[Keys] = (
@@ -226,12 +215,12 @@ class BudgetResult(Result):
         return self.k
 
     def to_pandas(self, lines: Literal["draws", "sources", "places"] = "draws") -> pandas.DataFrame:
-        """Return the result as a data frame, m and rad, NaN where not available: a row for each pose, line and quantity.
+        """Return a data frame, m and rad, NaN where not available: a row for each pose, line and quantity.
 
-        The quantities are position, attitude, position.norm … attitude.z. Draws have the columns ``share``; ``first`` and
-        ``total`` (Sobol indices of uncorrelated draws) with ``…_lower`` and ``…_upper``; ``reach`` and ``worst_case``;
-        ``halved_std``; and for norms ``halved_quantile`` and ``halved_change`` with their intervals. Sources and places
-        (joints and links) have a ``share``. ``attrs`` gives the settings.
+        The quantities are position, attitude, position.norm … attitude.z. Draws have the columns ``share``; ``first``
+        and ``total`` (Sobol indices of uncorrelated draws) with ``…_lower`` and ``…_upper``; ``reach`` and
+        ``worst_case``; ``halved_std``; and for norms ``halved_quantile`` and ``halved_change`` with their intervals.
+        Sources and places (joints and links) have a ``share``. ``attrs`` gives the settings.
 
         Args:
             lines: Kind of rows: ``"draws"``, ``"sources"`` or ``"places"``.
@@ -251,7 +240,7 @@ class BudgetResult(Result):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of the result, beside the arm."""
+        """Text of `repr` after the arm."""
         draws = len(self.poses[0].draws)
         return f"poses {len(self.poses)}, draws {draws}, {self.samples:,} points, seed {self.provenance.seed}"
 
@@ -304,7 +293,6 @@ def _estimate_columns(name: str, estimate: Estimate | None) -> dict[str, float]:
 
 
 def _cells(pose: PoseBudget, draw: DrawShare) -> list[str]:
-    """Return a row of the table in a notebook."""
     group = pose.group(draw.name)
     shares = {vector: draw.share.get(vector) for vector in VECTORS}
     position, attitude = ("-" if share is None else f"{100 * share + 0.0:.2f}" for share in shares.values())
@@ -315,7 +303,7 @@ def _cells(pose: PoseBudget, draw: DrawShare) -> list[str]:
 
 
 def scaled(estimate: Estimate | None, factor: float, decimals: int = 3, *, signed: bool = False) -> str:
-    """Return an estimate times a factor, as text with half its interval behind ±; ``-`` for none."""
+    """Return a scaled estimate as text with half its interval after ±; ``-`` for none."""
     if estimate is None:
         return "-"
     return plus_minus(factor * estimate.value, factor * estimate.half_width, decimals=decimals, signed=signed)

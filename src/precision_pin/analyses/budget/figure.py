@@ -1,4 +1,4 @@
-"""A budget as a bar chart."""
+"""Bar chart of a budget."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from precision_pin.render.html import Child, Html, beside, element, items, joine
 from precision_pin.render.tables import milli, quantity_label, unit
 
 _NAMED: Final = 5
-# causes of less than this share of the variance are folded
+# causes with a smaller share of the variance are folded
 _NOTHING: Final = 1e-3
 _FEW: Final = 4
 
@@ -101,7 +101,7 @@ def _row(pose: PoseBudget, one: CauseShare, vector: str) -> list[Child]:
 
 
 def _name(cause: Cause, pose: PoseBudget, vector: str) -> Child:
-    """Return the cell of a cause: its name, with its draws, or its components where it has several, folded below."""
+    """Return the cell of a cause: its name, with its draws, or the components of a single draw, folded below."""
     parts = [(part.words, pose.draw(part.name).share.get(vector)) for part in cause.parts]
     if len(parts) == 1:
         components = pose.draw(cause.names[0]).components
@@ -161,21 +161,14 @@ class Bar:
 
     @property
     def length(self) -> float:
-        """The length, which ranks the bars: the share, or the total index where there is none."""
+        """The length, by which bars are sorted: the share, or the total index where there is none."""
         if self.share is not None:
             return self.share
         return 0.0 if self.total is None else self.total.value
 
 
 def figure(result: BudgetResult, pose: int = 0) -> Figure:
-    """Return the shares of the variance of position and attitude as bars, largest first, 174 mm wide.
-
-    Diamonds are the total Sobol indices of the exact model, whiskers their intervals.
-
-    Args:
-        result: What was found.
-        pose: Which of its poses.
-    """
+    """Return shares of the variance as bars, total Sobol indices as diamonds with whiskers, 174 mm wide."""
     return draw_bars(result, pose, {name: _bars(result.poses[pose], name) for name in VECTORS})
 
 
@@ -186,13 +179,7 @@ def draw(axes: Axes, result: BudgetResult, which: int, quantity: str) -> None:
 
 
 def draw_bars(result: BudgetResult, pose: int, bars: Mapping[str, Sequence[Bar]]) -> Figure:
-    """Return given bars of position and attitude, 174 mm wide.
-
-    Args:
-        result: Of what.
-        pose: Which of its poses.
-        bars: By vector, the largest first.
-    """
+    """Return given bars of position and attitude, by vector and largest first, 174 mm wide."""
     rows = max(1, min(MOST_BARS, max(map(len, bars.values()), default=1)))
     with style():
         made = new_figure(DOUBLE_COLUMN)
@@ -209,7 +196,6 @@ def draw_bars(result: BudgetResult, pose: int, bars: Mapping[str, Sequence[Bar]]
 
 
 def _bars(pose: PoseBudget, vector: str) -> list[Bar]:
-    """Return a bar for each draw or group of correlated ones, the largest first."""
     found = []
     for group in pose.groups:
         draws = [pose.draw(name) for name in group.draws]
@@ -220,7 +206,6 @@ def _bars(pose: PoseBudget, vector: str) -> list[Bar]:
 
 
 def _draw(axes: Axes, bars: Sequence[Bar], vector: str) -> None:
-    """Draw one vector's bars; those that do not fit are left out and counted in the axis's label."""
     shown, hidden = bars[:MOST_BARS], bars[MOST_BARS:]
     lengths = [100 * bar.length for bar in shown]
     axes.barh(

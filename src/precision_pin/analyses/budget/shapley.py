@@ -22,13 +22,12 @@ MOST_PLAYERS: Final = 12
 DEPENDENT: Final = 1e-12
 """Eigenvalues of a correlation matrix below this belong to linearly dependent numbers."""
 
-# least deviation of a number, as a share of its own, with those before it known, from which no eigenvalue can be so
-# small
+# relative deviation of a number given those before it, above which no eigenvalue can be that small
 _INDEPENDENT: Final = 1e-4
 
 
 def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
-    """Return the exact Shapley value of each player, from all coalitions.
+    """Return the exact Shapley value of each player, ``(n, …)``, from all coalitions; they sum to v(all) - v(none).
 
     φ_i = Σ over S without i of |S|! (n - |S| - 1)! / n! · (v(S ∪ i) - v(S)).
 
@@ -38,15 +37,12 @@ def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
 
     Raises:
         InputError: There are more than twelve players.
-
-    Returns:
-        ``(n, …)`` values, with the sum v(all players) - v(no player).
     """
     if players > MOST_PLAYERS:
         raise InputError(f"{players} players for a Shapley value; at most {MOST_PLAYERS} are allowed")
     result: Array = np.zeros((players, *np.shape(worth(()))))
     for size in range(players + 1):
-        # v(S) stands once for each member, as that of S without it and with it
+        # v(S) is used once for each member, as the worth of S without it and with it
         as_member, as_other = (
             1 / (players * math.comb(players - 1, others)) if 0 <= others < players else 0.0
             for others in (size - 1, size)
@@ -59,7 +55,7 @@ def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
 
 
 def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
-    """Return the covariance of linear outputs that some inputs explain.
+    """Return the covariance ``(m, m)`` of linear outputs that some inputs explain.
 
     v(S) = w Σ_·S Σ_SS⁺ Σ_S· wᵀ is the covariance of the best linear prediction: Cov(E[y | x_S]) for normal inputs.
 
@@ -67,9 +63,6 @@ def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
         slopes: ``(m, d)`` derivatives of the outputs with respect to the inputs.
         covariance: ``(d, d)`` covariance of the inputs; it may be singular.
         known: Columns of the known inputs.
-
-    Returns:
-        ``(m, m)`` explained covariance.
     """
     rows = [k for k in known if covariance[k, k] > 0]
     if not rows:
@@ -89,13 +82,9 @@ def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
 
 
 def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
-    """Return the Shapley effects ``(groups, m)`` of groups of inputs on the variances of linear outputs.
+    """Return the Shapley effects ``(groups, m)`` of groups of inputs, by columns, on the variances of linear outputs.
 
     Their sum is the variance explained by all groups. Without correlation between groups they are the variance shares.
-
-    Args:
-        slopes, covariance: As in :func:`explained`.
-        groups: Columns of each group.
     """
     return values(
         len(groups),
@@ -106,10 +95,7 @@ def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -
 def effect_forms(covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
     """Return the Shapley effects of groups of inputs as quadratic forms of any output's slopes, ``(groups, d, d)``.
 
-    With Φ_g that of a group, its effect on the variance of an output with slopes w is w Φ_g wᵀ. Their sum is the covariance.
-
-    Args:
-        covariance, groups: As in :func:`effects`; every input is in one group.
+    With form Φ_g, a group's effect on the variance of an output with slopes w is w Φ_g wᵀ; Σ Φ_g is the covariance.
     """
     slopes = np.eye(len(covariance))
     return values(
@@ -119,13 +105,10 @@ def effect_forms(covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
 
 
 def joined_effect_forms(covariance: Array, groups: Sequence[Sequence[int]], unions: Sequence[Sequence[int]]) -> Array:
-    """Return forms as :func:`effect_forms`, the mean only over those orders in which members of a union are neighbours.
+    """Return :func:`effect_forms` averaged only over orders in which the members of a union are neighbours.
 
     This is the value of Owen, Values of games with a priori unions (1977). Its cost is 2ⁿ with n the number of unions.
-
-    Args:
-        covariance, groups: As in :func:`effect_forms`.
-        unions: Numbers of the groups of each union; every group is in one.
+    A union is a list of group numbers; every group is in one.
     """
     members = [[k for group in union for k in groups[group]] for union in unions]
     whole = effect_forms(covariance, members)

@@ -35,7 +35,7 @@ UNCORRELATED: Final = 1e-12
 
 
 def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
-    """Return the numbers of the draws in mutually independent groups, in column order."""
+    """Return the indices of the draws in mutually independent groups, in column order."""
     draw_of = np.repeat(np.arange(len(space.draws)), [draw.law.size for draw in space.draws])
     group_of = list(range(len(space.draws)))
     for columns, matrix in space.block_covariance.blocks:
@@ -52,10 +52,9 @@ def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
 
 
 def by_draw(at: PoseModel) -> Array:
-    """Return each draw's part of the variances of the tangent model, ``(draws, 6)``.
+    """Return each draw's part of the variances of the tangent model, ``(draws, 6)``: ``J_g Σ_g J_gᵀ``.
 
-    The part is ``J_g Σ_g J_gᵀ``, or the Shapley effect for correlated draws. It is NaN for draws in a group of more than
-    twelve correlated ones.
+    For correlated draws it is the Shapley effect, and NaN in a group of more than twelve of them.
     """
     result = np.full((len(at.space.draws), 6), np.nan)
     for group in correlated_groups(at.space):
@@ -74,8 +73,7 @@ def by_draw(at: PoseModel) -> Array:
 def by_component(at: PoseModel, draw: int) -> Array | None:
     """Return the parts of one draw's components, ``(size, 6)``; Shapley effects for correlated components.
 
-    The result is None for a single number, for a draw that is correlated with others, and for more than twelve correlated
-    numbers.
+    None for a single number, for a draw correlated with others, and for more than twelve correlated numbers.
     """
     columns = _columns(at.space, [draw])
     if len(columns) == 1 or next(group for group in correlated_groups(at.space) if draw in group) != (draw,):
@@ -92,8 +90,8 @@ def by_component(at: PoseModel, draw: int) -> Array | None:
 def reaches(at: PoseModel, k: float) -> Array:
     """Return the reach of each draw in every component, first order, ``(draws, 6)``, m and rad.
 
-    The reach is half the range, ``(h(w) + h(-w))/2`` with h the support function and w the draw's part of a row of J. For
-    an unbounded law it is k standard deviations.
+    The reach is half the range, ``(h(w) + h(-w))/2`` with h the support function and w the draw's part of a row of J.
+    For an unbounded law it is k standard deviations.
     """
     result = np.zeros((len(at.space.draws), 6))
     for row, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True)):
@@ -106,18 +104,18 @@ def reaches(at: PoseModel, k: float) -> Array:
 
 
 def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
-    """Return the part of each joint and chain link in the variances, ``(6,)`` by name, from base to tip; see :func:`by_key`."""
+    """Return the part of each joint and chain link in the variances, ``(6,)`` from base to tip, as :func:`by_key`."""
     return by_key(at, lambda target: place_name(target, chain))
 
 
 def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:
-    """Return the part of each place in the variances, ``(6,)`` by what ``key_of`` calls it, from base to tip.
+    """Return the part of each place in the variances, ``(6,)`` keyed by ``key_of``, from base to tip.
 
-    The error is a sum over places, ``e = Σ e_p``. The part of a place is ``Cov(e_p, e)``; it is negative where a number that
-    acts at several places has the opposite effect at others. Correlated numbers at different places, as a calibration leaves
-    them, are divided by Shapley effects: numbers that act at the same places are a player, and what a player at several
-    places gains or loses by correlation is shared evenly by these. Where there are more than twelve players, those of a
-    joint and of the link that it moves are neighbours in all orders (:func:`shapley.joined_effect_forms`); where that is
+    The error is a sum over places, ``e = Σ e_p``. The part of a place is ``Cov(e_p, e)``; it is negative where a number
+    that acts at several places has the opposite effect at others. Correlated numbers at different places, such as from
+    a calibration, are divided by Shapley effects: numbers that act at the same places are a player, and a player at
+    several places divides its gain or loss by correlation evenly among them. With more than twelve players, those of a
+    joint and of the link that it moves are neighbours in all orders (:func:`shapley.joined_effect_forms`); if that is
     still too many, correlated numbers count as ``Cov(e_p, e)`` too.
     """
     keys = [key_of(target) for target in at.table.targets]
@@ -187,7 +185,7 @@ def _columns(space: Space, draws: Iterable[int]) -> list[int]:
 
 
 def group_part(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
-    """Return a group's part of the variances, ``(6,)``, computed as a whole if the group is too large for Shapley effects."""
+    """Return a group's part of the variances, ``(6,)``, as a whole if it is too large for Shapley effects."""
     part: Array = shares[list(group)].sum(axis=0)
     if np.isfinite(part).all():
         return part
@@ -197,7 +195,7 @@ def group_part(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
 
 
 def shares_of(parts: Array, variances: Array) -> Shares:
-    """Return the shares of components and vectors for parts of the six variances; None where a quantity does not vary."""
+    """Return the shares of components and vectors for parts of the six variances; None where one does not vary."""
     values: list[tuple[str, float, float]] = [
         (vector, float(parts[rows].sum()), float(variances[rows].sum()))
         for vector, rows in zip(VECTORS, (slice(0, 3), slice(3, 6)), strict=True)
@@ -233,13 +231,13 @@ def deviations_of(variances: Array) -> dict[str, float]:
 @final
 @dataclass(frozen=True, eq=False)
 class SourceLine:
-    """What the sources cause that is reported together: a source's own draws, a draw that several use, or a part of one.
+    """Group of draws reported as one source: a source's own draws, a draw that several use, or a part of one.
 
     Attributes:
         name, sources: Name of the line, and labels of the sources.
-        draws, columns: Rows of the draws that are in it as a whole, and their columns.
-        parts: Of each draw that is divided among lines: its row, its columns and the form ``(size, size)`` of this
-            line, as of :func:`shapley.effect_forms`.
+        draws, columns: Rows of the draws that belong to it as a whole, and their columns.
+        parts: For each draw divided among lines, its row, its columns and this line's form ``(size, size)``, from
+            :func:`shapley.effect_forms`.
     """
 
     name: str
@@ -252,9 +250,9 @@ class SourceLine:
 def source_lines(model: ErrorModel) -> tuple[SourceLine, ...]:
     """Return the lines of the sources, in the order of their first draws.
 
-    The draws that only one source uses are in the line of this source; a draw that several use has its own line. A draw of
-    correlated numbers of several sources, as a calibration leaves it, is divided among the sources, or among the joints that
-    they are at if there are more than twelve.
+    Draws used by one source are in its line; a draw used by several has its own line. A draw of correlated numbers of
+    several sources, such as from a calibration, is divided among the sources, or their joints if there are more than
+    twelve.
     """
     space, owners = model.space, number_owners(model.space, model.sources, model.labels)
     alone = {group[0] for group in correlated_groups(space) if len(group) == 1}
@@ -275,7 +273,7 @@ def source_lines(model: ErrorModel) -> tuple[SourceLine, ...]:
 
 
 def _divided(draw: Draw, owners: Mapping[str, Sequence[str]]) -> dict[str, list[int]]:
-    """Return the numbers of a draw by source, or by what stands in brackets in their labels; empty if that is too many."""
+    """Return the numbers of a draw by source, or by the brackets in its label; empty if that is too many."""
     for is_by_source in (True, False):
         groups: dict[str, list[int]] = {}
         for k, name in enumerate(draw.components):

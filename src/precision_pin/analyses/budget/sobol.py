@@ -1,11 +1,11 @@
 """Sobol indices of any function by the pick-freeze method, on replicated scrambled Sobol points.
 
-First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (2021) 105167, whose noise decreases with the
-index itself. Total: Jansen, Computer Physics Communications 117 (1999). Both use two sets of points and their mixtures, as
-in Saltelli et al., ibid. 181 (2010). For several outputs together, numerators and variances are added first (Gamboa,
-Janon, Klein and Lagnoux, 2014). Intervals: the points are independent scrambles (Owen, 1995) of one net, and the estimates
-are smooth functions of the replicates' means, see :mod:`precision_pin.analyses.replicates`. An index is not given where
-the points do not resolve its variance or numerator (:mod:`precision_pin.analyses.replicates`).
+First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (2021) 105167, whose noise decreases with
+the index itself. Total: Jansen, Computer Physics Communications 117 (1999). Both use two sets of points and their
+mixtures, as in Saltelli et al., ibid. 181 (2010). For several outputs together, numerators and variances are added
+first (Gamboa, Janon, Klein and Lagnoux, 2014). Intervals: the points are independent scrambles (Owen, 1995) of one net,
+and the estimates are smooth functions of the replicates' means. An index is not given where the points do not resolve
+its variance or numerator (:mod:`precision_pin.analyses.replicates`).
 """
 
 from __future__ import annotations
@@ -48,14 +48,8 @@ class Indices:
 def scrambled_points(dimension: int, seed: int, points: int, step: Callable[[], None] = lambda: None) -> Array:
     """Return `REPLICATES` independent scrambles of a Sobol net, concatenated.
 
-    Args:
-        dimension: Number of coordinates of a point.
-        seed: 64-bit seed.
-        points: Points in each replicate, a power of two.
-        step: Function called after each replicate.
-
-    Returns:
-        ``(dimension, REPLICATES · points)`` inside (0, 1): midpoints of 2³⁰ cells.
+    The result is ``(dimension, REPLICATES · points)`` inside (0, 1), midpoints of 2³⁰ cells; ``points`` is a power of
+    two. ``step`` is called after each replicate.
     """
     # imported here, because it takes half a second and only this function needs it
     from scipy.stats import qmc
@@ -90,10 +84,9 @@ def sobol_indices(
         function: Function from uniform numbers ``(d, N)`` to values ``(q, N)``.
         points, other_points: A and B, ``(d, REPLICATES · n)``, halves of one set of :func:`scrambled_points`.
         groups: Rows of each group's inputs; groups must be independent of one another.
-        outputs: ``(Q, q)`` zeros and ones that select the function's values of each output; by default each value is an
-            output.
+        outputs: ``(Q, q)`` zeros and ones that select the values of each output; by default each value is an output.
         smallest: Variance up to which the indices of an output are NaN.
-        confidence: Confidence of each interval by itself.
+        confidence: Confidence of each single interval.
         breaks: Uniform numbers at which the function has jumps or kinks, for each input.
     """
     at_a, at_b = _split(function(points)), _split(function(other_points))
@@ -136,12 +129,10 @@ def sobol_indices(
 
 
 def _are_ratios_resolved(marginals: Marginals, shares: Array, found: Estimates, members: Array) -> NDArray[np.bool_]:
-    """Return which indices the points resolve, given the contributions of a number to numerator and denominator.
+    """Return which indices ``found``, ``(…, Q)``, the points resolve.
 
-    Args:
-        marginals, shares: Nodes, and their contributions to the variance divided by the variance, ``(Q, M)``.
-        found: The indices, ``(…, Q)``.
-        members: ``(…, d)`` one if the number contributes to the numerator, otherwise zero.
+    ``shares`` are the contributions of the nodes to the relative variance, ``(Q, M)``; ``members``, ``(…, d)``, is one
+    for numbers that contribute to the numerator, otherwise zero.
     """
     values = found.value.reshape(-1, len(shares))
     seen = found.replicate_variance.reshape(values.shape)
@@ -154,23 +145,20 @@ def _are_ratios_resolved(marginals: Marginals, shares: Array, found: Estimates, 
 
 
 def _mix_points(points: Array, other_points: Array, rows: Sequence[int] | NDArray[np.intp]) -> Array:
-    """Return the points with some of their inputs replaced by those of other points."""
     result = points.copy()
     result[np.asarray(rows)] = other_points[np.asarray(rows)]
     return result
 
 
 def _split(values: Array) -> Array:
-    """Return ``(q, N)`` as ``(q, REPLICATES, n)``."""
     return values.reshape(values.shape[0], REPLICATES, -1)
 
 
 LARGEST_STEP: Final = 0.1
-"""Largest allowed effect of a jump between neighbours on a quantile, as a share of its half-width."""
+"""Largest allowed effect of a jump between neighbours on a quantile, relative to its half-width."""
 
 JUMP: Final = 12.0
-"""Ratio of a distance between neighbours to the mean distance above which it counts as a jump; smooth laws exceed it six
-times in a million."""
+"""Ratio of a neighbour distance to the mean that counts as a jump; smooth laws exceed it six times in a million."""
 
 _NEGLIGIBLE: Final = 1e-12
 _NEAR: Final = 0.02
@@ -214,14 +202,10 @@ def quantiles(samples: Array, probability: float, confidence: float) -> Estimate
 def quantile_changes(
     samples: Array, before: Array | Quantiles, probability: float, confidence: float, unseen: Array | float = 0.0
 ) -> tuple[Estimates, Estimates]:
-    """Return a quantile of every row, and its difference from that of ``before`` with the same random numbers.
+    """Return a quantile of every row, and its change from that of ``before`` with the same random numbers.
 
-    Args:
-        samples, before: ``(rows, REPLICATES · n)`` samples; the quantiles of the latter may be given instead, if
-            already computed.
-        probability: Probability of the quantile.
-        confidence: Confidence of the intervals.
-        unseen: ``(rows,)`` possible change in regions without samples, by which the intervals are widened.
+    ``samples`` are ``(rows, REPLICATES · n)``; ``before`` may also be computed quantiles. Intervals are widened by
+    ``unseen``, ``(rows,)``, the possible change in regions without samples.
     """
     after = found_quantiles(samples, probability)
     change = after - (before if isinstance(before, Quantiles) else found_quantiles(before, probability))

@@ -1,4 +1,4 @@
-"""A budget as text."""
+"""Terminal table of a budget."""
 
 from __future__ import annotations
 
@@ -28,12 +28,11 @@ MOST_OF_NAME: Final = 40
 
 
 def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: bool = False) -> str:
-    """Return the budget of every pose: per cent, mm and mrad, half-widths of intervals behind ±.
+    """Return the budget of every pose: per cent, mm and mrad, half-widths of intervals after ±.
 
     Args:
-        result: What was found.
-        quantities: One block each: ``position`` and ``attitude`` if left out, ``position.norm``, ``position.x``, …
-        is_whole: Whether to list all draws, sources and joints; else the ten largest.
+        quantities: One block each: ``position`` and ``attitude`` by default, ``position.norm``, ``position.x``, …
+        is_whole: List all draws, sources and joints instead of the ten largest.
 
     Raises:
         UnknownNameError: No such quantity.
@@ -102,7 +101,7 @@ def _headline(result: BudgetResult, pose: PoseBudget, quantity: str) -> str:
 
 
 def _draw_rows(pose: PoseBudget, quantity: str, most: int) -> list[list[str]]:
-    """Return the shares of draws, the largest first, of those beyond ``most`` together, of correlated groups, the sum."""
+    """Return rows of the draws, largest first, then of the rest together, of correlated groups, and the sum."""
     norm = f"{quantity.partition('.')[0]}.norm"
     component = quantity not in (*VECTORS, norm)
     rows = [["draw", "tolerance", "share %", "ST %"]]
@@ -133,7 +132,7 @@ def _draw_rows(pose: PoseBudget, quantity: str, most: int) -> list[list[str]]:
 
 
 def ranked(pose: PoseBudget, quantity: str) -> list[DrawShare]:
-    """Return the draws, the largest share of a quantity first; by total index where there are no shares."""
+    """Return the draws by share of a quantity, largest first; by total index where there are no shares."""
 
     def rank(draw: DrawShare) -> float:
         share = draw.share.get(quantity)
@@ -155,7 +154,7 @@ def _share_rows(
 
 
 def source_name(line: SourceShare) -> str:
-    """Return the name of a source's line; a draw that several sources name gives its own name."""
+    """Return the name of a source's line, with the sources if several or none use the draw."""
     if len(line.sources) == 1 or line.draws != (line.name,):
         return line.name
     return f"{line.name}: {', '.join(line.sources) if line.sources else 'no source'}"

@@ -1,4 +1,4 @@
-"""Several error models side by side, with the same robots."""
+"""Comparison of several error models on the same robots."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -11,7 +11,7 @@ _MOST_POSES: Final = 50
 
 
 def name_sheets(options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the sheets by the shortest names that tell them apart; a single one unchanged, then changed by ``--set``."""
+    """Return the sheets by the shortest distinct names; a single one is compared with itself changed by ``--set``."""
     from precision_pin.analyses.compare.compare import MOST_MODELS
     from precision_pin.robot.examples import PAPER_SHEET
 

@@ -1,4 +1,4 @@
-"""Several error models side by side: the same robots wherever their draws have the same names."""
+"""Comparison of several error models: draws with the same name get the same random numbers in all of them."""
 
 from __future__ import annotations
 
@@ -46,37 +46,28 @@ from precision_pin.statistics import clopper_pearson, quantile_ranks
 from precision_pin.statistics.intervals import Moments
 
 _CELLS: Final = 48
-"""Places, at most, where the first quantile may lie that are looked at."""
+"""Largest number of intervals examined for the first quantile."""
 
 
 @final
 @dataclass(frozen=True)
 class Difference(Record):
-    """A difference, the other minus the first.
-
-    Attributes:
-        value: In the unit of what is compared.
-        interval: Its ends; ``None`` where the robots are too few.
-    """
+    """The other minus the first, in the unit of what is compared; no interval where the robots are too few."""
 
     value: float
     interval: tuple[float, float] | None
 
     @property
     def is_told(self) -> bool:
-        """Whether the interval leaves zero out."""
+        """Whether the interval excludes zero."""
         return self.interval is not None and not self.interval[0] <= 0 <= self.interval[1]
 
 
 def mean_difference(first: Array, other: Array, confidence: float, skewness: float = math.nan) -> Difference:
-    """Return the difference of the means of paired samples ``(N,)``, with Hall's interval of the mean of the differences.
+    """Return the difference of the means of paired samples ``(N,)``, with Hall's interval of the mean difference.
 
-    Args:
-        first, other: The samples.
-        confidence: Confidence of the interval.
-        skewness: Skewness of the differences, derived from the laws; NaN where unknown. Where the samples are too few
-            for it, or for that of the differences seen, there is no interval
-            (:mod:`precision_pin.statistics.intervals`).
+    There is no interval where the samples are too few for ``skewness``, that of the differences by their laws (NaN
+    where unknown), or for the observed skewness (:mod:`precision_pin.statistics.intervals`).
     """
     gap = other - first
     value = float(gap.mean())
@@ -88,13 +79,13 @@ def mean_difference(first: Array, other: Array, confidence: float, skewness: flo
 
 
 def quantile_difference(first: Array, other: Array, probability: float, confidence: float) -> Difference:
-    """Return the difference of a quantile of paired samples ``(N,)``, with an interval that assumes nothing of the laws.
+    """Return the difference of a quantile of paired samples ``(N,)``, with a distribution-free interval.
 
-    For q₁, q₂ the quantiles, q₁ lies between two order statistics with a fifth of the error allowed. Were b > q₂ and a = q₁,
-    robots with the first at or above a and the other below b were at least as frequent as those the other way round, since
-    P(x₂ < b) ≥ p ≥ P(x₁ < a). Counts of both that contradict this by the sign test (McNemar's, exact), with two fifths of the
-    error, show q₂ ≥ b; likewise from above. The interval holds b - a for every a where q₁ may lie. It is as narrow as the
-    robots are alike in both, and covers more often than stated. ``None`` where the robots are too few.
+    Let q₁ and q₂ be the quantiles. A fifth of the allowed error goes to an interval of order statistics for q₁. If b >
+    q₂ and a = q₁, robots with the first value at or above a and the other below b are at least as frequent as the
+    reverse, since P(x₂ < b) ≥ p ≥ P(x₁ < a). Counts that contradict this by the sign test (McNemar's, exact), with two
+    fifths of the error, show q₂ ≥ b; likewise from above. The interval contains b - a for every possible a = q₁. It is
+    narrow if the models are alike, and covers more often than stated. ``None`` for too few robots.
     """
     value = float(np.quantile(other, probability) - np.quantile(first, probability))
     error = 1 - confidence
@@ -107,7 +98,8 @@ def quantile_difference(first: Array, other: Array, probability: float, confiden
     pairs, part = _Pairs(first[order], other[order]), 0.4 * error
     near = pairs.between(cells[0], cells[-1], pairs.least(cells[0], part), pairs.most(cells[-1], part))
     ends = [(near.least(a, part), near.most(a, part)) for a in cells]
-    # between two of these places of q₁ the lower end is at least that at the first, the upper one at most that at the second
+    # between two of these values of q₁ the lower end is at least that at the first, the upper end at most that at the
+    # second
     lower = min(below - a for (below, _), a in zip(ends, [*cells[1:], cells[-1]], strict=True))
     upper = max(above - a for (_, above), a in zip(ends, [cells[0], *cells[:-1]], strict=True))
     if not math.isfinite(lower) or not math.isfinite(upper):
@@ -117,7 +109,7 @@ def quantile_difference(first: Array, other: Array, probability: float, confiden
 
 @final
 class _Pairs:
-    """Pairs ``(N,)`` of a first and a second value, the second in rising order."""
+    """Pairs ``(N,)`` of a first and a second value, sorted by the second."""
 
     def __init__(self, first: Array, second: Array) -> None:
         self._first, self._second = first, second
@@ -125,13 +117,13 @@ class _Pairs:
         self._below, self._up_to = (np.searchsorted(second, second, side).tolist() for side in ("left", "right"))
 
     def between(self, low: float, high: float, lowest: float, highest: float) -> _Pairs:
-        """Return the pairs that do not lie on one side of both ranges, where they are counted on neither side."""
+        """Return the pairs that are not outside both ranges on the same side, where neither count includes them."""
         first, second = self._first, self._second
         kept = ~((first < low) & (second < lowest)) & ~((first > high) & (second > highest))
         return _Pairs(first[kept], second[kept])
 
     def least(self, a: float, error: float) -> float:
-        """Return the largest second value that q₂ is shown not to be below if q₁ is a; -inf if none is."""
+        """Return the largest second value shown to be at most q₂ if q₁ is a; -inf if there is none."""
         less = [0, *np.cumsum(self._first < a).tolist()]
 
         def not_shown(rank: int) -> bool:
@@ -142,7 +134,7 @@ class _Pairs:
         return self._values[rank - 1] if rank else -math.inf
 
     def most(self, a: float, error: float) -> float:
-        """Return the smallest second value that q₂ is shown not to be above if q₁ is a; inf if none is."""
+        """Return the smallest second value shown to be at least q₂ if q₁ is a; inf if there is none."""
         more, count = [0, *np.cumsum(self._first > a).tolist()], len(self._values)
 
         def shown(rank: int) -> bool:
@@ -154,16 +146,16 @@ class _Pairs:
 
 
 def _contradicted(count: int, against: int, error: float) -> bool:
-    """Return whether counts contradict that the second kind is at least as probable as the first, by the sign test."""
+    """Return whether the sign test rejects that the second kind is at least as probable as the first."""
     return count > against and float(betainc(count, against + 1, 0.5)) <= error
 
 
 def share_difference(first: NDArray[np.bool_], other: NDArray[np.bool_], confidence: float) -> Difference:
-    """Return the difference of the shares of true values of paired samples ``(N,)``.
+    """Return the difference of the fractions of true values in paired samples ``(N,)``.
 
-    The interval holds that of Bonett and Price (2012), Wald's of paired shares with a robot added to each kind of change,
-    which is short where a few robots change sides one way, and that of Zou and Donner (2008), which joins the Clopper-Pearson
-    intervals of both kinds and is short where many do.
+    The interval is the union of two: Bonett and Price (2012), a Wald interval with one robot added to each kind of
+    change, too short where a few robots all change the same way; and Zou and Donner (2008), from the Clopper-Pearson
+    intervals of both kinds, too short where many change.
     """
     gained, lost = int((other & ~first).sum()), int((first & ~other).sum())
     count = first.size
@@ -180,18 +172,17 @@ def share_difference(first: NDArray[np.bool_], other: NDArray[np.bool_], confide
 
 
 LEVELS: Final = (0.5, 0.95, 0.9973)
-"""Probabilities of the quantiles that are compared."""
+"""Probabilities of the compared quantiles."""
 
 
 @final
 @dataclass(frozen=True)
 class Paired(Record):
-    """Differences of a model to the first, the same robots in both, m and rad.
+    """Differences of a model from the first on the same robots, m and rad.
 
     Attributes:
-        means: Difference of the mean of each of the eight quantities.
-        quantiles: That of their quantiles, by quantity and probability.
-        shares: That of the share of robots inside each specification.
+        means, quantiles: By quantity; quantiles also by probability.
+        shares: Differences of the fraction of robots inside each specification.
     """
 
     KEYS: ClassVar[Keys] = ("mean=means", "quantile=quantiles", "probability=shares")
@@ -207,10 +198,8 @@ class PoseComparison:
     """The models at one pose.
 
     Attributes:
-        label: The pose.
-        laws: Sampled law of each model.
-        differences: Of each model but the first to the first.
-        variances: Part of each line of sources in the variance of the position, to first order, m², of each model.
+        laws, differences: Sampled law of each model; differences of each further model from the first.
+        variances: First-order contribution of each line of sources to the variance of the position, m², by model.
     """
 
     label: PoseLabel
@@ -233,14 +222,14 @@ class PoseComparison:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ComparisonResult(Outcome):
-    """Laws of several models, sampled with the same robots, and their differences to the first.
+    """Laws of several models, sampled with the same robots, and their differences from the first.
 
     Attributes:
         names: Names of the models.
-        samples, model, confidence: Robots; ``"exact"`` or ``"linear"``; confidence of every interval.
+        samples, model, confidence: Number of robots; ``"exact"`` or ``"linear"``; confidence of every interval.
         poses: The models at each pose.
-        sheet_differences: What each sheet but the first has otherwise than the first.
-        specifications: Limits that are judged.
+        sheet_differences: How each further sheet differs from the first.
+        specifications: Limits to judge.
     """
 
     schema: ClassVar[str] = "precision-pin/comparison/1"
@@ -267,12 +256,12 @@ class ComparisonResult(Outcome):
         return all(result.met for pose in self.poses for result in pose.laws[rank].summary.specifications)
 
     def worst_pose(self, rank: int = 0) -> int:
-        """Return the number of the pose with the largest 95 % quantile of |d| of a model."""
+        """Return the index of the pose with a model's largest 95 % quantile of |d|."""
         sizes = [_within(pose.laws[rank]) for pose in self.poses]
         return sizes.index(max(sizes))
 
     def plot(self) -> Figure:
-        """Draw the laws of |d| and |δ| of all models at the worst pose of the first."""
+        """Draw the laws of |d| and |δ| of all models at the first model's worst pose."""
         return self._output("figure:figure")(self)
 
     @property
@@ -297,7 +286,6 @@ class ComparisonResult(Outcome):
         return f"<ComparisonResult of {', '.join(self.names)}: {len(self.poses)} poses, {self.samples:,} robots>"
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: quantiles of |d| and |δ| of every model, mm and mrad."""
         rows = []
         for pose in self.poses:
             for name, law in zip(self.names, pose.laws, strict=True):
@@ -318,7 +306,6 @@ def _within(law: MonteCarloResult) -> float:
 
 
 def _law(law: MonteCarloResult) -> dict[str, Any]:
-    """Return the law of a model as the JSON of an analysis has it."""
     whole = law.to_dict()
     kept = ("nominal", *(name.partition(".")[0] for name in QUANTITIES), "spec")
     return {key: whole[key] for key in dict.fromkeys(kept) if key in whole}
@@ -329,7 +316,7 @@ MOST_MODELS: Final = 8
 MOST_SAMPLES: Final = 10**8
 
 _NONE: Final = Difference(0.0, (0.0, 0.0))
-"""Between models that do not differ."""
+"""Difference of models that do not differ."""
 
 
 @warns_at_end
@@ -346,15 +333,14 @@ def compare(
     threads: int | None = None,
     progress: Progress | bool | None = None,
 ) -> ComparisonResult:
-    """Sample several models with the same robots, and return their laws and the differences to the first.
+    """Sample several models with the same robots, and return their laws and the differences from the first.
 
-    A draw has the same random numbers in all models that have it by its name, such as ``axis_install[joint2].A`` or a parameter.
-    So a difference is that of the models, and its interval is much narrower than those of the laws.
+    A draw, such as ``axis_install[joint2].A`` or a parameter, has the same random numbers in all models that have a
+    draw of this name. A difference is therefore due to the models, and its interval is narrow.
 
     Args:
-        models: Two models or more, by name or as a list (named A, B, …), of arms with the same joints.
-        poses: One pose or a list of poses, as the first model names them, or joint values. All models are looked at
-            there.
+        models: Two to eight models, by name or as a list (named A, B, …), of arms with the same joints.
+        poses: One pose or a list, by the first model's names or as joint values.
         samples: Number of robots.
         seed: 64-bit seed.
         model: ``"exact"`` or ``"linear"``, as for :func:`precision_pin.monte_carlo`.
@@ -365,8 +351,7 @@ def compare(
         progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: Fewer than two models or more than eight, models of other joints, a wrong argument, or samples that
-            do not fit into memory.
+        InputError: Fewer than two or more than eight models, different joints, a wrong argument, or too little memory.
         UnknownNameError: No such pose or joint.
     """
     named = _named(models)
@@ -430,7 +415,6 @@ def count_steps(models: int, poses: int, samples: int) -> int:
 
 
 def _named(models: Mapping[str, ErrorModel] | Sequence[ErrorModel]) -> dict[str, ErrorModel]:
-    """Return the models by name; refuse what cannot be compared."""
     if isinstance(models, Mapping):
         named = dict(models)
     else:
@@ -451,7 +435,7 @@ def _named(models: Mapping[str, ErrorModel] | Sequence[ErrorModel]) -> dict[str,
 
 
 def _paired(first: MonteCarloResult, other: MonteCarloResult, confidence: float, skewness: Array | None) -> Paired:
-    """Return the differences between two samples of the same robots; without a skewness the models differ in nothing."""
+    """Return the differences of two samples of the same robots; ``skewness`` is None if the models do not differ."""
     values = [_quantities(law) for law in (first, other)]
     means, quantiles = {}, {}
     for row, quantity in enumerate(QUANTITIES):
@@ -471,10 +455,9 @@ def _paired(first: MonteCarloResult, other: MonteCarloResult, confidence: float,
 
 
 def _skewness(first: PoseModel, other: PoseModel) -> Array | None:
-    """Return the skewness ``(8,)`` of the differences of the same robots' errors, to first order; None where there are none.
+    """Return the first-order skewness ``(8,)`` of the differences of the same robots' errors; None if there are none.
 
-    A draw that both have, by name and law, moves the difference by the difference of its slopes, and so does one whose law is
-    the other's scaled; any further draw moves it alone.
+    A draw of equal name and (scaled) law moves them by the difference of its slopes, any other alone.
     """
     shared = {draw.name: (draw, columns) for draw, columns in zip(first.space.draws, first.space.slices, strict=True)}
     draws: list[Draw] = []
@@ -499,7 +482,7 @@ def _skewness(first: PoseModel, other: PoseModel) -> Array | None:
 
 
 def _scale(one: Draw, other: Draw) -> float | None:
-    """Return how many times as wide the first of two laws of one draw is, where they differ in scale and mean alone."""
+    """Return the ratio of the widths of two laws that differ only in scale and mean; None for other laws."""
     if one.law == other.law:
         return 1.0
     if type(one.law) is not type(other.law) or one.law.size != other.law.size:
@@ -517,7 +500,6 @@ def _scale(one: Draw, other: Draw) -> float | None:
 
 
 def _quantities(law: MonteCarloResult) -> Array:
-    """Return the eight quantities of all robots, ``(8, N)``."""
     errors = law.errors
     assert errors is not None
     norms = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
@@ -525,7 +507,7 @@ def _quantities(law: MonteCarloResult) -> Array:
 
 
 def _variances(model: ErrorModel, q: Array) -> Mapping[str, float]:
-    """Return the part of each line of sources in the variance of the position, to first order, m²."""
+    """Return the first-order contribution of each line of sources to the variance of the position, m²."""
     lines = source_lines(model)
     found = first_order(model, q[:, None], None, lines, None, lambda _: None)
     total = float(np.trace(found.covariance[:3, :3, 0]))

@@ -1,4 +1,4 @@
-"""A comparison of models as a picture: the share of robots within |d| and |δ|, one curve for each model."""
+"""Figure of a comparison: the fraction of robots within |d| and |δ|, one curve for each model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _POINTS: Final = 400
 
 
 def figure(result: ComparisonResult) -> Figure:
-    """Return the figure, 174 mm wide: position beside attitude, at the worst pose of the first model."""
+    """Return the figure, 174 mm wide: position beside attitude, at the first model's worst pose."""
     pose = result.poses[result.worst_pose()]
     with figure_style.style():
         made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)

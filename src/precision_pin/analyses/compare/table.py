@@ -1,4 +1,4 @@
-"""A comparison of models as text for a terminal."""
+"""Terminal table of a comparison."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST_LETTERS: Final = 30
 
 
 def comparison_table(result: ComparisonResult) -> str:
-    """Return which model is better and by how much, then laws, verdicts, causes, and what differs in the sheets."""
+    """Return which model is better and by how much, then laws, verdicts, causes, and the differences of the sheets."""
     of = result.provenance
     lines = [
         *(headline(result, rank) for rank in range(1, len(result.names))),
@@ -46,7 +46,7 @@ def comparison_table(result: ComparisonResult) -> str:
 
 
 def headline(result: ComparisonResult, rank: int) -> str:
-    """Return in a sentence which of a model and the first is better, at the worst pose of the first."""
+    """Return a sentence that compares a model with the first at the first model's worst pose."""
     pose = result.poses[result.worst_pose()]
     one = pose.differences[rank - 1].quantiles["position.norm"][0.95]
     first, other = (_quantile(pose.laws[k], "position.norm", 0.95) for k in (0, rank))
@@ -64,7 +64,7 @@ def headline(result: ComparisonResult, rank: int) -> str:
 
 
 def _verdicts(result: ComparisonResult) -> list[str]:
-    """Return a line for each specification, model and pose where it is judged; of several poses only those missed."""
+    """Return a line for each specification, model and pose where it is judged; with several poses only those missed."""
     lines = []
     for rank, name in enumerate(result.names):
         for pose in result.poses:
@@ -84,7 +84,6 @@ def _points(change: Difference) -> str:
 
 
 def _pose(result: ComparisonResult, pose: PoseComparison) -> list[str]:
-    """Return the laws and causes at a pose."""
     title = [f"pose {shown(pose.label.name)}"] if pose.label.name and len(result.poses) > 1 else []
     heads = [f"{100 * level:.4g} %" for level in LEVELS]
     rows = [["", "", "mean", *heads, *(f"change of {head}" for head in heads[1:])]]
@@ -100,7 +99,7 @@ def _pose(result: ComparisonResult, pose: PoseComparison) -> list[str]:
 
 
 def _causes(result: ComparisonResult, pose: PoseComparison) -> list[str]:
-    """Return the largest lines of sources by the part of the variance that they have in any model."""
+    """Return the largest lines of sources, by their largest contribution to the variance in any model."""
     names = dict.fromkeys(name for variance in pose.variances for name in variance)
     largest = {name: max(variance.get(name, 0.0) for variance in pose.variances) for name in names}
     listed = [name for name in sorted(names, key=lambda name: -largest[name]) if largest[name] > 0][:_MOST_CAUSES]
@@ -126,7 +125,6 @@ def _quantile(law: MonteCarloResult, quantity: str, level: float) -> str:
 
 
 def _signed(one: Difference) -> str:
-    """Return a difference in mm or mrad and its interval."""
     if one.interval is None:
         return f"{1e3 * one.value:+.3g}"
     low, high = format_interval(*one.interval, 1e3)

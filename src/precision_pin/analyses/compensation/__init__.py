@@ -9,7 +9,7 @@ from precision_pin.base.errors import InputError
 
 
 def prepare(asked: Asked) -> Job:
-    """Return the compensation at the poses of a command line; corrected joint values are written if every pose has them."""
+    """Return the compensation of a command line; corrected joint values are written if every pose has them."""
     from precision_pin.analyses.compensation.compensate import compensate
     from precision_pin.analyses.compensation.table import corrected_csv
     from precision_pin.base.files import write_text
@@ -20,7 +20,7 @@ def prepare(asked: Asked) -> Job:
 
     def corrected(result: Any) -> str:
         way = options.get("trajectory")
-        # the file's own columns, where there is one
+        # keep the columns of the input file, if there is one
         return corrected_csv(result, () if way is None else read_trajectory(way, asked.sheet.chain).columns)
 
     def write(result: Any) -> tuple[str, ...]:

@@ -35,23 +35,21 @@ if TYPE_CHECKING:
 
 
 Mode = Literal["position", "pose"]
-"""What is corrected: the position alone, or position and attitude."""
+"""Corrected components: position alone, or position and attitude."""
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CompensationResult(AnalysisResult):
-    """Corrected joint values of P poses and what remains, base axes, m and rad.
+    """Corrected joint values of P poses and the remaining errors, base axes, m and rad.
 
     Attributes:
-        joints, prismatic, poses: Joints in chain order, which of them slide, and the poses as they were asked for.
+        joints, prismatic, poses: Joints in chain order, which of them slide, and the poses as requested.
         mode, weights: What was corrected, and the weights of the components, ``(6,)``; ``None`` where they must vanish.
         correction: Corrected joint values, errors at the means before and after, statuses.
-        within_before, within_after: 95 % quantiles of |d| and |δ| from the pose wanted, without and with the
-            correction, ``(2, P)``: closed form, first order about the error at the means, normal; NaN where nothing was
-            corrected.
-        sources, shares: Names of the sources, and their shares in the variance of the position that remains, ``(lines,
-            P)``.
+        within_before, within_after: 95 % quantiles of |d| and |δ| from the requested pose, without and with correction,
+            ``(2, P)``, by the first-order normal law about the mean error; NaN where nothing was corrected.
+        sources, shares: Sources, and their fractions of the position's remaining variance, ``(lines, P)``.
     """
 
     schema: ClassVar[str] = "precision-pin/compensation/1"
@@ -90,7 +88,7 @@ class CompensationResult(AnalysisResult):
 
     @property
     def dominant_source(self) -> tuple[str, ...]:
-        """Name of the source with the largest share in the variance that remains; empty where nothing varies or is known."""
+        """The source of most of the remaining variance, by pose; empty where nothing varies or is known."""
         if not self.sources:
             return ("",) * len(self.poses)
         shares = np.nan_to_num(self.shares)
@@ -139,11 +137,7 @@ class CompensationResult(AnalysisResult):
         }
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a data frame, m and rad: a row for each pose.
-
-        Raises:
-            InputError: pandas is not installed.
-        """
+        """Return a data frame, m and rad: a row for each pose."""
         made = self.correction
         rows, dominant = [], self.dominant_source
         for pose, label in enumerate(self.poses.labels):
@@ -161,12 +155,11 @@ class CompensationResult(AnalysisResult):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of the result, beside the arm."""
+        """Text of `repr` after the arm."""
         count = self.correction.status.count("corrected")
         return f"{count:,} of {len(self.poses):,} poses corrected in {self.mode}"
 
     def _repr_html_(self) -> str:
-        """Return the notebook view, mm and mrad."""
         made, labels = self.correction, self.poses.labels
         rows = []
         for pose in range(min(len(labels), _MOST_ROWS)):
@@ -200,17 +193,17 @@ def compensate(
     findings: Sequence[Finding] = (),
     progress: Progress | bool | None = None,
 ) -> CompensationResult:
-    """Return joint values at which the arm with its constant errors stands where the nominal arm was meant to.
+    """Return joint values that place the mean-error arm at the nominal pose.
 
-    The constant part of the error is that of the exact model with every component at its mean: deflection, offsets, what a
-    calibration has found. Newton's method on the arm with its errors makes it vanish (:func:`.correction.correct`).
+    The constant part of the error is that of the exact model with every component at its mean: deflection, offsets,
+    calibrated errors. Newton's method on the arm with its errors removes it (:func:`.correction.correct`).
 
     Args:
         error_model: Chain, draws and sources.
         poses: A :class:`precision_pin.robot.pose_set.PoseSet`, or poses as for :func:`precision_pin.sample_poses`.
         mode: ``"position"``, or ``"pose"`` for position and attitude, which needs six joints.
-        weights: With ``"pose"``: six weights, 1/m and 1/rad. The weighted sum of squares is then made smallest, which
-            is what an arm of fewer than six joints can do; directions near a singularity are left as they are.
+        weights: With ``"pose"``: six weights, 1/m and 1/rad. The weighted sum of squares is then minimised, which suits
+            an arm with fewer than six joints; directions near a singularity are left as they are.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Function called with the number of poses done since its last call; ``True`` shows a bar.
 
@@ -263,7 +256,7 @@ def _check_weights(mode: Mode, weights: ArrayLike | None) -> Array | None:
 def _with_laws(
     error_model: ErrorModel, poses: PoseSet, correction: Correction, mode: Mode, weights: Array | None
 ) -> CompensationResult:
-    """Return the result with the laws before and after, over all poses; NaN where nothing is known."""
+    """Return the result with the laws before and after, over all poses; NaN where unknown."""
     known = poses.known
     lines = source_lines(error_model)
     corrected = np.array(correction.status) == "corrected"
@@ -308,6 +301,5 @@ def _with_laws(
 
 
 def _within(mean: Array, covariance: Array) -> Array:
-    """Return the 95 % quantiles of |d| and |δ|, ``(2, P)``."""
     parts = (slice(0, 3), slice(3, 6))
     return np.stack([norm_quantiles(*principal_axes(mean[part], covariance[part, part]), 0.95) for part in parts])

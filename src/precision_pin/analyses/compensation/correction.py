@@ -1,4 +1,4 @@
-"""Joint values at which an arm with the errors at their means stands where the nominal arm was meant to stand."""
+"""Joint values that place the mean-error arm at the nominal pose."""
 
 from __future__ import annotations
 
@@ -18,25 +18,26 @@ from precision_pin.robot.inverse_kinematics import spread_points
 from precision_pin.robot.pose_set import SINGULAR_BELOW
 
 CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
-"""``corrected``; ``limit``: none was found within the joint limits; ``singular``: the arm is near a singularity and cannot
-correct in every direction; ``unreachable``: Newton's method finds no joint values."""
+"""``corrected``; ``limit``: none found within the joint limits; ``singular``: some directions cannot be corrected near
+a singularity; ``unreachable``: Newton's method finds no joint values.
+"""
 
 CONVERGED: Final = 1e-10
 """Error (m and rad) below which it counts as corrected."""
 _SETTLED: Final = 1e-6
-"""Change of the joints in a step, by their whole change, below which that is the smallest: its excess is the square of this."""
+"""Relative change of the joints in a step below which they are settled: the excess over the minimum is its square."""
 _MOST_ITERATIONS: Final = 20
 _MOST_SETTLING: Final = 200
 """Steps of a redundant arm."""
 _LARGEST_STEP: Final = 0.3
 """Largest change of a joint in one step: rad, or lengths of the chain."""
 _SCATTERED: Final = 64
-"""Starts of the search for a pose that has no correction near it."""
+"""Starting points of the search for a pose that has no correction near it."""
 _MOST_SEARCHING: Final = 100
 _NEAREST, _FARTHEST = 0.03, np.pi
-"""Reach of the scattered starts about the pose: rad, or lengths of the chain."""
+"""Distance of the scattered starting points from the pose: rad, or lengths of the chain."""
 _ENDS: Final = 8
-"""Ends of the search, the nearest first, from which the smallest change is sought."""
+"""Number of closest end points of the search that are refined to the smallest change."""
 _DIFFERENCE: Final = 1e-5
 """Half of the step of the central differences: rad, or lengths of the chain."""
 
@@ -48,13 +49,12 @@ class Correction(Fixed):
 
     Attributes:
         q: Corrected joint values, ``(n, P)``; NaN where there are none.
-        before, first_order, after: Error of the arm with every component at its mean: at the joint values asked for,
-            after one step with the nominal Jacobian, and at the corrected ones; ``[d; δ]`` from the pose wanted, base
-            axes, m and rad, ``(6, P)``.
+        before, first_order, after: Error of the arm with every component at its mean: at the requested joint values,
+            after one step with the nominal Jacobian, and at the corrected ones; ``[d; δ]``, base axes, m and rad, ``(6,
+            P)``.
         iterations: Newton steps, ``(P,)``.
-        status: A status for each pose.
-        is_least: Whether the change of the joints was shown to be the smallest near it, ``(P,)``; not so of few that a
-            search from scattered joint values found.
+        is_least: Whether the change of the joints was shown to be a local minimum, ``(P,)``; false for some of those
+            found by the search from scattered joint values.
     """
 
     q: Array
@@ -76,19 +76,19 @@ def correct(
 ) -> Correction:
     """Return the corrected joint values of poses ``(n, P)``.
 
-    Newton's method on the arm with its errors: the errors are computed anew at each step, since loads and lever arms change
-    with the joint values, and the Jacobian is that of the arm with its errors, by central differences. Of a redundant arm the
-    sum of squares of the changes of the joints is a local minimum, a sliding joint counted in lengths of the chain: each step
-    goes to the smallest change that the Jacobian allows. A joint that would pass its limit stays there, and the others correct;
-    it leaves the limit again where that makes the change smaller. Where that finds nothing within the limits, joint values
-    scattered between them are tried, and of the corrections found the nearest is taken; none may be found though there is one.
+    Newton's method on the arm with its errors: they are computed anew at each step, since loads and lever arms change
+    with the joint values, and the Jacobian is that of the arm with its errors, by central differences. For a redundant
+    arm the sum of squares of the joint changes is a local minimum, with a sliding joint in lengths of the chain: each
+    step goes to the smallest change that the Jacobian allows. A joint that would pass its limit stays there while the
+    others correct; it leaves the limit again where that makes the change smaller. If nothing is found within the
+    limits, joint values scattered between them are tried, and the correction closest to the pose is taken; none may be
+    found though there is one.
 
     Args:
-        error_model: The arm.
         values, approaches: Joint values in chain order, ``(n, P)``, rad and m, and the direction in which each joint
-            moved last; it is the same at the corrected ones.
+            moved last, also assumed at the corrected values.
         weights: Weight of each component of the error, ``(6,)``, 1/m and 1/rad; zero for one that is left as it is.
-        is_exact: Whether the weighted components are to vanish; else the sum of their squares is made smallest.
+        is_exact: Whether the weighted components must vanish; else the sum of their squares is minimised.
         advance: Called with the number of poses done since the last call.
 
     Raises:
@@ -133,12 +133,7 @@ _AT_ONCE: Final = 256
 @final
 @dataclass(frozen=True, eq=False)
 class _Arm:
-    """The arm with every component at its mean, and what it is to reach.
-
-    Attributes:
-        error_model, wanted, approaches: The arm, the poses wanted, ``(4, 4, P)``, and their approaches, ``(n, P)``.
-        weights, is_exact: As :func:`correct` takes them.
-    """
+    """The arm with every component at its mean, and its target poses ``(4, 4, P)``; approaches are ``(n, P)``."""
 
     error_model: ErrorModel
     wanted: Array
@@ -158,7 +153,7 @@ class _Arm:
         return np.flatnonzero(self.weights)
 
     def error(self, values: Array, poses: NDArray[np.intp]) -> Array:
-        """Return the error ``(6, P)`` from the poses wanted, of the numbers ``poses``, at joint values ``(n, P)``."""
+        """Return the error ``(6, P)`` from the targets with numbers ``poses``, at joint values ``(n, P)``."""
         approaches = None if self.approaches is None else self.approaches[:, poses]
         parts = tangents(self.error_model.at_columns(values, approaches))
         own = np.concatenate([part.error for part in parts], axis=1)
@@ -182,9 +177,9 @@ class _Arm:
     def step(self, moved: Array, error: Array, slopes: Array) -> tuple[Array, Array]:
         """Return a change of the joints ``(n, P)`` and the smallest singular value of the scaled Jacobian ``(P,)``.
 
-        ``moved`` is how far the joints have moved; what of it the Jacobian does not need is taken back.
+        ``moved`` is the joints' displacement so far; its component in the null space of the Jacobian is undone.
         """
-        # rows without a unit: positions in lengths of the chain, or the weights of the user
+        # dimensionless rows: positions in lengths of the chain, or the weights of the user
         scale = (
             self.weights if not self.is_exact else np.where(np.arange(6) < 3, 1 / _length(self.error_model.chain), 1.0)
         )
@@ -204,9 +199,9 @@ class _Arm:
         return step * self.units, smallest
 
     def search(self, start: Array, pose: int) -> tuple[Array, Array, int, bool] | None:
-        """Return the correction of a pose that is nearest of those found from scattered starts; ``None`` if none is.
+        """Return the closest correction of a pose found from scattered starting points; ``None`` if there is none.
 
-        These are joint values ``(n,)``, error ``(6,)``, number of steps, and whether the change is the smallest near it.
+        The values are joint values ``(n,)``, error ``(6,)``, steps, and whether the change is a local minimum.
         """
         ends, errors = self._descend(self._scattered(start), pose)
         change = ((ends - start[:, None]) / self.units) ** 2
@@ -218,7 +213,8 @@ class _Arm:
         values, error, steps, status = self.solve(starts, poses, nearest)
         open_at = np.flatnonzero(status != "corrected")
         if len(open_at):
-            # which joints stay at their limits is left to SLSQP; Newton's method then settles there and shows that it is least
+            # SLSQP decides which joints stay at their limits; Newton's method then settles there and shows that it is a
+            # minimum
             better = np.stack([self._polished(start, end, pose) for end in nearest[:, open_at].T], axis=1)
             values[:, open_at], error[:, open_at], more, status[open_at] = self.solve(
                 starts[:, open_at], poses[open_at], better
@@ -232,7 +228,7 @@ class _Arm:
         return nearest[:, 0], errors[:, order[0]], int(steps.sum()), False
 
     def _polished(self, start: Array, end: Array, pose: int) -> Array:
-        """Return the joint values ``(n,)`` of the least change from ``start`` that SLSQP finds from a correction ``end``."""
+        """Return joint values ``(n,)`` of the least change from ``start``, found by SLSQP from a correction ``end``."""
         from scipy import optimize
 
         units, of, limits = self.units[:, 0], np.array([pose]), self.error_model.chain.configurations.limits
@@ -256,7 +252,7 @@ class _Arm:
         return np.asarray(values)
 
     def _scattered(self, start: Array) -> Array:
-        """Return joint values within the limits ``(n, S)``, from near the pose to half a turn away, the same every time."""
+        """Return fixed joint values within the limits ``(n, S)``, from near the pose to half a turn away."""
         low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
         points = spread_points(len(start) + 1, _SCATTERED)
         reach = _NEAREST * (_FARTHEST / _NEAREST) ** np.sqrt(points[-1]) * self.units
@@ -264,9 +260,9 @@ class _Arm:
         return np.asarray(bottom + (top - bottom) * points[:-1])
 
     def _descend(self, values: Array, pose: int) -> tuple[Array, Array]:
-        """Return where damped steps within the limits end without an error, from values ``(n, S)``, and the errors there.
+        """Return the end points of damped steps within the limits from values ``(n, S)``, and the errors there.
 
-        The Jacobian is that of the nominal arm, which is near enough to descend by; a joint that would pass its limit stays.
+        The nominal arm's Jacobian is close enough for a descent; a joint that would pass its limit stays.
         """
         low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
         scale = np.where(self.rows < 3, 1 / _length(self.error_model.chain), 1.0)[:, None]
@@ -299,7 +295,7 @@ class _Arm:
     ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.str_]]:
         """Return corrected joint values ``(n, P)``, errors ``(6, P)``, numbers of steps and statuses ``(P,)``.
 
-        The change is from ``start``, the first step from ``begin``, which is the same if left out.
+        The change is measured from ``start``; the first step is from ``begin``, by default the same.
         """
         low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
         values = start.copy() if begin is None else begin.copy()
@@ -313,7 +309,7 @@ class _Arm:
             remaining = remaining[reached[remaining]]
             beyond = np.where(free, np.maximum(low - values, values - high) / self.units, 0.0)[:, remaining]
             passed = beyond.max(axis=0, initial=0.0) > 0
-            # one joint at a time: the others may come back
+            # one joint at a time, because that may bring the others back
             free[beyond.argmax(axis=0)[passed], remaining[passed]] = False
             settled = remaining[~passed]
             leaving, joint = self._leaving(values - start, values, error, free, poses, settled)
@@ -336,13 +332,14 @@ class _Arm:
         poses: NDArray[np.intp],
         of: NDArray[np.intp],
     ) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
-        """Return which of the poses ``of`` have a joint at its limit that is better off away from it, and which joint."""
+        """Return which of the poses ``of`` have a joint at its limit that should leave it, and which joint."""
         held = ~free[:, of]
         if not held.any():
             return np.zeros(len(of), dtype=bool), np.zeros(len(of), dtype=np.intp)
         slopes = np.moveaxis(self.slopes(values[:, of], poses[of])[self.rows], -1, 0)
         if self.is_exact:
-            # the change is the smallest where it is a combination of the rows, but for joints that press against their limits
+            # the change is minimal where it is a combination of the rows, except for joints that press against their
+            # limits
             moved = (change / self.units)[:, of]
             others = np.linalg.pinv(np.where(held.T[:, None], 0.0, slopes))
             rows = np.einsum("pjr,jp->pr", others, np.where(held, 0.0, moved))

@@ -1,4 +1,4 @@
-"""A compensation as a picture: the error over the poses, before and after."""
+"""Figure of a compensation: the error over the poses, before and after."""
 
 from __future__ import annotations
 
@@ -110,9 +110,9 @@ def _section(result: CompensationResult) -> Html:
 
 _GREEN: Final = "#009e73"
 _LARGEST: Final = 0.12
-"""Largest displacement at first, in lengths of the arm."""
+"""Initial size of the largest displacement, in lengths of the arm."""
 _RADIUS: Final = 0.005
-"""Radius of the arms' rods, in lengths of the arm; corrected is the thickest, so that each is seen where they agree."""
+"""Radius of the arms' rods, in lengths of the arm; corrected is the thickest, to be visible where all coincide."""
 _LINES: Final = (
     ("deflected", VERMILION, 1.0, "deflected: at the joint values asked for, with its mean errors"),
     ("commanded", _GREEN, 0.8, "commanded: at the corrected joint values, without errors"),
@@ -123,14 +123,13 @@ _LINES: Final = (
 @final
 @dataclass(frozen=True, eq=False)
 class CompensationLayer:
-    """A compensation.
+    """Layer of a compensation.
 
     Attributes:
-        result: The compensation.
         worst: The corrected pose with the largest error before; ``None`` if no pose is corrected.
         nominal: Base, joints and tip of the arm without error there, m, ``(3, K)``.
-        arms: Their displacements from there: of the deflected arm, of the arm commanded, without errors, and of the
-            corrected one, m, ``(3, 3, K)``.
+        arms: Displacements from there of the deflected, the commanded (without errors) and the corrected arm, ``(3, 3,
+            K)``.
         commanded: Displacement of the tip without errors at each pose, at the corrected joint values, m, ``(3, P)``.
     """
 
@@ -162,13 +161,13 @@ class CompensationLayer:
         return "compensation"
 
     def draw(self, scene: Scene, length: float) -> None:
-        """Add the way of the tip that is wanted, and the arm without error at the worst pose, as thin lines."""
+        """Add the intended path of the tip, and the arm without error at the worst pose, as thin lines."""
         del length
         for name, points in (("wanted", self._seen(self.result.poses.position)), ("nominal", self.nominal)):
             scene.segments((self.name, name), np.repeat(points, 2, axis=1)[:, 1:-1], (0.1, 0.1, 0.1, 1.0))
 
     def settings(self, length: float) -> dict[str, Any]:
-        """Return the lines, points and displacements by x, y, z in m, and how many times too large they are drawn at first."""
+        """Return the lines, points and displacements by x, y, z in m, and their initial magnification."""
         if self.worst is None:
             return {"times": 1.0, "lines": []}
         made, wanted = self.result.correction, self.result.poses.position
@@ -181,7 +180,7 @@ class CompensationLayer:
         return {"times": round_number(_LARGEST * length / largest) if largest > 0 else 1.0, "lines": lines}
 
     def legend(self) -> str:
-        """Return the section of the legend: the answer, the colours, and how much too large it is drawn."""
+        """Return the section of the legend: the answer, the colours, and the magnification."""
         said = "".join(f"<p>{escaped(line[:1].upper() + line[1:])}</p>" for line in headline(self.result))
         where = "" if self.worst is None else f" at {self.result.poses.labels[self.worst]}"
         swatches = "".join(
@@ -197,7 +196,6 @@ class CompensationLayer:
         )
 
     def _seen(self, points: Array) -> Array:
-        """Return the points at the poses that are corrected."""
         return points[:, np.isfinite(self.commanded).all(axis=0)]
 
 

@@ -1,4 +1,4 @@
-"""A compensation as text for a terminal."""
+"""Terminal table of a compensation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EXPLANATION: Final = (
     "first: what one step with the nominal Jacobian leaves; 95 %: quantile of |d| in mm of a normal law, first order"
 )
 _ZERO: Final = 1e-9
-"""Errors (m and rad) below which nothing is left to correct."""
+"""Errors (m and rad) below which nothing needs correction."""
 _CORRECTED: Final = {"position": "position", "pose": "position and attitude"}
 _REASONS: Final = {
     "limit": "no correction was found within the joint limits, which does not show that there is none",
@@ -32,7 +32,7 @@ _REASONS: Final = {
 
 
 def compensation_table(result: CompensationResult) -> str:
-    """Return what the correction leaves: the worst pose first in words, then a row for each pose, mm and mrad."""
+    """Return what the correction leaves: the worst pose first as text, then a row for each pose, mm and mrad."""
     rows, joints = pose_rows(result), joint_rows(result)
     lines = [*headline(result), "", *setting_lines(result), ""]
     lines += ["corrected joint values", *aligned(joints), ""] if len(joints) > 1 else []
@@ -48,7 +48,7 @@ def compensation_table(result: CompensationResult) -> str:
 
 
 def setting_lines(result: CompensationResult) -> list[str]:
-    """Return the robot, how many poses, and what was corrected."""
+    """Return the robot, the number of poses, and what was corrected."""
     of = result.provenance
     goal = _CORRECTED[result.mode] if result.weights is None else "weighted position and attitude"
     count = len(result.poses)
@@ -60,7 +60,7 @@ def setting_lines(result: CompensationResult) -> list[str]:
 
 
 def headline(result: CompensationResult) -> list[str]:
-    """Return the largest errors before and after, and how many poses have no correction."""
+    """Return the largest errors before and after, and the number of poses without correction."""
     made = result.correction
     corrected = np.array(made.status) == "corrected"
     if not corrected.any():
@@ -87,7 +87,7 @@ def headline(result: CompensationResult) -> list[str]:
 
 
 def _listed(result: CompensationResult) -> list[int]:
-    """Return the poses of the rows: those without a correction first where there are many."""
+    """Return the poses of the rows: of many, those without a correction first."""
     poses = list(range(len(result.poses)))
     if len(poses) <= _MOST_ROWS:
         return poses
@@ -97,13 +97,13 @@ def _listed(result: CompensationResult) -> list[int]:
 
 
 def pose_rows(result: CompensationResult) -> list[list[str]]:
-    """Return a header and a row for each pose, mm and mrad: where there are many, those without a correction, then the worst."""
+    """Return a header and a row for each pose, mm and mrad: of many, those without a correction, then the worst."""
     header = ["pose", "|d| mm", "first", "after", "|δ| mrad", "after", "95 %", "after", "what remains", "status"]
     return [header, *(_row(result, pose) for pose in _listed(result))]
 
 
 def joint_rows(result: CompensationResult) -> list[list[str]]:
-    """Return a header and rows of corrected joint values, ° and mm: of one pose a row for each joint, else for each pose."""
+    """Return a header and corrected joint values, ° and mm: a row for each joint of one pose, else for each pose."""
     units = [("mm", 1e3) if slides else ("°", 180 / np.pi) for slides in result.prismatic]
     letters = _MOST_OF_JOINT if len(result.poses) == 1 else _MOST_LETTERS
     names = [shortened(visible(name), letters) for name in result.joints]
@@ -143,19 +143,16 @@ def _row(result: CompensationResult, pose: int) -> list[str]:
 
 
 def _text(value: float) -> str:
-    """Return a length or an angle in mm or mrad, four digits; what is below a nanometre is 0."""
+    """Return a length or an angle in mm or mrad, four digits; less than a nanometre is 0."""
     if not np.isfinite(value):
         return "-"
     return "0" if value < _ZERO else f"{1e3 * value:.4g}"
 
 
 def corrected_csv(result: CompensationResult, columns: Sequence[Column] = ()) -> str:
-    """Return the corrected joint values as ``--trajectory`` reads them: a row of names, then a row for each pose.
+    """Return the corrected joint values as ``--trajectory`` reads them: names, then a row for each pose.
 
-    Args:
-        result: Every pose of it has corrected joint values.
-        columns: The columns wanted, with their units; times first, then the chain's order, in s, degrees and mm, if
-            left out.
+    ``columns`` gives the columns with their units; by default times, then the chain's order, in s, degrees and mm.
     """
     times = result.poses.times
     of = {name: result.corrected[row] for row, name in enumerate(result.joints)}

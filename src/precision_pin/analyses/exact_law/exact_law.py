@@ -1,7 +1,7 @@
 """Exact law of the first-order model, including the tails, without sampling.
 
-A component of the tangent model ``e0 + J (x - mean)`` is a sum of independent numbers, one for each draw; its law follows
-from their characteristic functions (:mod:`precision_pin.analyses.exact_law.number_law`).
+A component of the tangent model ``e0 + J (x - mean)`` is a sum of independent numbers, one for each draw; its law
+follows from their characteristic functions (:mod:`precision_pin.analyses.exact_law.number_law`).
 """
 
 from __future__ import annotations
@@ -64,11 +64,8 @@ class Agreement(Record):
     """Distance between samples of the tangent model and the exact law.
 
     Attributes:
-        samples: Number of samples.
-        distance: Kolmogorov distance: the largest difference of the two cumulative laws, rounded up by at most
-            ``slack``.
-        band: Bound of the distance at the stated confidence: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956;
-            Massart 1990).
+        distance: Kolmogorov distance: largest difference of the cumulative laws, rounded up by at most ``slack``.
+        band: Bound of the distance: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956; Massart 1990).
         confidence: Confidence 1 - α.
         slack: Largest excess of the stated distance.
         edges, counts: Histogram of the samples.
@@ -91,7 +88,7 @@ class Agreement(Record):
 
     @property
     def said(self) -> str:
-        """The same in words."""
+        """The same as text."""
         return "within the band" if self.agrees else "BEYOND THE BAND"
 
 
@@ -103,7 +100,7 @@ class ExactLaw:
     Attributes:
         quantity: ``position.x`` … ``attitude.z`` or a norm; m or rad, base axes.
         law: Object with ``cumulative``, ``density`` and ``quantile``; ``None`` if the law is not available.
-        reason: Reason why the law is not available.
+        reason: Why the law is not available.
         mean, std: Mean and standard deviation; ``None`` for a norm that is not available.
         contributors: Number of contributing draws; all normal draws count as one.
         error: Bound of the error of every cumulative probability, at a number within rounding of the argument.
@@ -164,11 +161,9 @@ class ExactLaw:
 @final
 @dataclass(frozen=True, eq=False)
 class PoseLaws(Record):
-    """Laws at one pose.
+    """Laws of the eight quantities at one pose.
 
     Attributes:
-        pose: Name and joint values of the pose.
-        laws: Laws of the eight quantities, by name.
         warnings: Quantities whose exact model does not follow the first-order law, one line each.
     """
 
@@ -201,14 +196,14 @@ class ExactLawResult(Result):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
-        The columns are ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with ``…_error``, its
-        error bound; and ``distance`` and ``band`` of the agreement with samples. ``attrs`` gives the settings.
+        The columns are ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with
+        ``…_error``, its error bound; and ``distance`` and ``band`` of the samples. ``attrs`` gives the settings.
         """
         return self._frame("quantity", lambda pose: ((name, _columns(law)) for name, law in pose.laws.items()))
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr` after the arm."""
         laws = [law for pose in self.poses for law in pose.laws.values()]
         known = sum(law.law is not None for law in laws)
         return (
@@ -245,7 +240,6 @@ def _columns(law: ExactLaw) -> dict[str, float]:
 
 
 def _cells(law: ExactLaw) -> list[str]:
-    """Return a row of the table in a notebook."""
     cells = [symbol(law.quantity), unit(law.quantity), milli(law.mean), milli(law.std)]
     quantiles = {level: milli(*known) for level, known in law.shown_quantiles(6).items()}
     cells += [quantiles.get(level, "-") for level in LEVELS_SHOWN[:-1]]
@@ -312,13 +306,10 @@ def exact_law(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
-        seed, samples, confidence: Seed and number of the samples of the tangent model for comparison; confidence of the
-            comparison.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
+        seed, samples, confidence: Seed, number and confidence of tangent-model samples for comparison.
         findings: Warnings to include in the result, such as those of the sheet.
-        progress: Function called with the number of samples drawn, and then compared at each pose, since its last call;
-            ``True`` shows a bar.
+        progress: Called with the samples drawn, then compared, since its last call; ``True`` shows a bar.
 
     Raises:
         InputError: A wrong pose, seed, number of samples or confidence; draws that are correlated and not normal.
@@ -352,7 +343,6 @@ def count_steps(space: Space, poses: int, samples: int, **others: object) -> int
 
 
 def _deviations(space: Space, seed: int, count: int, step: Callable[[int], None]) -> Array:
-    """Return samples minus their means, ``(d, count)``."""
     check_memory(
         8.0 * (space.size + 16) * count, f"comparing {count:,} samples of {space.size:,} numbers", "ask for fewer"
     )
@@ -432,7 +422,7 @@ class _Share:
 
     @property
     def summand(self) -> Summand:
-        """Bounds for the series; for a law defined by the user the only known bound of |φ| is 1."""
+        """Bounds for the series; for a user-defined law the only known bound of |φ| is 1."""
         part = self.part
         if part is not None:
             return Summand(part.within, part.is_bounded, part.envelope, part.characteristic, part.characteristic_error)
@@ -485,7 +475,6 @@ _UNKNOWN_ERROR: Final = 1e-13
 
 
 def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> NumberLaw | str:
-    """Return the law of a sum, or the reason why there is none."""
     if not shares:
         return NormalLaw(mean, bell_std)
     parts = [share.part for share in shares if share.part is not None]
@@ -532,7 +521,6 @@ def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> Ex
 
 
 def _with_samples(known: ExactLaw, sampled: Array, confidence: float) -> ExactLaw:
-    """Return a law with its quantiles, and how far samples lie from it."""
     assert known.law is not None
     assert known.std is not None
     quantiles = tuple(known.law.quantile(p) for p in LEVELS)
@@ -544,8 +532,8 @@ def _with_samples(known: ExactLaw, sampled: Array, confidence: float) -> ExactLa
 def agreement_of(law: NumberLaw, rising: Array, confidence: float, std: float, effort: float = _EFFORT) -> Agreement:
     """Return the distance of sorted samples ``(N,)`` from a law with this standard deviation.
 
-    Only every m-th sample is compared, with m chosen by the evaluation time of the law. Both cumulative laws are monotone,
-    so that the distance between two compared samples is larger by at most m/N.
+    Only every m-th sample is compared, with m chosen by the evaluation time of the law. Both cumulative laws are
+    monotone, so that the distance between two compared samples is larger by at most m/N.
     """
     count = rising.size
     step = max(1, math.ceil(2 * count * law.cost / effort))

@@ -1,4 +1,4 @@
-"""Exact laws as a picture."""
+"""Figures of the exact laws."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _HEIGHT: Final = 92.0
 
 
 def content(result: ExactLawResult, results: Results) -> list[Child]:
-    """Return exact laws over the sampled histograms, their quantiles, and how far samples lie from them."""
+    """Return exact laws over the sampled histograms, their quantiles, and their distances from samples."""
     laws = result.poses[0].laws
     pictures = []
     for vector in VECTORS:
@@ -136,7 +136,7 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
 
 
 def draw(axes: Axes, result: ExactLawResult, which: int, quantity: str) -> None:
-    """Draw the law of a vector's size, or of its first component where the size has no exact law, on given axes."""
+    """Draw the law of a vector's length, or of its first component if the length has no exact law, on given axes."""
     laws = [law for name, law in result.poses[which].laws.items() if name.startswith(quantity)]
     sizes = [law for law in laws if law.quantity.endswith("norm") and law.law is not None]
     known = [*sizes, *(law for law in laws if law.law is not None), *laws]

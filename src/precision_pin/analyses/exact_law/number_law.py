@@ -1,36 +1,30 @@
-"""Law of one number by cumulative law and density, with the two closed forms: a normal number and a single part.
+"""Laws of one number by cumulative law and density: normal numbers, single parts, sums and lengths of normal vectors.
 
-Law of a sum of independent parts, as a Fourier series.
-
-The characteristic function of a sum is a product. On a support of length 2L, the density equals its Fourier series
-(Poisson's summation; Abate and Whitt, Queueing Systems 10, 1992). With ω_k = kπ/L and φ about the middle c,
+Law of a sum of independent parts, as a Fourier series: the characteristic function of a sum is a product. On a support
+of length 2L, the density equals its Fourier series (Poisson's summation; Abate and Whitt, Queueing Systems 10, 1992).
+With ω_k = kπ/L and φ about the middle c,
 
     f(c + y) = (1/2L) (1 + 2 Re Σ φ(ω_k) exp(-i ω_k y)),
     F(c + y) = (y + L)/2L + Re Σ (i/kπ) φ(ω_k) (exp(-i ω_k y) - (-1)^k).
 
-For bounded parts the only error is the truncation of the series at K, at most (2/π) Σ_{k>K} |φ(ω_k)|/k, which is evaluated
-with monotone bounds of |φ|. Unbounded parts add the probability beyond the chosen ends. A wide lognormal part has distant
-ends and a |φ| that decreases slowly; its ends are moved inwards until the series is short enough, at the cost of a larger
-error. Rounding is bounded as well: of the characteristic function, of the phases kπy, whose error grows with k as the
-coefficients decrease, and of the sums.
-
-A cumulative probability at x is the probability at a number within a few rounding units of x, because x - mean is rounded.
+For bounded parts the only error is the truncation of the series at K, at most (2/π) Σ_{k>K} |φ(ω_k)|/k, which is
+evaluated with monotone bounds of |φ|. Unbounded parts add the probability beyond the chosen ends. A wide lognormal part
+has distant ends and a |φ| that decreases slowly; its ends are moved inwards until the series is short enough, at the
+cost of a larger error. Rounding is bounded as well: of the characteristic function, of the phases kπy, whose error
+grows with k as the coefficients decrease, and of the sums. A cumulative probability at x is the probability at a number
+within a few rounding units of x, because x - mean is rounded.
 
 Law of a sum of two independent parts: their convolution, by quadrature.
 
-Length of a normal vector: the root of a generalised chi-square variable.
+Length of a normal vector, the root of a generalised chi-square variable: in principal axes the density is a product.
+The probability of a ball of radius r about the origin is integrated one axis after another, ``P_m(r) = ∫ f_m(r sin θ)
+P_(m-1)(r cos θ) r cos θ dθ``, starting from the normal law ``P_1``. The integrands are analytic, so that Gauss-Legendre
+rules converge geometrically; the number of nodes is doubled until the value is stationary. (Imhof's inversion,
+Biometrika 48, 1961, gives the same probability by an integral that converges slowly in few dimensions.)
 
-In principal axes the density is a product. The probability of a ball of radius r about the origin is integrated one axis
-after another, ``P_m(r) = ∫ f_m(r sin θ) P_(m-1)(r cos θ) r cos θ dθ``, starting from the normal law ``P_1``. The integrands
-are analytic, so that Gauss-Legendre rules converge geometrically; the number of nodes is doubled until the value is
-stationary. (Imhof's inversion, Biometrika 48, 1961, gives the same probability by an integral that converges slowly in few
-dimensions.)
-
-Error bounds of computed quantiles, given a bound of the error of the cumulative law.
-
-With |F̂ - F| ≤ ε, the p-quantile of F lies between those of F̂ at p - ε and p + ε. Where the law has a density, a width δ of
-about 2ε divided by the density is tried: F̂(q - δ) ≤ p - ε and F̂(q + δ) ≥ p + ε prove it. Elsewhere both quantiles of F̂
-are computed.
+Error bounds of quantiles: with |F̂ - F| ≤ ε, the p-quantile of F lies between those of F̂ at p - ε and p + ε. Where the
+law has a density, a width δ of about 2ε divided by the density is tried: F̂(q - δ) ≤ p - ε and F̂(q + δ) ≥ p + ε prove
+it. Elsewhere both quantiles of F̂ are computed.
 """
 
 from __future__ import annotations
@@ -180,15 +174,15 @@ MOST_PIECES: Final = 2000
 class ConvolvedLaw(NumberLaw):
     """Law of two parts, ``F(x) = ∫ F₁(x - z(s)) w(s) ds`` along the parameter of the second.
 
-    The integral is split at every kink of either part. Each piece is computed by the double exponential rule (Takahasi and
-    Mori, 1974), which converges in spite of singularities at the ends.
+    The integral is split at every kink of either part. Each piece is computed by the double exponential rule (Takahasi
+    and Mori, 1974), which converges in spite of singularities at the ends.
     """
 
     mean: float
     kept: Projection
     integrated: Projection
     method: ClassVar[str] = "convolution of two draws"
-    # of the double exponential rule, measured on sums with a closed form
+    # error of the double exponential rule, measured on sums with a closed form
     error: ClassVar[float] = 1e-11
 
     @classmethod
@@ -204,7 +198,7 @@ class ConvolvedLaw(NumberLaw):
 
     @property
     def cost(self) -> float:  # type: ignore[override]
-        """That of all pieces."""
+        """Cost of all pieces."""
         return 105.0 * self.pieces
 
     @property
@@ -249,7 +243,6 @@ def _roughness(part: Projection) -> int:
 
 
 def _double_exponential() -> tuple[Array, Array]:
-    """Return nodes in (0, 1) and weights of the double exponential rule."""
     t = np.arange(-52, 53) / 16
     inner = math.pi / 2 * np.sinh(t)
     shares = special.expit(2 * inner)
@@ -277,11 +270,9 @@ class SeriesLaw(Fixed, NumberLaw):
     """Fourier series of a law on its support.
 
     Attributes:
-        mean: Mean of the number.
         middle, half_length: Support: mean + middle ± half_length.
         coefficients: φ(ω_k) about the middle, ``(K + 1,)``; the first is 1.
-        truncation: Bound of the truncation error of the cumulative law.
-        density_truncation: Bound of the truncation error of the density; infinite where unknown.
+        truncation, density_truncation: Bounds of the truncation errors of F and f; infinite where unknown.
         beyond: Probability beyond the support.
         rounding: Bound of the rounding of the cumulative law.
     """
@@ -318,7 +309,7 @@ class SeriesLaw(Fixed, NumberLaw):
 
     @property
     def cost(self) -> float:  # type: ignore[override]
-        """That of all terms."""
+        """Cost of all terms."""
         return 100 + self.terms / 4
 
     def cumulative(self, x: Array) -> Array:
@@ -386,7 +377,6 @@ class _Bounds:
         return np.exp2(np.arange(160, dtype=float))
 
     def bound(self, omega: Array) -> Array:
-        """Return a bound of |φ|."""
         with np.errstate(under="ignore", over="ignore"):
             result = np.exp(-((self.std * omega) ** 2) / 2)
             for envelope in self.envelopes:
@@ -414,8 +404,7 @@ class Summand(Fixed):
     """Independent part of a sum, in the form that the series needs.
 
     Attributes:
-        ends: Function of a number of standard deviations that returns ends with at most the probability beyond that a
-            normal law has there.
+        ends: Function from a number of standard deviations to ends with at most a normal law's tails.
         is_bounded: True if the probability beyond the ends is zero.
         envelope: Function of ω ``(n,)`` that returns a monotone bound of |φ|.
         characteristic: Function of ω ``(n,)`` that returns φ of the deviation from the mean.
@@ -430,7 +419,7 @@ class Summand(Fixed):
 
 
 def certified_series(mean: float, std: float, summands: Sequence[Summand], largest_error: float) -> SeriesLaw | float:
-    """Return the series of a law with the terms that its certified error needs, otherwise the smallest error reached."""
+    """Return a law's series with the terms for the largest certified error, else the smallest error reached."""
     for aim, most, score in _AIMS:
         ends = [summand.ends(min(score, FARTHEST)) for summand in summands]
         low, high = (sum(end[side] for end in ends) + sign * score * std for side, sign in ((0, -1), (1, 1)))
@@ -483,12 +472,7 @@ _FLAT: Final = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class NormalNorm(Fixed, NumberLaw):
-    """Law of |v| for a normal vector v.
-
-    Attributes:
-        centre: Mean of v, ``(3,)``.
-        matrix: Covariance of v, ``(3, 3)``.
-    """
+    """Law of |v| for a normal vector v with mean ``centre`` ``(3,)`` and covariance ``matrix`` ``(3, 3)``."""
 
     centre: Array
     matrix: Array
@@ -498,7 +482,7 @@ class NormalNorm(Fixed, NumberLaw):
 
     @cached_property
     def _axes(self) -> tuple[Array, Array, float]:
-        """Standard deviations and means along the varying principal axes, largest first; length of the constant part."""
+        """Standard deviations and means along varying principal axes, largest first; length of the constant part."""
         values, vectors = np.linalg.eigh(self.matrix)
         stds, means = np.sqrt(np.maximum(values, 0.0))[::-1], (vectors.T @ self.centre)[::-1]
         varies = stds > _FLAT * stds[0]
@@ -518,7 +502,7 @@ class NormalNorm(Fixed, NumberLaw):
     def density(self, r: Array) -> Array:
         """Return the density of |v|, ``(N,)``."""
         inner = np.sqrt(np.maximum(r**2 - self._axes[2] ** 2, 0.0))
-        # a density is exact to a share of its height, which is about 1/σ
+        # the relative accuracy of a density is that of its height, about 1/σ
         return self._evaluate(_sphere, inner, float(self._axes[0][0])) * r / np.where(inner > 0, inner, np.inf)
 
     def quantile(self, p: float) -> float:
@@ -554,7 +538,7 @@ class NormalNorm(Fixed, NumberLaw):
     def _evaluate(
         self, function: Callable[[Array, Array, Array, int], Array], radii: Array, scale: float = 1.0
     ) -> Array:
-        """Return a function of radii, with the nodes of each doubled until the value times ``scale`` is stationary."""
+        """Return a function of radii, with the nodes doubled for each until the value times ``scale`` is stationary."""
         stds, means, _ = self._axes
 
         def at(r: Array, nodes: int) -> Array:
@@ -577,7 +561,7 @@ def _ball(radius: Array, stds: Array, means: Array, nodes: int) -> Array:
     """Return the probability of balls about the origin, ``radius`` of any shape."""
     if stds.size == 1:
         upper, lower = (radius - means[0]) / stds[0], (-radius - means[0]) / stds[0]
-        # the difference of the nearer tails, so that distant balls keep their digits
+        # the difference of the closer tails, so that distant balls keep their digits
         return np.where(
             means[0] > 0,
             special.ndtr(upper) - special.ndtr(lower),

@@ -1,4 +1,4 @@
-"""Exact laws as text for a terminal."""
+"""Terminal table of the exact laws."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _METHOD_HEADER: Final = ["", "method", "draws", "error of F", "distance", "band"
 
 
 def table(result: ExactLawResult) -> str:
-    """Return mean, spread and quantiles of every component, in mm and mrad, how exact they are and how they compare."""
+    """Return mean, spread and quantiles of every component in mm and mrad, their accuracy, and the comparison."""
     provenance = result.provenance
     sizes = [
         max((law.std or 0.0 for law in entry.laws.values() if law.quantity.startswith("position.")), default=0.0)
@@ -73,7 +73,7 @@ def _quantile_rows(entry: PoseLaws) -> list[list[str]]:
 
 
 def method_rows(entry: PoseLaws) -> list[list[str]]:
-    """Return for each known law: symbol, method, draws, error of F, distance to the samples, band, whether they agree."""
+    """Return for each known law: symbol, method, draws, error of F, distance to the samples, band, agreement."""
     rows = []
     for law in entry.laws.values():
         if law.law is None or law.agreement is None:
@@ -85,7 +85,7 @@ def method_rows(entry: PoseLaws) -> list[list[str]]:
 
 
 def _milli(value: float, std: float, most: int = 12) -> str:
-    """Return the value in thousandths, to a millionth of the spread, to seven digits at least and ``most`` at most."""
+    """Return the value in thousandths, to a millionth of the spread, to at least seven and at most ``most`` digits."""
     if abs(value) <= ROUNDING:
         return "0"
     digits = 7 if std <= ROUNDING else min(12, max(7, math.ceil(math.log10(abs(value) / std) + 6)))

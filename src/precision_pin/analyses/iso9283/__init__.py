@@ -1,4 +1,4 @@
-"""Figures of ISO 9283:1998: of measured cycles, and their law over built robots and over tests."""
+"""Figures of ISO 9283:1998 from measured cycles, and their law over built robots and tests."""
 
 from functools import partial
 from typing import Any
@@ -10,7 +10,7 @@ _IN_CUBE = 5
 
 
 def check(options: dict[str, Any]) -> None:
-    """Refuse poses beside the cube."""
+    """Reject poses together with the cube."""
     flags = {"--pose": "pose_names", "--q": "qs"}
     flags |= {f"--{name.replace('_', '-')}": name for name in ("all_poses", "trajectory", "grid")}
     given = [flag for flag, name in flags.items() if options[name]]
@@ -19,7 +19,7 @@ def check(options: dict[str, Any]) -> None:
 
 
 def prepare(asked: Asked) -> Job:
-    """Return the forecast of a test, beside measured cycles if there are any."""
+    """Return the forecast of a test, compared with measured cycles if there are any."""
     from precision_pin.analyses.iso9283.figures import read_cycles
     from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
     from precision_pin.analyses.iso9283.result import pose_names

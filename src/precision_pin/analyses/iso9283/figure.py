@@ -1,4 +1,4 @@
-"""The forecast by ISO 9283 as a picture: the laws of AP and RP at every pose, and measured figures in them."""
+"""Figure of the ISO 9283 forecast: the laws of AP and RP at every pose, with measured figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from precision_pin.render.html import Html, items, paragraph, section, table
 from precision_pin.render.svg import figure as inline_figure
 
 _BINS: Final = 30
-# half the width of a law on the axis of poses
+# half the width of a law on the pose axis
 _HALF_WIDTH: Final = 0.4
 _MOST_LETTERS: Final = 14
 
@@ -67,7 +67,7 @@ def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
             axes.plot(place, found.value * unit.per_si, **marked)
     if name == "RP" and all(float(law.sorted[-1]) == 0 for law in laws):
         axes.text(0.5, 0.5, "0: every cycle is as the first", ha="center", transform=axes.transAxes)
-    # poses of the cube have no name but P1 to P5
+    # poses of the cube have no names but P1 to P5
     names = [("" if at.label.name == pose else at.label.name) for pose, at in result.poses.items()]
     labels = [
         f"{pose}\n{shortened(visible(name), _MOST_LETTERS)}" for pose, name in zip(result.poses, names, strict=True)
@@ -79,7 +79,7 @@ def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
 
 
 def _draw_law(axes: Axes, place: int, values: np.ndarray) -> None:
-    """Draw the density of values across a vertical line; a value that all share has none."""
+    """Draw the density of values across a vertical line; a constant has none."""
     if values.max() - values.min() <= 1e-9 * abs(values.max()):
         return
     density, edges = np.histogram(values, bins=_BINS, density=True)

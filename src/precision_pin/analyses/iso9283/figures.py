@@ -1,24 +1,23 @@
 """The figures of ISO 9283:1998 as formulas over arrays of cycles.
 
-The first axis of every array is the cycle; further axes, such as the robot, are kept. Sums are taken from the first cycle, so
-that cycles that are all the same scatter by exactly zero.
+The first axis of every array is the cycle; further axes, such as the robot, are kept. Sums are taken relative to the
+first cycle, so that identical cycles have exactly zero scatter.
 
-Limit of RP for many cycles.
-
-For normal positions with covariance Λ the distance l from the barycentre has mean m = E|z| and variance tr Λ - m², so
+Limit of RP for many cycles: for normal positions with covariance Λ the distance l from the barycentre has mean m = E|z|
+and variance tr Λ - m², so
 
     RP → m + 3 √(tr Λ - m²).
 
-With z = √Λ g and g split into length and direction, m = E|g| · mean over the sphere of √(λ₁n₁² + λ₂n₂² + λ₃n₃²), and that
-mean is Carlson's elliptic integral R_G(λ₁, λ₂, λ₃) (https://dlmf.nist.gov/19.16.E3).
+With z = √Λ g and g split into length and direction, m = E|g| · mean over the sphere of √(λ₁n₁² + λ₂n₂² + λ₃n₃²), and
+that mean is Carlson's elliptic integral R_G(λ₁, λ₂, λ₃) (https://dlmf.nist.gov/19.16.E3).
 
-Measured cycles of a test by ISO 9283 in a CSV file.
+Measured cycles of a test in a CSV file:
 
     pose, cycle, x [mm], y [mm], z [mm], a [deg], b [deg], c [deg]
     P1, 1, 850.02, -0.01, 600.11, 180.00, 0.01, 90.00
 
-Positions and orientations are in base axes. a, b, c are angles about x, y, z, R = Rot(z, c) Rot(y, b) Rot(x, a); ``rx``, ``ry``,
-``rz`` in their place are a rotation vector. Without either only positions are compared.
+Positions and orientations are in base axes. a, b, c are angles about x, y, z, R = Rot(z, c) Rot(y, b) Rot(x, a);
+``rx``, ``ry``, ``rz`` in their place are a rotation vector. Without either only positions are compared.
 """
 
 from __future__ import annotations
@@ -44,13 +43,12 @@ from precision_pin.base.record import Record
 
 
 class PoseFigures(NamedTuple):
-    """Accuracy and repeatability at a pose, m and rad; the axes after those of a vector are those of the cycles' arrays.
+    """Accuracy and repeatability at a pose, m and rad; trailing axes are those of the arrays of cycles.
 
     Attributes:
         AP: Distance of the barycentre from the commanded position, AP_p.
         AP_xyz: Barycentre minus commanded position, ``(3, …)``.
-        AP_abc: Mean angles about the base axes x, y, z, of the turn from the commanded to the attained orientation,
-            ``(3, …)``.
+        AP_abc: Mean angles about the base axes x, y, z, from the commanded to the attained orientation, ``(3, …)``.
         RP: l̄ + 3 S_l, with l the distances from the barycentre.
         RP_abc: Three standard deviations of these angles, ``(3, …)``.
     """
@@ -102,12 +100,7 @@ def pose_figures(deviations: Array, angles: Array) -> PoseFigures:
 
 
 def distance_figures(commanded: Array, first: Array, second: Array) -> DistanceFigures:
-    """Return the figures of the distance between two attained positions ``(n, 3, …)``.
-
-    Args:
-        commanded: First minus second commanded position, ``(3,)``.
-        first, second: Attained positions.
-    """
+    """Return distance figures of attained positions ``(n, 3, …)``; ``commanded`` is first minus second, ``(3,)``."""
     apart = first - second
     along = np.abs(apart)
     wanted = np.abs(commanded).reshape((3,) + (1,) * (along.ndim - 2))
@@ -147,7 +140,7 @@ _MEAN_LENGTH: Final = 2 * math.sqrt(2 / math.pi)
 def mean_distance(covariances: Array) -> Array:
     """Return E|z| of normal vectors with covariances ``(…, 3, 3)``, which may be singular."""
     values = _eigenvalues(covariances)
-    # scaled to their trace: covariances of 1e-12 m² are far above the least of what the integral takes, products of them are not
+    # scaled to the trace: the integral accepts covariances of 1e-12 m², but not products of them
     trace = values.sum(axis=-1)
     shares = values / np.where(trace > 0, trace, 1.0)[..., None]
     return _MEAN_LENGTH * np.sqrt(trace) * elliprg(shares[..., 0], shares[..., 1], shares[..., 2])
@@ -164,16 +157,16 @@ def _eigenvalues(covariances: Array) -> Array:
     return np.maximum(np.linalg.eigvalsh(covariances), 0.0)
 
 
-# largest entry of R Rᵀ - 1 of a rotation
+# largest entry of R Rᵀ - 1 accepted for a rotation
 _NOT_A_ROTATION: Final = 1e-6
 # largest coordinate, m: squares of larger ones leave no digits for errors of nanometres
 _LARGEST: Final = 1e6
-# cosine of b below which a and c of the control are near their singularity: b within 5.7° of ±90°
+# cosine of b below which the control's a and c are near their singularity: b within 5.7° of ±90°
 _NEAR: Final = 0.1
 
 
 class _Figures(Record):
-    """Numbers by name: as attributes, as entries and, by ``dict``, as a dictionary."""
+    """Numbers by name, as attributes and as items; ``dict`` converts them."""
 
     @classmethod
     def keys(cls) -> tuple[str, ...]:
@@ -196,7 +189,7 @@ class MeasuredPose(_Figures):
     Attributes:
         AP: Distance of the barycentre of the attained positions from the commanded position.
         AP_x, AP_y, AP_z: Barycentre minus commanded position.
-        AP_a, AP_b, AP_c: Mean angles about x, y and z of the turn from the commanded to the attained orientation.
+        AP_a, AP_b, AP_c: Mean angles about x, y and z from the commanded to the attained orientation.
         RP: l̄ + 3 S_l, with l the distances of the attained positions from their barycentre.
         RP_a, RP_b, RP_c: Three standard deviations of the angles; the standard writes ±RP_a.
     """
@@ -220,8 +213,7 @@ class MeasuredDistance(_Figures):
     """Accuracy and repeatability of the distance between two poses of one robot, m and rad, base axes.
 
     Attributes:
-        AD, RD: Mean distance of the attained positions minus the commanded distance, and three standard deviations of
-            the distance; the standard writes ±RD.
+        AD, RD: Mean minus commanded distance, and three standard deviations; the standard writes ±RD.
         AD_x, AD_y, AD_z, RD_x, RD_y, RD_z: The same for the distances along the axes, |x₁ - x₂|.
         AD_a, AD_b, AD_c, RD_a, RD_b, RD_c: The same for the angular distances, |a₁ - a₂|.
     """
@@ -246,17 +238,17 @@ class MeasuredDistance(_Figures):
 def iso9283_of(commanded: ArrayLike, attained: ArrayLike) -> MeasuredPose:
     """Return accuracy and repeatability at a pose from measured cycles, ISO 9283:1998.
 
-    The angles a, b, c about the base axes x, y, z are those of R' R_cᵀ = Rot(z, c) Rot(y, b) Rot(x, a), the turn from the
-    commanded orientation R_c to the attained R'. Near the commanded orientation they are the rotation about each axis,
-    whatever angles the control uses. A warning, ``W_ANGLES``, says where the control's own angles are near their singularity:
-    their scatter is then another.
+    The angles a, b, c about the base axes x, y, z are those of R' R_cᵀ = Rot(z, c) Rot(y, b) Rot(x, a), the rotation
+    from the commanded orientation R_c to the attained R'. Near the commanded orientation they are the rotation about
+    each axis, whatever angles the control uses. ``W_ANGLES`` warns where the control's own angles are near their
+    singularity, so that their scatter differs.
 
     Args:
         commanded: Pose ``(4, 4)``, or ``[p; rpy]`` ``(6,)`` in m and rad.
         attained: Poses of n ≥ 2 cycles, ``(n, 4, 4)`` or ``(n, 6)``.
 
     Raises:
-        InputError: Another shape, a number that is not finite, a matrix that is no pose, or fewer than two cycles.
+        InputError: Another shape, a number that is not finite, a matrix that is not a pose, or fewer than two cycles.
     """
     wanted = _read_pose("the commanded pose", commanded)
     cycles = _read_cycles("the attained poses", attained)
@@ -306,7 +298,7 @@ def iso9283_distance(commanded_pair: ArrayLike, attained_pair: ArrayLike) -> Mea
 
 
 def _named(figure: str, value: Array, **vectors: Array) -> dict[str, float]:
-    """Return a figure and its parts by name: ``AP``, and of ``a_b_c`` ``AP_a``, ``AP_b``, ``AP_c``."""
+    """Return a figure and its parts by name: ``AP``, and from ``a_b_c`` ``AP_a``, ``AP_b``, ``AP_c``."""
     parts = {
         f"{figure}_{axis}": float(part)
         for axes, vector in vectors.items()
@@ -338,7 +330,6 @@ def _two(what: str, pair: object) -> tuple[object, object]:
 
 
 def _read_pose(what: str, value: object) -> Array:
-    """Return a pose ``(4, 4)``."""
     numbers = _read_numbers(what, value, "a pose (4, 4), or position and rpy (6,), in m and rad")
     if numbers.shape == (6,):
         return se3.pose(se3.rpy_rotation(numbers[3:]), numbers[:3])
@@ -351,7 +342,6 @@ def _read_pose(what: str, value: object) -> Array:
 
 
 def _read_cycles(what: str, values: object) -> Array:
-    """Return the poses of n cycles, ``(4, 4, n)``."""
     numbers = _read_numbers(what, values, "poses (n, 4, 4), or positions and rpy (n, 6), in m and rad")
     if numbers.shape[1:] not in ((4, 4), (6,)):
         raise InputError(
@@ -379,7 +369,7 @@ def _read_numbers(what: str, values: object, needs: str) -> Array:
 
 
 def _check_rigid(what: str, poses: Array) -> None:
-    """Refuse matrices ``(4, 4, n)`` that are no poses."""
+    """Reject matrices ``(4, 4, n)`` that are not poses."""
     rotation = poses[:3, :3]
     gaps = np.abs(np.einsum("ijn,kjn->ikn", rotation, rotation) - np.eye(3)[..., None]).max(axis=(0, 1))
     wrong = (gaps > _NOT_A_ROTATION) | (np.linalg.det(np.moveaxis(rotation, -1, 0)) < 0)
@@ -429,12 +419,12 @@ def read_cycles(path: str | os.PathLike[str], names: Mapping[str, str]) -> dict[
 
 
 def _values(found: Measured, turn: tuple[str, ...]) -> Array:
-    """Return positions ``(R, 3)``, or poses ``(R, 4, 4)`` where the file has orientations."""
+    """Return positions ``(R, 3)``, or poses ``(R, 4, 4)`` if the file has orientations."""
     positions = np.array([found.column(axis, units.LENGTH) for axis in _POSITION]).T
     if not turn:
         return positions
     angles = np.array([found.column(axis, units.ANGLE) for axis in turn]).T
-    # small letters: about the fixed axes x, y, z in this order
+    # lower case: about the fixed axes x, y, z in this order
     rotation = Rotation.from_euler("xyz", angles) if turn == _TURNS[0] else Rotation.from_rotvec(angles)
     poses = np.tile(np.eye(4), (len(positions), 1, 1))
     poses[:, :3, :3] = rotation.as_matrix()

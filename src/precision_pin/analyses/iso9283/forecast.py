@@ -1,4 +1,4 @@
-"""Forecast of a test by ISO 9283:1998 from a sheet: every built robot is tested once, and a figure has a law over them."""
+"""Forecast of an ISO 9283:1998 test from a sheet: every built robot is tested once."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ CYCLES: Final = 30
 """Cycles of a test in the standard."""
 MOST_ROBOTS: Final = 10**8
 MOST_POSES: Final = 100
-"""Poses of a test; the standard has five."""
-# robots of which vAP and drift are simulated at most; all their visits are kept at once
+"""Most poses of a test; the standard has five."""
+# most robots for vAP and drift: all their visits are kept at once
 _MOST_FOLLOWED: Final = 10_000
 # robots whose barycentres are compared for E
 _TOGETHER: Final = 5
@@ -79,25 +79,24 @@ def iso9283(
     threads: int | None = None,
     progress: Progress | bool | None = None,
 ) -> Iso9283Result:
-    """Return the law of the figures of ISO 9283:1998 over built robots and over tests.
+    """Return the law of the figures of ISO 9283:1998 over built robots and tests.
 
-    Every robot is built once and tested once: draws of unit scope are made once for a robot, those of pose scope once for a
-    robot and pose, those of visit scope in each cycle. So the law of a figure holds the scatter over robots and over tests.
+    Every robot is built once and tested once: draws of unit scope are made once for a robot, those of pose scope once
+    for a robot and pose, those of visit scope in each cycle. The laws thus include the scatter over robots and tests.
 
     Args:
         error_model: Chain, draws and sources.
-        poses: The poses P1, P2, …: as in :func:`precision_pin.sample_poses`, or a set of poses. Where left out they are
-            the standard's five in the largest cube within reach, the tool turned as at the model's first pose.
+        poses: The poses P1, P2, …: as in :func:`precision_pin.sample_poses`, or a set of poses. By default the
+            standard's five in the largest cube within reach, with the tool's orientation of the model's first pose.
         cycles: Cycles of a test, n ≥ 2; the standard has 30.
         robots: Number of built robots.
         seed: 64-bit seed.
-        target: The measured point in tool axes, m, ``(3,)``; the tip where left out.
-        load: Mass at the target, kg or with a unit, beside the loads of the sheet; the standard tests with the rated
-            load.
-        fit_base: Align the barycentres to the commanded positions by the best fit over the poses, as where the base of
-            the robot in the measuring system is taken from the same measurement. It changes AP only; E is never fitted.
+        target: The measured point in tool axes, m, ``(3,)``; by default the tip.
+        load: Mass at the target, kg or with a unit, added to the sheet's loads; the standard uses the rated load.
+        fit_base: Align the barycentres to the commanded positions by a best fit over the poses, as if the base were
+            located by the same measurement. It changes AP only; E is never fitted.
         specifications: Limits to judge, one or a list, such as ``"RP 0.1 mm @ 95 %"``: a figure, its limit, and the
-            share of robots (95 % by default) that must keep it in a test, at every pose.
+            fraction of robots (95 % by default) that must keep it in a test, at every pose.
         confidence: Confidence of every interval.
         findings: Warnings to include in the result, such as those of the sheet.
         threads: Number of threads, by default one for each core. It does not change the result.
@@ -203,7 +202,6 @@ def _target(target: ArrayLike | None) -> Array:
 
 
 def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
-    """Return the model with a mass at a point in tool axes."""
     if not mass:
         return error_model
     chain = error_model.chain.with_payload(mass, tuple(centre.tolist()))
@@ -213,7 +211,6 @@ def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
 
 
 def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...], NDArray[np.int8] | None]:
-    """Return joint values ``(n, P)``, names and approaches."""
     if isinstance(poses, PoseSet):
         if not poses.known.all():
             raise InputError(f"poses {', '.join(np.flatnonzero(~poses.known).astype(str))} have no joint values")
@@ -239,7 +236,7 @@ def _set_up(models: Sequence[PoseModel], target: Array, seed: int, cycles: int, 
 
 
 def _find(error_model: ErrorModel, models: Sequence[PoseModel], names: Sequence[str]) -> tuple[Finding, ...]:
-    """Return the warnings at each pose, and one where the sheet has nothing that changes from visit to visit."""
+    """Return the warnings at each pose, and one if nothing in the sheet changes from visit to visit."""
     found = []
     for rank, (at, name) in enumerate(zip(models, names, strict=True), start=1):
         where = f"P{rank}, {name!r}" if name else f"P{rank}"
@@ -257,7 +254,7 @@ def _varies(error_model: ErrorModel, *scopes: Scope) -> bool:
 
 
 def _simulate(setup: Setup, robots: int, threads: int, step: Progress) -> RobotFigures:
-    """Return the figures of all robots; groups of robots are simulated by threads and put in order."""
+    """Return the figures of all robots; threads simulate groups of robots, which are joined in order."""
     parts: list[RobotFigures] = []
     groups = ((first, min(ROBOTS, robots - first)) for first in range(0, robots, ROBOTS))
     for part in in_order((partial(simulate_tests, setup, *group) for group in groups), threads):
@@ -285,13 +282,7 @@ FIGURES: Final = (*OF_POSE, *SINGLE)
 @final
 @dataclass(frozen=True)
 class FigureLimit:
-    """A limit of a figure's absolute value; for a figure of poses, at every pose.
-
-    Attributes:
-        figure: Its name, such as ``RP``.
-        limit: m or rad.
-        required: Share of robots that must keep it.
-    """
+    """Limit ``limit`` (m or rad) of ``|figure|``, at every pose, kept by at least a fraction ``required`` of robots."""
 
     figure: str
     limit: float
@@ -326,7 +317,6 @@ def _read(text: object) -> FigureLimit:
 def _largest(
     figure: str, poses: Mapping[str, PoseForecast], single: Mapping[str, FigureLaw | None], absent: Mapping[str, str]
 ) -> Array:
-    """Return the largest absolute value of a figure over the poses, of each robot."""
     if figure not in single:
         return np.abs([getattr(at, figure).values for at in poses.values()]).max(axis=0)
     law = single[figure]
@@ -336,7 +326,6 @@ def _largest(
 
 
 def _judge(one: FigureLimit, values: Array, confidence: float) -> SpecificationResult:
-    """Return the share of robots that keep a limit in a test, and its verdict."""
     kept, varies = int((values <= one.limit).sum()), bool(values.max() - values.min() > NO_SPREAD)
     interval = clopper_pearson(kept, values.size, confidence)
     return SpecificationResult(one.figure, one.limit, one.required, kept / values.size, interval, varies)

@@ -1,12 +1,10 @@
-"""The forecast of a test by ISO 9283:1998: the law of every figure over built robots and over tests.
+"""Result of an ISO 9283 forecast, and its comparison with a measured robot.
 
-Comparison of a measured robot with the forecast: where its figures lie among those of the simulated robots.
-
-If the sheet is right, the measured robot is one more of the N simulated ones, and no ranking of all N + 1 can tell it from them.
-Of a figure, let z be the distance from the median in units of that of the 95 % quantile from the median, of the 5 % quantile
-below it. With the largest z of each robot over all figures, the share of the N + 1 robots whose largest z is not below that of
-the measured one is a test of all figures at once (Westfall and Young 1993, max-T). It is exact whatever the figures' laws and
-however they depend on one another; medians and quantiles are those of all N + 1.
+If the sheet is right, the measured robot is one more of the N simulated ones, and no ranking of all N + 1 can single it
+out. For each figure, let z be the distance from the median, relative to that of the 95 % quantile or, below the median,
+of the 5 % quantile. With the largest z of each robot over all figures, the fraction of the N + 1 robots whose largest z
+is at least that of the measured one is a test of all figures at once (Westfall and Young 1993, max-T). It is exact for
+any laws and dependence of the figures; medians and quantiles are those of all N + 1.
 """
 
 from __future__ import annotations
@@ -46,12 +44,7 @@ LEVELS: Final = (0.0027, 0.05, 0.5, 0.95, 0.9973)
 @final
 @dataclass(frozen=True, eq=False)
 class FigureLaw(Record):
-    """The law of a figure, m or rad, over built robots and tests.
-
-    Attributes:
-        values: The figure of each robot (of each group of five for E), ``(N,)``.
-        confidence: Confidence of the intervals.
-    """
+    """Law of a figure, m or rad, over built robots and tests; ``values`` are those of each robot (E: group of five)."""
 
     KEYS: ClassVar[Keys] = ("mean", "std", "quantiles", "quantile_interval=intervals")
 
@@ -68,7 +61,7 @@ class FigureLaw(Record):
 
     @property
     def std(self) -> float:
-        """Standard deviation, divisor N - 1; NaN of one robot."""
+        """Standard deviation, divisor N - 1; NaN for one robot."""
         return float(self.values.std(ddof=1)) if self.values.size > 1 else math.nan
 
     def quantile(self, probability: float) -> float | None:
@@ -80,11 +73,7 @@ class FigureLaw(Record):
         return self._quantile(probability)[0]
 
     def quantile_interval(self, probability: float) -> tuple[float, float] | None:
-        """Return the distribution-free interval of a quantile; ``None`` where the robots are too few for one.
-
-        Raises:
-            InputError: The probability is not between 0 and 1.
-        """
+        """Return the distribution-free interval of a quantile, as :meth:`quantile`."""
         return self._quantile(probability)[1]
 
     def _quantile(self, probability: float) -> tuple[float, tuple[float, float]] | tuple[None, None]:
@@ -97,7 +86,7 @@ class FigureLaw(Record):
     @cached_property
     @returns_read_only
     def sorted(self) -> Array:
-        """The values in rising order."""
+        """The values in ascending order."""
         return np.sort(self.values)
 
     @property
@@ -118,22 +107,21 @@ OF_ANGLES: Final = ("AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c")
 OF_POSE: Final = (*OF_POSITION, *OF_ANGLES, "RP_limit")
 """All figures of a pose; the last is not measured."""
 SINGLE: Final = ("AD", "RD", "E", "vAP", "RP_bidirectional", "drift")
-"""Figures that a test has once."""
+"""Figures of a whole test."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PoseForecast(Record):
-    """The laws of the figures at a pose, m and rad.
+    """Laws of the figures at a pose, m and rad.
 
     Attributes:
-        label: Name of the pose in the sheet, empty where it has none, and its joint values.
+        label: Name of the pose in the sheet, if any, and its joint values.
         commanded: Commanded pose of the tip in the base, ``(4, 4)``.
-        point: Commanded position of the target, ``(3,)``: that of the tip where no target is given.
-        AP, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c: Accuracy: |x̄ - x_c|, its parts along the base axes, and the mean angles
-            about them.
+        point: Commanded position of the target (by default the tip), ``(3,)``.
+        AP, AP_x, AP_y, AP_z, AP_a, AP_b, AP_c: Accuracy |x̄ - x_c|, its components, and mean angles about base axes.
         RP, RP_a, RP_b, RP_c: Repeatability: l̄ + 3 S_l, and three standard deviations of the angles.
-        RP_limit: RP of endless cycles, which varies over the robots only.
+        RP_limit: RP of infinitely many cycles, which varies over the robots only.
     """
 
     KEYS: ClassVar[Keys] = ("*label", "position=point", *OF_POSE)
@@ -156,10 +144,10 @@ class PoseForecast(Record):
 
 
 LEAST: Final = 0.05
-"""Probability below which measurement and forecast are said to differ."""
-# m or rad; figures of robots that all have the same differ by less
+"""Probability below which measurement and forecast are reported to differ."""
+# m or rad; smaller differences between robots are rounding
 _ROUNDING: Final = 1e-9
-# difference of how far out two figures are, from one up as a share, that is rounding
+# difference of two outlying distances, relative above 1, that counts as rounding
 _ALIKE: Final = 1e-6
 _DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in DISTANCE)
 
@@ -167,13 +155,13 @@ _DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in DISTANCE)
 @final
 @dataclass(frozen=True)
 class ComparedFigure(Record):
-    """A measured figure in its forecast law.
+    """A measured figure within its forecast law.
 
     Attributes:
         pose, name: Pose, empty for AD and RD, and name of the figure.
         value: The measured figure, m or rad.
-        below: Share of simulated robots with a figure not above it.
-        probability: Probability that a robot of the sheet has, among all figures compared, one as far out as this.
+        below: Fraction of simulated robots with a figure not above it.
+        probability: Probability that a robot of the sheet has any compared figure as far out as this.
     """
 
     KEYS: ClassVar[Keys] = ("pose=pose?", "figure=name", "value", "share_below=below", "probability", "differs")
@@ -186,22 +174,21 @@ class ComparedFigure(Record):
 
     @property
     def differs(self) -> bool:
-        """Whether it lies outside of what the sheet forecasts."""
+        """Whether it lies outside the forecast of the sheet."""
         return self.probability <= LEAST
 
 
 @final
 @dataclass(frozen=True)
 class Comparison(Record):
-    """A measured robot beside the forecast.
+    """A measured robot compared with the forecast.
 
     Attributes:
         poses: Figures of each measured pose.
-        distance: Figures of the distance of P2 and P4; ``None`` where they were not both measured.
+        distance: Figures of the distance of P2 and P4; ``None`` if they were not both measured.
         figures: Every figure that has a forecast.
-        cycles, robots: Cycles measured, and simulated robots.
-        probability: Probability that a robot of the sheet has a figure as far out as the one of this robot that lies
-            farthest out.
+        cycles, robots: Measured cycles, and simulated robots.
+        probability: Probability that a robot of the sheet has a figure as far out as this robot's most outlying one.
     """
 
     KEYS: ClassVar[Keys] = ("cycles", "poses", "distance", "agrees", "probability", "least_probability", "figures")
@@ -216,14 +203,14 @@ class Comparison(Record):
 
     @property
     def agrees(self) -> bool | None:
-        """Whether no figure lies outside of what the sheet forecasts; ``None`` where the robots are too few to see it."""
+        """Whether no figure lies outside the forecast; ``None`` where the robots are too few to tell."""
         if 1 / (self.robots + 1) > LEAST:
             return None
         return self.probability > LEAST
 
     @property
     def differing(self) -> tuple[ComparedFigure, ...]:
-        """The figures outside of what the sheet forecasts, the least probable first."""
+        """The figures outside the forecast, least probable first."""
         return tuple(sorted((one for one in self.figures if one.differs), key=lambda one: one.probability))
 
     def figure(self, pose: str, name: str) -> ComparedFigure | None:
@@ -232,7 +219,7 @@ class Comparison(Record):
 
 
 def pose_names(names: Sequence[str]) -> dict[str, str]:
-    """Return P1, P2, … by what a pose may be called: its name in the sheet, which goes first, P1, P2, …, and its number."""
+    """Return P1, P2, … by each accepted name: the name in the sheet (takes precedence), P1, …, and the number."""
     standard = [f"P{number}" for number in range(1, len(names) + 1)]
     known = {name[1:]: name for name in standard} | {name: name for name in standard}
     return known | {own: name for own, name in zip(names, standard, strict=True) if own}
@@ -246,7 +233,7 @@ def compare_with(
     cycles: int,
     fit_base: bool,
 ) -> Comparison:
-    """Return measured cycles beside a forecast; see :meth:`precision_pin.analyses.iso9283.result.Iso9283Result.compare`."""
+    """Compare cycles with a forecast, as :meth:`precision_pin.analyses.iso9283.result.Iso9283Result.compare`."""
     measured = _read(attained, forecasts, cycles)
     with_angles = all(poses.ndim == 3 for poses in measured.values())
     if fit_base:
@@ -276,7 +263,7 @@ def _compared(
     robots = listed[0][3].values.size
     pooled = np.stack([_far_out(np.append(law.values, value)) for _, _, value, law in listed])
     largest = np.sort(pooled.max(axis=0))
-    # figures that are alike but for rounding are equally far out
+    # figures that differ only by rounding are equally far out
     own = pooled[:, -1] * (1 - _ALIKE) - _ALIKE
     corrected = 1 - np.searchsorted(largest, own, side="left") / (robots + 1)
     figures = tuple(
@@ -287,14 +274,13 @@ def _compared(
 
 
 def _far_out(values: Array) -> Array:
-    """Return how far each value is from the median, in units of the distance of the 5 or 95 % quantile on its side."""
+    """Return each value's distance from the median, relative to that of the 5 or 95 % quantile on its side."""
     low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
     scale = np.where(values < median, median - low, high - median)
     return np.abs(values - median) / np.maximum(scale, _ROUNDING)
 
 
 def _read(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) -> dict[str, Array]:
-    """Return the measured poses ``(n, 4, 4)`` or positions ``(n, 3)`` by P1 …, in their order."""
     names = pose_names([at.label.name for at in forecasts.values()])
     found: dict[str, Array] = {}
     for given, values in check_mapping("the measured cycles", attained).items():
@@ -326,7 +312,7 @@ def _as_poses(values: Array, commanded: Array) -> Array:
 
 
 def _fitted(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]) -> dict[str, Array]:
-    """Return what was measured after the best fit of the barycentres to the commanded positions."""
+    """Return the measurements after the best fit of the barycentres to the commanded positions."""
     if len(measured) < len(forecasts):
         raise InputError(
             f"the best fit of the base needs the cycles of all {len(forecasts)} poses, got {len(measured)}"
@@ -350,27 +336,24 @@ def _fitted(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Iso9283Result(AnalysisResult):
-    """The law of every figure of ISO 9283:1998 over built robots and over tests; base axes, m and rad.
+    """Law of every figure of ISO 9283:1998 over built robots and tests; base axes, m and rad.
 
     Attributes:
         cycles, robots: Cycles of a test, and built robots, each tested once.
-        confidence: Confidence of every interval by itself.
+        confidence: Confidence of each single interval.
         target: The measured point in tool axes, m, ``(3,)``.
-        mass: Load: mass at the target beside the loads of the sheet, kg.
+        mass: Mass at the target in addition to the sheet's loads, kg.
         fit_base: Whether the barycentres were aligned to the commanded positions by the best fit over the poses.
         poses: By the name in the standard, P1 …
-        worst: AP and RP of the pose where a robot's is the largest.
+        worst: Each robot's largest AP and RP over the poses.
         AD, RD: Distance accuracy and repeatability between P2 and P4; ``None`` with fewer than four poses.
-        E: Exchangeability: the largest distance of the barycentres of five robots at P1; ``None`` where the sheet
-            cannot say.
-        vAP: Multi-directional accuracy at P1 over paths along the three base axes; ``None`` where no error follows the
-            direction.
-        RP_bidirectional: RP at P1 of the cycles over these three paths together, by the formula of RP; ``None`` where
-            vAP is.
-        drift: max |AP_0 - AP_t| at P1 over eight hours from cold; ``None`` where no thermal source has a time constant.
-        cube: The cube found within reach; ``None`` where the poses were given.
-        measured: A measured robot beside the forecast, of :meth:`compare`.
-        specifications: The share of robots that keep each limit in a test.
+        E: Exchangeability: largest distance of five robots' barycentres at P1; ``None`` if undetermined.
+        vAP: Multi-directional accuracy at P1 along the base axes; ``None`` if no error depends on the direction.
+        RP_bidirectional: RP at P1 of the cycles over these three paths together; ``None`` if vAP is.
+        drift: max |AP_0 - AP_t| at P1 over eight hours from cold; ``None`` if no thermal source has a time constant.
+        cube: The cube found within reach; ``None`` if the poses were given.
+        measured: A measured robot compared with the forecast, from :meth:`compare`.
+        specifications: The fraction of robots that keep each limit in a test.
         absent: Why a figure is ``None``, by its name.
     """
 
@@ -407,7 +390,7 @@ class Iso9283Result(AnalysisResult):
         return all(one.met for one in self.specifications)
 
     def laws(self) -> Iterator[tuple[str, str, FigureLaw]]:
-        """Yield pose and name of every figure, with its law; the pose is empty for those of no pose."""
+        """Yield pose, name and law of every figure; the pose is empty for figures of a whole test."""
         for pose, forecast in self.poses.items():
             for name in OF_POSE:
                 yield pose, name, getattr(forecast, name)
@@ -418,12 +401,12 @@ class Iso9283Result(AnalysisResult):
 
     @warns_at_end
     def compare(self, attained: Mapping[str, ArrayLike]) -> Iso9283Result:
-        """Return the result with the measured cycles of a robot beside the forecast, as ``measured``.
+        """Return the result with the measured cycles of a robot compared with the forecast, as ``measured``.
 
         Args:
-            attained: Attained positions of the target ``(n, 3)``, or poses ``(n, 4, 4)``, in base axes, m, row j of
-                cycle j; by the name of the pose in the sheet, P1, P2, …, or its number as text. Some of the poses are
-                enough, but for a best fit.
+            attained: Attained positions of the target ``(n, 3)``, or poses ``(n, 4, 4)``, in base axes, m, row j for
+                cycle j; by the name of the pose in the sheet, P1, P2, …, or its number as text. Only a best fit needs
+                all poses.
 
         Raises:
             InputError: Another shape, another number of cycles than that of the forecast, or no poses.
@@ -434,7 +417,7 @@ class Iso9283Result(AnalysisResult):
         return replace(self, measured=found)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the result as a data frame, m and rad: a row for each pose and figure, the pose empty for AD, RD and E.
+        """Return a data frame, m and rad: a row for each pose and figure, the pose empty for AD, RD and E.
 
         The columns are ``mean``, ``std``, and ``quantile_0.95``, … with ``…_lower`` and ``…_upper``.
         """
@@ -442,7 +425,6 @@ class Iso9283Result(AnalysisResult):
         return data_frame(["pose", "figure"], rows, self.settings())
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: AP and RP at every pose, mm."""
         rows = [
             [pose, *(milli(law.quantile(p)) for law in (at.AP, at.RP) for p in (0.5, 0.95)), milli(at.RP_limit.mean)]
             for pose, at in self.poses.items()
@@ -453,7 +435,7 @@ class Iso9283Result(AnalysisResult):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr` after the arm."""
         return f"{len(self.poses)} poses, {self.robots:,} robots, {self.cycles} cycles, seed {self.provenance.seed}"
 
 

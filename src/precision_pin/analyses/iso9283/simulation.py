@@ -1,8 +1,7 @@
-"""Tests of built robots: every robot comes n times to each pose, and the figures of its test follow.
+"""Simulated tests of built robots: every robot comes n times to each pose, which gives the figures of its test.
 
-What a robot draws once (scope unit) is the same in all of its cycles, what it draws at a pose (scope pose) in all cycles at
-that pose, and what it draws at each visit is new in every cycle. Robots are numbered; the figures of a robot depend on model,
-seed and its number only, so that they have the same bits for any number of threads.
+Draws of unit scope are the same in all cycles of a robot, those of pose scope in all its cycles at a pose, those of
+visit scope new in every cycle. A robot's figures depend on model, seed and its number only, for any number of threads.
 """
 
 from __future__ import annotations
@@ -33,17 +32,17 @@ from precision_pin.sampling.approaches import ApproachErrors, sample_approaches
 ROBOTS: Final = 512
 """Robots that are tested together: enough for the compiled loops, few enough for the cache."""
 DISTANCE: Final = (1, 3)
-"""Numbers of the two poses of AD and RD, P2 and P4."""
+"""Indices of the two poses of AD and RD, P2 and P4."""
 # step of a difference quotient in standard deviations of a visit's draws: inside the support of every law
 _STEP: Final = 0.5
-# visits of the robot at the means, from which the shape of a cloud that is not normal is taken
+# visits of the mean robot that determine the shape of a cloud that is not normal
 _VISITS: Final = 2**14
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What is the same for all robots.
+    """Data common to all robots.
 
     Attributes:
         layouts: The model at each pose.
@@ -51,8 +50,8 @@ class Setup:
         target: The measured point in tool axes, m, ``(3,)``.
         seed, cycles: 64-bit seed, and cycles of a test.
         fit_base: Whether positions and orientations are aligned by the best fit over the poses.
-        root: ``(d, r)``, of `visit_root`.
-        shape: ``(P,)``, of `shape_factor`.
+        root: ``(d, r)``, from `visit_root`.
+        shape: ``(P,)``, from `shape_factor`.
     """
 
     layouts: tuple[SamplerArrays, ...]
@@ -76,7 +75,7 @@ class RobotFigures:
     """Figures of N robots, each tested once, m and rad; the last axis of every array is the robot.
 
     Attributes:
-        AP, RP, RP_limit: ``(P, N)``; the last is RP of endless cycles.
+        AP, RP, RP_limit: ``(P, N)``; the last is RP of infinitely many cycles.
         AP_xyz, AP_abc, RP_abc: ``(P, 3, N)``.
         AD, RD: ``(1, N)``, or ``(0, N)`` with fewer than four poses.
         first: Barycentre minus commanded position at P1, without any fit, ``(3, N)``.
@@ -94,7 +93,7 @@ class RobotFigures:
 
     @classmethod
     def joined(cls, parts: list[RobotFigures]) -> RobotFigures:
-        """Return the figures of consecutive robots as one."""
+        """Concatenate the figures of consecutive robots."""
         names = [field.name for field in fields(cls)]
         return cls(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
 
@@ -156,10 +155,7 @@ def visit_columns(layout: SamplerArrays) -> Array:
 
 
 def shape_factor(layout: SamplerArrays, pose: int, seed: int) -> float:
-    """Return the limit of RP at a pose by that of a normal cloud with the same covariance; 1 where all visit draws are normal.
-
-    It is taken from many visits of the robot with every other draw at its mean.
-    """
+    """Return the limit of RP relative to a normal cloud of the same covariance, 1 if all visit draws are normal."""
     space = layout.space
     laws = [draw.law for draw in space.draws if draw.scope is Scope.VISIT]
     columns = visit_columns(layout)
@@ -180,7 +176,7 @@ def shape_factor(layout: SamplerArrays, pose: int, seed: int) -> float:
 def _errors(setup: Setup, layout: SamplerArrays, pose: int, first: int, count: int) -> Array:
     """Return the errors at the visits of a pose, ``(cycles, 6, N)``."""
     errors = np.empty((setup.cycles, 6, count))
-    # without draws of visit scope one cycle is as the next
+    # without draws of visit scope all cycles are the same
     different = setup.cycles if setup.root.shape[1] else 1
     for visit in range(different):
         errors[visit] = sampler.errors(layout, "exact", setup.seed, first, count, pose=pose, visit=visit)
@@ -189,7 +185,7 @@ def _errors(setup: Setup, layout: SamplerArrays, pose: int, first: int, count: i
 
 
 def _at_target(setup: Setup, pose: int, errors: Array) -> Array:
-    """Return how far the target is from its commanded position, ``(cycles, 3, N)``."""
+    """Return the displacement of the target from its commanded position, ``(cycles, 3, N)``."""
     if not setup.target.any():
         return errors[:, :3]
     lever = np.einsum("ij,j->i", setup.commanded[pose, :3, :3], setup.target)
@@ -201,14 +197,14 @@ def _at_target(setup: Setup, pose: int, errors: Array) -> Array:
 
 
 def _angles(vectors: Array, turn: Array | None = None) -> Array:
-    """Return a, b, c ``(cycles, 3, N)`` of rotation vectors, after a further turn ``(3, 3, N)`` of the base."""
+    """Return a, b, c ``(cycles, 3, N)`` of rotation vectors, after a further rotation ``(3, 3, N)`` of the base."""
     if turn is None:
         return np.stack([turn_angles(one) for one in vectors])
     return np.stack([angles_of(np.einsum("ijn,jkn->ikn", turn, se3.exp_rotation(one))) for one in vectors])
 
 
 def fit_to(points: Array, deviations: Array) -> tuple[Array, Array]:
-    """Return the turn ``(3, 3, N)`` of the best fit of the barycentres to the commanded points, and what is left of AP_xyz.
+    """Return rotation ``(3, 3, N)`` and residuals of AP_xyz of the best fit of the barycentres to the commanded points.
 
     The fit minimises the sum of squared distances at the poses over all motions of the base (Kabsch 1976).
     """
@@ -216,7 +212,7 @@ def fit_to(points: Array, deviations: Array) -> tuple[Array, Array]:
     centre, wanted = attained.mean(axis=0), points.mean(axis=0)
     cross = np.einsum("pi,pjn->nij", points - wanted, attained - centre)
     left, _, right = np.linalg.svd(cross)
-    # a reflection is no motion
+    # a reflection is not a motion
     left[:, :, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
     turn = np.einsum("nij,njk->ikn", left, right)
     moved = np.einsum("ijn,pjn->pin", turn, attained - centre) + wanted[:, None]
@@ -224,10 +220,7 @@ def fit_to(points: Array, deviations: Array) -> tuple[Array, Array]:
 
 
 def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
-    """Return RP of endless cycles of each robot, ``(N,)``.
-
-    The cloud of each robot is taken to first order in its visits' draws, about its own draws of unit and pose scope.
-    """
+    """Return RP of infinitely many cycles of each robot, ``(N,)``; its cloud is first order in the visits' draws."""
     layout, root = setup.layouts[pose], setup.root
     if not root.shape[1]:
         return np.zeros(count)
@@ -246,12 +239,9 @@ def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
 def approach_figures(
     error_model: ErrorModel, q: Array, target: Array, robots: int, cycles: int, seed: int
 ) -> ApproachErrors | None:
-    """Return the errors of visits over paths along the base axes; ``None`` where no error follows them.
+    """Return the errors of visits over paths along the base axes; ``None`` if no error depends on the path.
 
-    Args:
-        error_model, q: The model and joint values of the pose, ``(n,)``.
-        target: The measured point in tool axes, m, ``(3,)``.
-        robots, cycles, seed: As for :func:`precision_pin.iso9283`; the cycles are those of each path.
+    ``q`` is ``(n,)``, the measured point ``target`` is in tool axes, m, ``(3,)``; ``cycles`` are those of each path.
     """
     posture = error_model.at(q).posture
     lever = posture.pose[:3, :3] @ target
@@ -264,7 +254,7 @@ def approach_figures(
 
 
 def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]]) -> bool:
-    """Return whether any source's terms are others under another approach."""
+    """Return whether any source's terms differ for another approach."""
     first, *others = [error_model.at(q, approach=way).terms for way in ways]
     return any(
         [term.factors for term in terms] != [term.factors for term in first]
@@ -274,7 +264,7 @@ def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]])
 
 
 HOURS: Final = 8.0
-"""Duration of the test; the standard ends it there, or earlier where the drift has become slow."""
+"""Duration of the test; the standard ends it there, or earlier once the drift is slow."""
 # times at which AP is measured, the first at the start: every half hour
 _TESTS: Final = 17
 
@@ -282,11 +272,7 @@ _TESTS: Final = 17
 def drift_from_cold(
     error_model: ErrorModel, q: Array, target: Array, robots: int, cycles: int, seed: int
 ) -> Array | None:
-    """Return ``max |AP_0 - AP_t|`` of each robot over a test that starts cold, m, ``(N,)``.
-
-    ``None`` where no error of the sheet changes with time. The arguments are those of
-    :func:`precision_pin.analyses.iso9283.simulation.approach_figures`; each AP is of as many cycles.
-    """
+    """Return ``max |AP_0 - AP_t|`` of each robot over a test that starts cold, m, ``(N,)``; ``None`` if none drifts."""
     bound = error_model.bound_sources
     if all(one.source.after(0.0, one.view) is one.source for one in bound):
         return None
@@ -299,7 +285,7 @@ def drift_from_cold(
 
 
 def _accuracy(model: ErrorModel, q: Array, target: Array, robots: int, visits: range, seed: int) -> Array:
-    """Return AP of each robot, ``(N,)``: how far the barycentre of its visits is from the commanded position."""
+    """Return AP of each robot, ``(N,)``: the distance of the barycentre of its visits from the commanded position."""
     at = model.at(q)
     layout = sampler.to_arrays(at)
     lever = at.posture.pose[:3, :3] @ target

@@ -1,4 +1,4 @@
-"""The forecast by ISO 9283 as text for a terminal."""
+"""Terminal table of the ISO 9283 forecast."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MOST_DIFFERING: Final = 6
 
 
 def iso9283_table(result: Iso9283Result) -> str:
-    """Return what a buyer wants to read first, then the figures of each pose."""
+    """Return a buyer's summary, then the figures of each pose."""
     of = result.provenance
     distances = distance_rows(result)
     lines = [
@@ -40,7 +40,7 @@ def iso9283_table(result: Iso9283Result) -> str:
 
 
 def answers(result: Iso9283Result) -> list[str]:
-    """Return what is asked first: RP and AP that robots will show, the verdicts, and whether a measured robot agrees."""
+    """Return the summary: RP and AP that robots will show, the verdicts, and whether a measured robot agrees."""
     return [
         headline(result, "RP"),
         headline(result, "AP"),
@@ -72,7 +72,7 @@ def setting_lines(result: Iso9283Result) -> list[str]:
 
 
 def headline(result: Iso9283Result, figure: str) -> str:
-    """Return in a sentence which RP or AP 95 % of robots will show."""
+    """Return as a sentence which RP or AP 95 % of robots will show."""
     if figure == "RP" and not result.worst[figure].values.any():
         return "RP is 0: nothing in the sheet changes from visit to visit, so it does not say how a robot repeats"
     value, interval = _quantile(result.worst[figure], 0.95)
@@ -83,7 +83,7 @@ def headline(result: Iso9283Result, figure: str) -> str:
 
 
 def verdict(measured: Comparison) -> str:
-    """Return in a sentence whether the measured robot agrees with the forecast."""
+    """Return as a sentence whether the measured robot agrees with the forecast."""
     count = f"{len(measured.figures)} figures"
     if measured.agrees is None:
         return f"measured: {measured.robots} simulated robots are too few to judge {count}"
@@ -116,7 +116,7 @@ def _judged(one: SpecificationResult, poses: int) -> str:
 
 
 def position_rows(result: Iso9283Result) -> list[list[str]]:
-    """Return AP and RP at each pose, mm, the headings first."""
+    """Return AP and RP at each pose, mm, headings first."""
     rows = [["mm", "", "AP median", "95 %", "interval", "RP median", "95 %", "interval", "many cycles"]]
     for pose, at in result.poses.items():
         figures = [cell for law in (at.AP, at.RP) for cell in (_quantile(law, 0.5)[0], *_quantile(law, 0.95))]
@@ -126,7 +126,7 @@ def position_rows(result: Iso9283Result) -> list[list[str]]:
 
 
 def angle_rows(result: Iso9283Result) -> list[list[str]]:
-    """Return AP and RP of the angles at each pose, mrad, the headings first."""
+    """Return AP and RP of the angles at each pose, mrad, headings first."""
     rows = [["mrad", "5 % to 95 %", *(f"AP_{axis}" for axis in "abc"), "95 %", *(f"RP_{axis}" for axis in "abc")]]
     for pose, at in result.poses.items():
         laws = [getattr(at, f"AP_{axis}") for axis in "abc"]
@@ -136,7 +136,7 @@ def angle_rows(result: Iso9283Result) -> list[list[str]]:
 
 
 def distance_rows(result: Iso9283Result) -> list[list[str]]:
-    """Return the figures that a test has once, mm, the headings first."""
+    """Return the figures of a whole test, mm, headings first."""
     rows = [["mm", "", "5 %", "median", "95 %", "interval"]]
     words = {
         "AD": "distance accuracy P2 to P4",
@@ -168,7 +168,6 @@ def _measured(measured: Comparison) -> list[str]:
 
 
 def _quantile(law: FigureLaw, level: float) -> tuple[str, str]:
-    """Return a quantile in mm or mrad with the digits of its interval, and the interval."""
     value, ends = law.quantile(level), law.quantile_interval(level)
     if value is None or ends is None:
         return "-", "-"
@@ -183,7 +182,6 @@ def _end(law: FigureLaw, level: float) -> str:
 
 
 def _share(share: float) -> str:
-    """Return a share of the simulated robots."""
     return "all" if share == 1 else f"{100 * share:.4g} %"
 
 

@@ -1,4 +1,4 @@
-"""A map as a picture: a heat map over a plane, points in space, a curve along a path, a list of poses."""
+"""Figure of a map: a heat map over a plane, points in space, a curve along a path, a list of poses."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics.digits import format_interval
 
-# most poses that are drawn as a list, with their names below the axis
+# largest number of poses drawn as a list, with their names below the axis
 _MOST_NAMED: Final = 24
 _MOST_TICKS: Final = 6
 _MOST_LETTERS: Final = 18
 _MOST_LEVEL: Final = 60
 # colour and dashes of each quantile
 _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
-# extent of the places across a plane or a line, by that along it, below which they lie in it
+# relative extent of the places across a plane or a line below which they count as lying in it
 _FLAT: Final = 1e-6
-# cells of a regular grid by places, above which the places are drawn as points
+# ratio of a grid's cells to its places above which the places are drawn as points
 _MOST_EMPTY: Final = 2.0
 _COLOURS: Final = "cividis"
 _MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
@@ -48,14 +48,7 @@ _MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """How the poses of a map are drawn.
-
-    Attributes:
-        kind: ``"path"``, ``"list"``, ``"plane"`` or ``"space"``.
-        places: Coordinates of each node: time or number, ``(1, N)``; in the plane, m, ``(2, N)``; in space, m, ``(3,
-            N)``.
-        names: Names of the axes.
-    """
+    """How poses are drawn; ``places`` are time or number ``(1, N)``, or coordinates, m, ``(2, N)`` or ``(3, N)``."""
 
     kind: str
     places: Array
@@ -63,7 +56,7 @@ class _Layout:
 
 
 def layout_of(poses: PoseSet, nodes: NDArray[np.intp]) -> _Layout:
-    """Return how poses are drawn; ``nodes`` are the numbers of the poses to draw."""
+    """Return how poses are drawn; ``nodes`` are the indices of the poses to draw."""
     count = len(nodes)
     if poses.times is not None:
         return _Layout("path", poses.times[None, nodes], ("time [s]",))
@@ -101,7 +94,7 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
 
     Raises:
         UnknownNameError: Another quantity.
-        InputError: A level that the map has not.
+        InputError: A level that the map does not have.
     """
     names = ("position", "attitude")
     if quantity not in names:
@@ -123,7 +116,7 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
         made = new_figure(DOUBLE_COLUMN)
         is_curve = layout.kind in ("path", "list")
         if not is_curve:
-            # panels of equal axes leave room beside them: closed up, with their bars
+            # panels with equal axes leave room beside them: close the gap, together with their bars
             made.set_layout_engine("compressed")
         subplots: dict[str, Any] = {"projection": "3d"} if layout.kind == "space" else {}
         axes = np.atleast_1d(made.subplots(1, 1 if is_curve else len(panels), subplot_kw=subplots, squeeze=True))
@@ -150,7 +143,7 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
 
 
 def worst_said(result: MapResult, norm: int, rank: int) -> str:
-    """Return a quantile at the worst pose in words: in closed form, its limits, and the interval of what was sampled."""
+    """Return a quantile at the worst pose as text: in closed form, its bounds, and the sampled interval."""
     worst = result.worst_first[0]
     unit = ("mm", "mrad")[norm]
     low, high = 1e3 * result.quantile_bounds[rank, norm, :, worst]
@@ -170,7 +163,7 @@ def worst_said(result: MapResult, norm: int, rank: int) -> str:
 
 
 def _marked(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the poses at which the sampled robots miss a specification, and those at which they do not decide, ``(P,)`` each."""
+    """Return the poses ``(P,)`` at which the sampled robots miss a specification, and those left undecided."""
     order = result.judged.order.min(axis=0, initial=NOT_JUDGED)
     return order == 0, (order > 0) & (order < MET)
 
@@ -178,7 +171,6 @@ def _marked(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 def _draw_curves(
     axes: Axes, result: MapResult, layout: _Layout, values: Array, title: str, nodes: NDArray[np.intp]
 ) -> None:
-    """Draw the quantiles over the poses; those relative to the reference as thin lines."""
     places = layout.places[0] * (1e3 if layout.names[0].endswith("[mm]") else 1.0)
     order = np.argsort(places, kind="stable")
     few = len(places) <= _MOST_NAMED
@@ -215,7 +207,7 @@ def _draw_curves(
 def _draw_field(
     made: Figure, axes: Any, layout: _Layout, values: Array, marked: Sequence[NDArray[np.bool_]], label: str
 ) -> None:
-    """Draw the values over a plane or in space, with what is not reached and where a specification is missed."""
+    """Draw the values over a plane or in space, marking unreached places and missed specifications."""
     places = 1e3 * layout.places
     known = np.isfinite(values)
     drawn = _cells(places, values) if layout.kind == "plane" else None
@@ -240,7 +232,7 @@ def _draw_field(
 
 
 def _cells(places: Array, values: Array) -> tuple[Array, Array, Array] | None:
-    """Return coordinates and values of a regular grid, NaN in empty cells; ``None`` if the places are none."""
+    """Return coordinates and values of a regular grid, NaN in empty cells; ``None`` if the places do not form one."""
     rounded = np.round(places, 6)
     (u, i), (v, j) = (np.unique(row, return_inverse=True) for row in rounded)
     if len(u) < 2 or len(v) < 2 or len(u) * len(v) > _MOST_EMPTY * len(values):
@@ -255,7 +247,6 @@ def _size(count: int) -> float:
 
 
 def _section(result: MapResult) -> Html:
-    """Return the section."""
     said, rows = answers(result), worst_rows(result)
     pictures = [
         inline_figure(
@@ -277,7 +268,7 @@ def _section(result: MapResult) -> Html:
 
 
 def map_chapter(result: MapResult) -> Chapter:
-    """Return the map as a chapter; its answers are at the head too: what is met at the poses may be missed on the map."""
+    """Return the map as a chapter with its answers at the top: what is met at the poses may be missed on the map."""
     said = tuple(f"On the map: {line}" for line in answers(result))
     return Chapter("map", "Map", _section(result), said, PlacesData.of(result))
 
@@ -288,26 +279,22 @@ _CORNERS: Final = np.concatenate([np.eye(3), -np.eye(3)])
 _FACES: Final = np.array(
     [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], dtype=np.uint32
 )
-# of places in m: joint values come from an iteration, so that places do not agree to the last bit
+# decimals of places in m: joint values come from an iteration, so that places do not agree to the last bit
 _DECIMALS: Final = 8
 _OF_SPACING: Final = 0.3
 # smallest and largest radius of a mark, in lengths of the arm
 _RADII: Final = (0.004, 0.03)
-# radius of a place that is not reached, of that of the others
+# radius of an unreached place, relative to the others
 _SMALLER: Final = 0.4
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PlacesData:
-    """Places of a map.
+    """Layer with the places of a map, ``(3, M)``, m, and the result at the worst pose as text.
 
     Attributes:
-        positions: m, ``(3, M)``.
-        sizes: 95 % quantile of |d| in closed form, of the worst pose there, m, ``(M,)``; NaN where no joint values are
-            known.
-        scale: Colours of the sizes.
-        worst: What was found at the worst pose, in words.
+        sizes: 95 % quantile of |d| in closed form at the worst pose there, m, ``(M,)``; NaN without joint values.
     """
 
     positions: Array
@@ -317,7 +304,7 @@ class PlacesData:
 
     @classmethod
     def of(cls, result: MapResult) -> PlacesData:
-        """Return the places of a map; solutions and orientations at one place are one."""
+        """Return the places of a map; solutions and orientations at one place are merged."""
         quantile = result.quantile[LEVELS.index(0.95), 0]
         positions, place = np.unique(result.poses.position.round(_DECIMALS), axis=1, return_inverse=True)
         worst = np.full(positions.shape[1], -np.inf)
@@ -333,12 +320,12 @@ class PlacesData:
         return "map"
 
     def settings(self, length: float) -> dict[str, Any]:
-        """Return nothing: the marks stand as they are."""
+        """Return nothing: the marks have a fixed size."""
         del length
         return {}
 
     def draw(self, scene: Scene, length: float) -> None:
-        """Add a mark at each place: one surface for each colour, so that thousands stay a page that opens quickly."""
+        """Add a mark at each place: one surface for each colour, so that a page with thousands still opens quickly."""
         radius = _radius(self.positions, length)
         colours, scale = self.scale.stops, self.scale
         span = scale.largest - scale.smallest
@@ -351,7 +338,7 @@ class PlacesData:
         _draw_marks(scene, "unreached", self.positions[:, ~known], _SMALLER * radius, _UNREACHED)
 
     def legend(self) -> str:
-        """Return the section of the legend: the colours, and how many places there are."""
+        """Return the section of the legend: the colours, and the number of places."""
         unreached = int(np.isnan(self.sizes).sum())
         many = "places that are" if unreached > 1 else "place that is"
         grey = f"; grey: {unreached:,} {many} not reached" if unreached else ""

@@ -31,12 +31,12 @@ class FirstOrder(Fixed):
     Attributes:
         mean: Error with every component at its mean, ``(6, P)``.
         covariance: ``J Σ Jᵀ``, ``(6, 6, P)``.
-        shares: Share of each line of sources in the variance of the position, ``(lines, P)``: ``Cov(e_k, e)`` of its
+        shares: Fraction of each line of sources in the variance of the position, ``(lines, P)``: ``Cov(e_k, e)`` of its
             part of the error, the Shapley value of the variance of a sum, and the Shapley effect of its numbers in a
-            draw that is divided among lines; zero where the position does not vary.
-        relative_mean, relative_covariance: Those of the error minus the error of the same robot at the reference, ``(6,
-            P)`` and ``(6, 6, P)``; empty without one.
-        vectors: Each vector of rows of the error that was asked for, with what bounds its law.
+            draw divided among lines; zero where the position does not vary.
+        relative_mean, relative_covariance: The same for errors relative to the reference, ``(6, P)``, ``(6, 6, P)``;
+            empty without one.
+        vectors: Each requested vector of rows of the error, with the bounds of its law.
     """
 
     mean: Array
@@ -48,7 +48,7 @@ class FirstOrder(Fixed):
 
 
 def shared_covariance(space: Space, scopes: Sequence[Scope] = (Scope.UNIT,)) -> BlockCovariance:
-    """Return the covariance of the draws of some scopes alone, those that a robot has in common at several poses."""
+    """Return the covariance of the draws of some scopes alone, by default those shared by a robot's poses."""
     shared = np.repeat([draw.scope in scopes for draw in space.draws], [draw.law.size for draw in space.draws])
     return space.block_covariance.scaled(shared.astype(float))
 
@@ -65,10 +65,9 @@ def first_order(
     """Return the moments at poses ``(n, P)``.
 
     Args:
-        error_model, values, approaches: The model, joint values as :meth:`ErrorModel.configurations` returns them, and
-            approaches as :meth:`ErrorModel.approaches_of` does.
+        values, approaches: From :meth:`ErrorModel.configurations` and :meth:`ErrorModel.approaches_of`.
         lines: Lines of the shares.
-        reference: The model at the pose at which the robot is taught; ``None`` for absolute errors alone.
+        reference: The model at the pose where the robot is taught; ``None`` for absolute errors alone.
         step: Called with the number of poses done since the last call.
         vectors: Rows of each vector whose law is to be bounded: those of position or attitude, or a single one.
 
@@ -114,7 +113,7 @@ def first_order(
 
 
 def _part(line: SourceLine, jacobian: Array, by_component: Array) -> Array:
-    """Return a line's part of the variance of the position ``(P,)``, for slopes ``(3, d, P)`` and the parts of components."""
+    """Return a line's part of the variance of the position ``(P,)``, for slopes ``(3, d, P)`` and components' parts."""
     part: Array = by_component[line.columns].sum(axis=0)
     for _, columns, form in line.parts:
         slopes = jacobian[:, columns]
@@ -141,8 +140,8 @@ def jacobians(error_model: ErrorModel, values: Array, approaches: NDArray[np.int
 def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Array:
     """Return the covariance between the errors of one robot at P poses, ``(P, 6, P, 6)``, first order, in closed form.
 
-    ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope: a robot's draws of pose and visit scope
-    at different poses are independent. For a pose with itself it is ``J Σ Jᵀ`` of all draws. Base axes, m and rad.
+    ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope: a robot's draws of pose and
+    visit scope at different poses are independent. For p = q it is ``J Σ Jᵀ`` of all draws. Base axes, m and rad.
 
     Args:
         error_model: Chain, draws and sources.

@@ -1,26 +1,27 @@
-"""Bounds of what the closed form of a map errs by: laws that are not normal, and terms of second and higher order.
+"""Bounds of the errors of a map's closed form: laws that are not normal, and terms of second and higher order.
 
-Let v be the position error, the attitude error or one component of them, to first order ``v = m + Σ j_c x_c`` with the draws'
-deviations x_c, and ``Q = |v|²``. The closed form takes v as normal. What holds whatever the laws:
+Let v be the position error, the attitude error or one component of them, to first order ``v = m + Σ j_c x_c`` with the
+draws' deviations x_c, and ``Q = |v|²``. The closed form takes v as normal. For any laws:
 
-- Mean and variance of Q follow from the draws' cumulants up to the fourth; Cantelli's one-sided inequality bounds Q from both
-  sides with them. A rare value shows in the fourth cumulant.
-- A law is sub-Gaussian with proxy s² if E exp(t x) ≤ exp(t² s²/2); laws with tails no heavier than normal ones are with their
-  variance, any law within an interval of length r with r²/4 (Hoeffding, JASA 58, 1963). Then E exp(t Q) is at most that of a
-  normal vector with these variances, and the probability beyond x at most its least exp(K(t) - t x).
+- Mean and variance of Q follow from the draws' cumulants up to the fourth; with them Cantelli's one-sided inequality
+  bounds Q from both sides. A rare value shows in the fourth cumulant.
+- A law is sub-Gaussian with proxy s² if E exp(t x) ≤ exp(t² s²/2); laws with tails no heavier than normal ones are with
+  their variance, any law within an interval of length r with r²/4 (Hoeffding, JASA 58, 1963). Then E exp(t Q) is at
+  most that of a normal vector with these variances, and the probability beyond x at most its least exp(K(t) - t x).
 - |v| is at most ``|m| + Σ |j_c| max |x_c|``.
-- Replacing the draws that are not normal by normal ones, one at a time (Lindeberg), beside a normal part with covariance G,
-  changes the probability of any set by at most ``Σ c_3/6 E|x|³ b³ + c_4/24 (E x⁴ + 3 σ⁴) b⁴``, b the length of j_c in the
-  metric of G⁻¹ and c_k = E|He_k(Z)|/2, the largest k-th derivative of a normal probability along a unit vector.
+- Replacing the draws that are not normal by normal ones, one at a time (Lindeberg), beside a normal part with
+  covariance G, changes the probability of any set by at most ``Σ c_3/6 E|x|³ b³ + c_4/24 (E x⁴ + 3 σ⁴) b⁴``, b the
+  length of j_c in the metric of G⁻¹ and c_k = E|He_k(Z)|/2, the largest k-th derivative of a normal probability along a
+  unit vector.
 
-The exact error differs from first order by a remainder r. Places whose displacements turn by δ_j and move the tip by u_k, in
-chain order, add ``Σ_(j<k) δ_j × u_k`` to second order, and what each has of its own. Let a_c and h_c bound what a unit of x_c
-turns and moves. The products of different draws have a root of the second moment of at most ``√(AA HH + AH²)``, with
-``AH = Σ a_c h_c σ_c²`` and so on, and of the fourth moment of at most Λ times that: a polynomial of degree 2 in independent
-numbers is hypercontractive, with Λ = 3 for symmetric numbers with a kurtosis up to 9 and 12 √kurtosis for others (O'Donnell,
-Analysis of Boolean Functions, 10.2). Squares, third order and heavy laws are left to Hölder's and Minkowski's inequalities with
-the eighth moments, and what products and formulas have beyond first order to drawn robots. By Markov's inequality |r| exceeds
-``‖r‖₄ η^(-1/4)`` in a share of at most η.
+The exact error differs from first order by a remainder r. Places whose displacements turn by δ_j and move the tip by
+u_k, in chain order, add ``Σ_(j<k) δ_j × u_k`` to second order, and each adds its own. Let a_c and h_c bound how far a
+unit of x_c turns and moves. The products of different draws have a root of the second moment of at most ``√(AA HH +
+AH²)``, with ``AH = Σ a_c h_c σ_c²`` and so on, and of the fourth moment of at most Λ times that: a polynomial of degree
+2 in independent numbers is hypercontractive, with Λ = 3 for symmetric numbers with a kurtosis up to 9 and 12 √kurtosis
+for others (O'Donnell, Analysis of Boolean Functions, 10.2). Squares, third order and heavy laws are bounded by Hölder's
+and Minkowski's inequalities with the eighth moments; what products and formulas add beyond first order is estimated
+from drawn robots. By Markov's inequality |r| exceeds ``‖r‖₄ η^(-1/4)`` with a probability of at most η.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ _NORMAL_EIGHTH: Final = 105 ** (1 / 8)
 # c_3/6, rounded up: E|Z³ - 3Z|/2 = (1 + 4 exp(-3/2))/√(2π) = 0.75499
 _THIRD: Final = 0.7549 / 6
 _FOURTH: Final = 1.4008 / 24
-# share of the tail beyond a quantile that is left to remainders
+# fraction of the tail beyond a quantile reserved for remainders
 _OF_TAIL: Final = 0.05
 _REMAINDERS: Final = (1e-2, 1e-3, 1e-4)
 _FLAT: Final = 1e-12
@@ -69,17 +70,15 @@ class LawShapes(Fixed):
     """Moments of the d numbers of a space about their means, powers of SI units, ``(d,)`` each.
 
     Attributes:
-        space: The draws.
-        normal: Covariance of those of the numbers whose sums are normal.
+        normal: Covariance of the numbers whose sums are normal.
         proxy: Covariance with which a normal vector has exponential moments at least as large.
-        third, fourth_cumulant: Of numbers that are independent of all others. Of numbers drawn together the first is 0
-            and the second a bound of what each adds to that of their sum.
-        together: E|x|³ of numbers drawn together, times the square of how many they are; 0 of others.
-        replaced_third, replaced_fourth: E|x|³ and ``E x⁴ + 3 σ⁴``, likewise bounds for numbers drawn together; 0 of
-            normal numbers.
+        third, fourth_cumulant: Cumulants of numbers independent of all others. For numbers drawn together the first is
+            0 and the second a bound of what each adds to that of their sum.
+        together: E|x|³ of numbers drawn together, times the square of their count; 0 for others.
+        replaced_third, replaced_fourth: E|x|³ and ``E x⁴ + 3 σ⁴``, or bounds of them; 0 for normal numbers.
         eighth: Bound of ``(E x⁸)^(1/8)``.
         farthest: Largest deviation in any sample.
-        groups: Number of the group of numbers that depend on one another.
+        groups: Group of numbers that depend on one another.
         chaos: The constant Λ of these laws.
     """
 
@@ -143,10 +142,7 @@ class LawShapes(Fixed):
         return not self.replaced_fourth.any()
 
     def _beyond(self, table: TermTable) -> tuple[_Slopes, Array, Array]:
-        """Return the products' slopes, and what they have beyond first order, ``(T,)``.
-
-        The latter as the roots of its eighth and of its fourth moment, from drawn robots.
-        """
+        """Return the products' slopes, and the roots of the 8th and 4th moments beyond first order, ``(T,)``."""
         known = self._products.get(id(table.program))
         if known is not None:
             return known[1:]
@@ -163,9 +159,9 @@ class LawShapes(Fixed):
         return slopes, eighth, fourth
 
     def remainders(self, chunk: Tangents) -> Array:
-        """Return bounds of the fourth moment's root of what position and attitude have beyond first order, ``(2, P)``."""
+        """Return bounds ``(2, P)`` of the root of the fourth moment of the remainders of position and attitude."""
         (terms, components, slopes), eighth, fourth = self._beyond(chunk.table)
-        # few of the products of draws and terms are other than zero
+        # few of the products of draws and terms are nonzero
         turn, move = (_sums(np.abs(slopes)[:, None] * arms[terms], components, len(self.groups)) for arms in chunk.arms)
         variance = self.space.block_covariance.variances
         count = int(self.groups.max(initial=-1)) + 1
@@ -181,7 +177,7 @@ class LawShapes(Fixed):
         return np.stack(found)
 
     def vectors(self, chunk: Tangents, covariance: Array, remainders: Array, rows: tuple[int, ...]) -> Vectors:
-        """Return position (rows 0, 1, 2), attitude (3, 4, 5) or one component (a single row) at the poses of a chunk."""
+        """Return position (rows 0, 1, 2), attitude (3, 4, 5) or one component (one row) at the poses of a chunk."""
         chosen = list(rows)
         jacobian, mean = chunk.jacobian[chosen], chunk.error[chosen]
         own = covariance[np.ix_(chosen, chosen)]
@@ -209,7 +205,7 @@ class LawShapes(Fixed):
         )
 
     def _replaced(self, jacobian: Array, covariance: Array) -> Array:
-        """Return the largest change of a probability by taking the draws as normal, ``(P,)``."""
+        """Return the largest change of a probability if the draws were normal, ``(P,)``."""
         values, vectors = np.linalg.eigh(np.moveaxis(_between(self.normal, jacobian), -1, 0))
         least = _FLAT * np.maximum(np.einsum("iip->p", covariance), 1e-300)
         other = self.replaced_fourth > 0
@@ -268,7 +264,7 @@ class Vectors(Fixed):
         square_spread: Standard deviation of the square, ``(P,)``; an upper bound where numbers are drawn together.
         replaced: Largest difference between the probability of any set and that of the normal law, ``(P,)``.
         farthest: Largest length in any sample, ``(P,)``.
-        remainder: Bound of the fourth moment's root of what is beyond first order, ``(P,)``.
+        remainder: Bound of the root of the fourth moment of the terms beyond first order, ``(P,)``.
     """
 
     mean: Array
@@ -303,7 +299,7 @@ class Vectors(Fixed):
         return principal_axes(self.mean, self.proxy)
 
     def quantile_bounds(self, level: float, quantile: Array) -> Array:
-        """Return limits of the quantile of the length, ``(2, P)``, given the quantile of the normal law ``(P,)``."""
+        """Return bounds of the quantile of the length, ``(2, P)``, given the quantile of the normal law ``(P,)``."""
         left = _OF_TAIL * (1 - level)
         beyond = self.remainder * left ** (-1 / 4)
         above, below = level + left, level - left
@@ -320,7 +316,7 @@ class Vectors(Fixed):
         return np.stack([np.maximum(low - beyond, 0.0), high + beyond])
 
     def share_bounds(self, limit: float) -> Array:
-        """Return limits of the probability that the length is at most ``limit``, ``(2, P)``."""
+        """Return bounds of the probability that the length is at most ``limit``, ``(2, P)``."""
         low, high = np.zeros_like(self.farthest), np.ones_like(self.farthest)
         square, variance = self.square_mean, self.square_spread**2
         for left in _REMAINDERS:
@@ -337,9 +333,9 @@ class Vectors(Fixed):
         return np.stack([low, high])
 
     def gamma_quantiles(self, level: float) -> tuple[Array, Array]:
-        """Return estimates of a quantile of the length, ``(P,)`` each: of these laws, and of normal ones.
+        """Return estimates of a quantile of the length, ``(P,)`` each: for these laws, and for normal ones.
 
-        The square is taken as a gamma number with its mean and variance.
+        The square is approximated by a gamma number with its mean and variance.
         """
         normal = 2 * (self.covariance**2).sum(axis=(0, 1))
         normal += 4 * np.einsum("ip,ijp,jp->p", self.mean, self.covariance, self.mean)

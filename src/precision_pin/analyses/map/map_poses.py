@@ -50,19 +50,17 @@ if TYPE_CHECKING:
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _NAMES: Final = ("position", "attitude")
 _MOST_ROWS: Final = 20
-# bytes of a number in the JSON, and of memory while that is made
+# bytes of a number in the JSON, and of memory while it is written
 _WRITTEN, _ENCODING = 40, 250
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Relative(Fixed):
-    """Error of each robot minus its error at a reference pose, first order, base axes, m and rad.
+    """Error of each robot minus its error at a reference pose ``q`` ``(n,)``, first order, base axes, m and rad.
 
     Attributes:
-        q: Joint values of the reference, ``(n,)``.
-        mean, covariance: ``(6, P)`` and ``(6, 6, P)``.
-        quantile: Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
+        mean, covariance, quantile: ``(6, P)``, ``(6, 6, P)``, and quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
     """
 
     q: Array
@@ -71,7 +69,7 @@ class Relative(Fixed):
     quantile: Array
 
     def arrays(self) -> dict[str, tuple[tuple[str, ...], Array]]:
-        """Return what is known at each pose by name: dimensions, and values with the pose as the last axis."""
+        """Return the values at each pose by name: dimensions, and arrays with the pose as the last axis."""
         return {
             "mean": (("component",), self.mean),
             "covariance": (("component", "component_2"), self.covariance),
@@ -85,25 +83,23 @@ class Relative(Fixed):
 class MapResult(AnalysisResult):
     """Law of the pose error at P poses, base axes, m and rad; NaN where no joint values are known.
 
-    Moments, quantiles and shares are those of the first-order model, its error taken as normal; their bounds hold for the exact
-    model, whatever the laws. What was sampled with it is in ``judged`` and ``sampled``.
+    Moments, quantiles and fractions inside are those of the first-order model with a normal error; their bounds hold
+    for the exact model with any laws. Sampled results are in ``judged`` and ``sampled``.
 
     Attributes:
         joints, poses: Joints in chain order, and the poses.
         mean, covariance: ``(6, P)`` and ``(6, 6, P)``.
         quantile: Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
-        quantile_bounds: Limits between which these quantiles of the exact error lie, the lower ones first, ``(3, 2, 2,
-            P)``.
-        specifications, probability: Specifications, and the share of robots inside each, ``(S, P)``.
-        probability_bounds: Limits of these shares, the lower ones first, ``(S, 2, P)``.
-        judged: What sampled robots say of each specification at each pose.
-        sources, shares: Names of the sources, or of what several share, and their shares in the variance of the
-            position, ``(lines, P)``.
+        quantile_bounds: Bounds of these quantiles of the exact error, lower ones first, ``(3, 2, 2, P)``.
+        specifications, probability: Specifications, and the fraction of robots inside each, ``(S, P)``.
+        probability_bounds: Bounds of these fractions, lower ones first, ``(S, 2, P)``.
+        judged: Verdict of sampled robots on each specification at each pose.
+        sources, shares: Sources (together if they share draws), and their fractions of the position's variance,
+            ``(lines, P)``.
         relative: Errors relative to a reference pose; ``None`` without one.
-        sampled: The poses that were sampled: all whose joint values are known, or the worst ones to verify the closed
-            form.
-        confidence: Confidence of the intervals of what was sampled.
-        grounds: What keeps specifications from being judged, and what is taken as exact.
+        sampled: The sampled poses: all with known joint values, or the worst ones to verify the closed form.
+        confidence: Confidence of the sampled intervals.
+        grounds: Why specifications cannot be judged, and what is taken as exact.
     """
 
     schema: ClassVar[str] = "precision-pin/map/1"
@@ -138,7 +134,7 @@ class MapResult(AnalysisResult):
 
     @cached_property
     def dominant_source(self) -> tuple[str, ...]:
-        """Name of the source with the largest share in the variance of the position; empty where it does not vary."""
+        """Source with the largest contribution to the variance of the position; empty where it does not vary."""
         if not self.sources:
             return ("",) * len(self.poses)
         shares = np.nan_to_num(self.shares)
@@ -147,16 +143,14 @@ class MapResult(AnalysisResult):
 
     @property
     def worst_first(self) -> list[int]:
-        """Numbers of the poses whose joint values are known, the worst first.
+        """Indices of the poses whose joint values are known, worst first.
 
-        The poses that were sampled to verify them come first. By the verdict, then by the smallest margin of the sampled share
-        inside over what is required, or of that in closed form; without specifications by the 95 % quantile of |d|, sampled
-        or, where a pose was not sampled, the upper limit of that in closed form.
+        Poses sampled for verification come first. The order is by verdict, then by the smallest margin of the fraction
+        inside, sampled or in closed form; without specifications by the 95 % quantile of |d|, sampled or as bounded.
         """
         return self._worst_first(range(len(self.specifications)))
 
     def _worst_first(self, ranks: Sequence[int]) -> list[int]:
-        """Return the poses in this order by some of the specifications."""
         chosen = list(ranks)
         verified, size = np.zeros(len(self.poses), dtype=bool), self.quantile_bounds[LEVELS.index(0.95), 0, 1].copy()
         if self.sampled is not None:
@@ -174,19 +168,19 @@ class MapResult(AnalysisResult):
 
     @property
     def left_out(self) -> dict[str, int]:
-        """How many poses, or draws of random ones, are left out since the arm hits something, by status."""
+        """Numbers of poses, or of random draws of poses, left out because of a collision, by status."""
         return self.poses.obstructed
 
     @property
     def unknown(self) -> int:
-        """Number of poses without joint values, of which nothing is known."""
+        """Number of poses without joint values, which are not evaluated."""
         return int((~self.poses.known).sum())
 
     @property
     def met(self) -> bool | None:
         """Whether every specification is met at every pose whose joint values are known; true without specifications.
 
-        By sampled robots at every pose; ``None`` if nothing was sampled. False where a pose is outside joint limits, unless
+        Judged by sampled robots; ``None`` if nothing was sampled. False where a pose is outside joint limits, unless
         the model is judged ``beyond_limits``. See :attr:`verdicts`.
         """
         met = [self._met(verdict) for verdict in self.verdicts]
@@ -196,7 +190,7 @@ class MapResult(AnalysisResult):
         return verdict.met if self.verdict_of(verdict) == verdict.verdict else False
 
     def verdict_of(self, verdict: MapVerdict) -> Verdict:
-        """Return a verdict with what all of them rest on: none is given where a pose is outside joint limits."""
+        """Return a verdict, or ``"not judged"`` where a pose is outside joint limits."""
         return "not judged" if self.grounds.not_judged else verdict.verdict
 
     @property
@@ -222,7 +216,7 @@ class MapResult(AnalysisResult):
 
     @property
     def samples(self) -> int | None:
-        """Number of robots sampled at the worst pose; ``None`` where nothing was sampled."""
+        """Number of robots sampled at the worst pose; ``None`` if nothing was sampled."""
         return None if self.sampled is None else self.sampled.result.samples
 
     @property
@@ -246,7 +240,7 @@ class MapResult(AnalysisResult):
 
     @property
     def sampled_entry(self) -> dict[str, Any] | None:
-        """What was sampled, as in the JSON."""
+        """Sampled results as in the JSON."""
         return self.sampled and {"numbers": self.sampled.poses, **self.sampled.result.to_dict()}
 
     @property
@@ -276,7 +270,7 @@ class MapResult(AnalysisResult):
         return entries
 
     def _arrays(self) -> dict[str, tuple[tuple[str, ...], Array]]:
-        """Return what is known at each pose by name: dimensions, and values with the pose as the last axis."""
+        """Return the values at each pose by name: dimensions, and arrays with the pose as the last axis."""
         rms, level, norms = self.rms, ("level",), dict(enumerate(_NAMES))
         return {
             "mean": (("component",), self.mean),
@@ -293,7 +287,7 @@ class MapResult(AnalysisResult):
         """Return the JSON as text.
 
         Raises:
-            InputError: It would take more memory than there is, or be too large to be read again.
+            InputError: It would exceed the memory, or be too large to be read again.
         """
         check_json(
             len(self.poses), len(self.joints), len(self.sources), len(self.specifications), self.relative is not None
@@ -319,14 +313,15 @@ class MapResult(AnalysisResult):
         return data_frame(["pose"], rows, self.settings())
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return the map as a dataset with the dimension ``pose``, m and rad, NaN where nothing is known.
+        """Return the map as a dataset with the dimension ``pose``, m and rad, NaN where unknown.
 
-        Coordinates: ``pose_name``, ``q`` (pose, joint), ``position`` (pose, axis), ``status``, ``branch`` and, of a path,
-        ``time``. Variables: ``mean`` (pose, component), ``covariance`` (pose, component, component_2), ``rms_position``,
-        ``rms_attitude``, ``quantile_position`` and ``quantile_attitude`` (pose, level), ``probability`` (pose, specification),
-        these three with ``…_bounds`` of the further dimension ``end``; ``shares`` (pose, source), ``dominant_source``; with a
-        reference the same of the relative error as ``relative_…``; of what was sampled ``sampled_quantile_position`` and
-        ``…_attitude`` with ``_lower`` and ``_upper``, and of what was judged ``sampled_inside`` alike.
+        Coordinates: ``pose_name``, ``q`` (pose, joint), ``position`` (pose, axis), ``status``, ``branch`` and, for a
+        path, ``time``. Variables: ``mean`` (pose, component), ``covariance`` (pose, component, component_2),
+        ``rms_position``, ``rms_attitude``, ``quantile_position`` and ``quantile_attitude`` (pose, level),
+        ``probability`` (pose, specification), these three with ``…_bounds`` of the further dimension ``end``;
+        ``shares`` (pose, source), ``dominant_source``; with a reference the same for the relative error as
+        ``relative_…``; from samples ``sampled_quantile_position`` and ``…_attitude`` with ``_lower`` and ``_upper``,
+        and from verdicts ``sampled_inside`` likewise.
         """
         of, variables = self.poses, _over_poses(self._arrays())
         variables["dominant_source"] = ("pose", list(self.dominant_source))
@@ -373,7 +368,7 @@ class MapResult(AnalysisResult):
         return made
 
     def to_netcdf(self, path: str | os.PathLike[str]) -> None:
-        """Write :meth:`to_xarray` as a netCDF file, whole or not at all.
+        """Write :meth:`to_xarray` as a netCDF file, atomically.
 
         Raises:
             InputError: xarray is not installed.
@@ -395,7 +390,7 @@ class MapResult(AnalysisResult):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of the result, beside the arm."""
+        """Text of `repr` after the arm."""
         worst = float(np.nanmax(self.quantile[LEVELS.index(0.95), 0]))
         return (
             f"{len(self.poses):,} poses, {self.unknown:,} of them without joint values, "
@@ -403,7 +398,6 @@ class MapResult(AnalysisResult):
         )
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: the worst poses, mm and mrad."""
         rows = []
         labels, dominant = self.poses.labels, self.dominant_source
         for pose in self.worst_first[:_MOST_ROWS]:
@@ -425,11 +419,7 @@ def _over_poses(arrays: Mapping[str, tuple[tuple[str, ...], Array]]) -> dict[str
 
 
 def check_json(poses: int, joints: int, sources: int, specifications: int, is_relative: bool) -> None:
-    """Refuse a map whose JSON is too large to be made or to be read again.
-
-    Raises:
-        InputError: It is.
-    """
+    """Raise InputError for a map whose JSON is too large to be made or to be read again."""
     numbers = poses * (71 + joints + sources + 8 * specifications + 54 * is_relative)
     what = f"the JSON of a map of {poses:,} poses"
     instead = "write it as netCDF (--netcdf, to_netcdf), or map fewer poses"
@@ -440,19 +430,18 @@ def check_json(poses: int, joints: int, sources: int, specifications: int, is_re
 
 
 def _rms(mean: Array, covariance: Array) -> Array:
-    """Return the root mean squares of position and attitude, ``(2, P)``."""
     squares = mean**2 + np.einsum("iip->ip", covariance)
     return np.sqrt(np.maximum(squares.reshape(2, 3, -1).sum(axis=1), 0.0))
 
 
 VERIFIED: Final = 5
-"""Poses that are verified with fresh samples, the worst ones of the closed form."""
+"""Default number of poses verified with fresh samples, the worst ones in closed form."""
 VERIFYING_SAMPLES: Final = 20_000
 _NORMS: Final = ((0, 1, 2), (3, 4, 5))
 _DOUBTED: Final = 0.1
-# bytes of a pose beside its moments: names, quantiles and their limits
+# bytes of a pose beside its moments: names, quantiles and their bounds
 _REST: Final = 700
-# poses whose quantiles and limits are computed between two steps of progress
+# poses whose quantiles and bounds are computed between two progress steps
 _AT_ONCE: Final = 2048
 
 PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
@@ -483,10 +472,10 @@ def map_poses(
 ) -> MapResult:
     """Return the law of the pose error at many poses: mean, spread, quantiles, share in specification, dominant source.
 
-    Without ``samples`` the numbers are those of the first-order model (:attr:`PoseModel.tangent`), its error taken as normal,
-    in closed form, with bounds that hold whatever the laws. Specifications are judged at every pose with sampled robots of the
-    exact model, in rounds of more and more of them where it takes more; the worst poses are then sampled again, with draws of
-    their own, since the worst of many poses is a biased choice. With ``samples`` the same robots are sampled at every pose.
+    Without ``samples`` the numbers are those of the first-order model (:attr:`PoseModel.tangent`) with a normal error,
+    in closed form, with bounds that hold for any laws. Specifications are judged at every pose with sampled robots of
+    the exact model, in rounds of increasing size where needed. The worst poses are then sampled again with fresh draws,
+    since the worst of many poses is a biased choice. With ``samples`` the same robots are sampled at every pose.
 
     Args:
         error_model: Chain, draws and sources.
@@ -494,23 +483,19 @@ def map_poses(
             :func:`precision_pin.sample_poses`. Where no joint values are known, every number is NaN.
         samples: Number of built robots to sample at every pose; ``None`` for the closed form alone.
         seed: 64-bit seed.
-        relative_to: A pose, by name or joint values, at which each robot is taught: the error relative to that at this
-            pose is added.
+        relative_to: A pose, by name or joint values, where robots are taught; adds the errors relative to it.
         specifications: Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
-        verify: Number of poses, the worst ones, that are sampled to verify them; with 0 nothing is sampled, and no
-            specification is judged. Not used with ``samples``.
-        confidence: Confidence of every interval, and of the verdict at every pose by itself.
+        verify: Number of worst poses sampled again; with 0 nothing is sampled or judged. Not used with ``samples``.
+        confidence: Confidence of every interval, and of the verdict at each single pose.
         findings: Warnings to include in the result, such as those of the sheet.
-        threads, processes, executor, tasks_under_way: What samples, as in :func:`precision_pin.monte_carlo`; by default
-            a thread for each core. It does not change the result.
-        journal, resume, files, tell: With ``samples``: file in which finished poses are saved, and what is resumed from
+        threads, processes, executor, tasks_under_way: Workers, as in :func:`precision_pin.monte_carlo`; by default a
+            thread for each core. They do not change the result.
+        journal, resume, files, tell: With ``samples``: file in which finished poses are saved, and how to resume from
             it, as in :func:`precision_pin.sample_poses`.
-        progress: Function called with the number of poses done, then of samples added, since its last call; ``True``
-            shows a bar.
+        progress: Called with the poses done, then samples added, since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: A wrong argument; no poses, none whose joint values are known, or more than fit into memory; errors
-            too large to compute with.
+        InputError: A wrong argument; no pose with joint values; too little memory; errors too large to compute with.
         UnknownNameError: No such pose or joint.
     """
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
@@ -523,9 +508,9 @@ def map_poses(
     given = pose_set(error_model, poses)
     lines = source_lines(error_model)
     vectors = list(dict.fromkeys((*_NORMS, *(one.components for one in listed))))
-    # what bounds a vector has 25 numbers, what is relative as many as what is not
+    # the bounds of a vector have 25 numbers; relative errors have as many as absolute ones
     moments = len(lines) + 25 * len(vectors) + 42 * (1 if relative_to is None else 2)
-    # made in parts beside the joints' frames and Jacobians of all poses, then joined
+    # computed in parts beside the joints' frames and Jacobians of all poses, then joined
     needed = 8 * (moments + max(moments, 29 * len(given.q) + 22)) + _REST
     check_memory(float(needed * len(given)), f"a map of {len(given):,} poses", "map fewer of them at a time")
     if not given.known.any():
@@ -543,11 +528,11 @@ def map_poses(
     )
     judges = samples is None and verify > 0 and bool(listed)
     steps = count_steps(len(given), samples, verify, judged=judges)
-    # the worst of the poses judged is a biased choice: it is verified with other robots
+    # the worst of the judged poses is a biased choice, so other robots verify it
     check = int(seed) ^ (1 << 63)
     with steps_to(progress, steps, "steps") as step, unheard():
         count = values.shape[1]
-        # half of the steps for the moments of all poses, half for their quantiles and limits
+        # half of the steps for the moments of all poses, half for their quantiles and bounds
         halves = [scaled(step, count, steps_of) for steps_of in (count // 2, count - count // 2)]
         closed = first_order(error_model, values, approaches, lines, reference, halves[0], vectors)
         arrays = _closed_form(given, closed, vectors, listed, reference, halves[1])
@@ -591,7 +576,7 @@ def map_poses(
             advance = scaled(step, most * len(worst), VERIFYING_SAMPLES * len(worst))
             sampled = sample(worst, most, confidence, advance, seed)
             result = replace(result, sampled=sampled, judged=result.judged.taking(sampled, again=judges))
-    # statics are checked where they strain most; each check solves the deflected arm
+    # statics are checked at the most strained poses; each check solves the deflected arm
     highest = result.worst_first[0]
     pose = approached(given.take(np.array([highest])))[0]
     strained = strained_findings(error_model, pose, labels[highest], first_order=samples is None)
@@ -600,12 +585,7 @@ def map_poses(
 
 
 def count_steps(poses: int, samples: int | None, verify: int, *, judged: bool = False) -> int:
-    """Return the number of progress steps: a step a pose, then a step a sample or, of what takes more of them, a share of it.
-
-    Args:
-        poses, samples, verify: As for `map_poses`.
-        judged: Whether there are specifications.
-    """
+    """Return the progress steps: one for each pose and each sample, up to a limit; ``judged`` with specifications."""
     if samples is not None:
         return poses + poses * samples
     judging = len(ROUNDS) * FIRST_ROUND * poses if judged and verify > 0 else 0
@@ -613,7 +593,7 @@ def count_steps(poses: int, samples: int | None, verify: int, *, judged: bool = 
 
 
 def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
-    """Return poses given in any way as a pose set.
+    """Return poses given in any form as a pose set.
 
     Raises:
         InputError: Wrong joint values, or a pose set of another number of joints.
@@ -630,7 +610,7 @@ def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
 
 
 def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
-    """Return the poses of a set, each with its approach if it has one, as the model takes them."""
+    """Return the poses of a set as the model takes them, each with its approach if it has one."""
     if poses.approaches is None:
         return list(poses.q.T)
     return [ApproachedPose(*one) for one in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)]
@@ -644,7 +624,6 @@ def _closed_form(
     reference: PoseModel | None,
     step: Progress,
 ) -> dict[str, Any]:
-    """Return the arrays of a map, NaN where no joint values are known."""
     known = poses.known
 
     def spread(array: Array) -> Array:
@@ -683,7 +662,7 @@ def _closed_form(
 
 
 def _doubts(closed: FirstOrder, labels: Sequence[str]) -> tuple[Finding, ...]:
-    """Return a warning where the laws are so far from normal that the closed form is off by `_DOUBTED` or more."""
+    """Return a warning where laws far from normal change the closed form by `_DOUBTED` or more."""
     by_laws, as_normal = closed.vectors[0].gamma_quantiles(LEVELS[-1])
     change = by_laws / np.maximum(as_normal, 1e-300) - 1
     doubted = np.abs(change) >= _DOUBTED
@@ -703,17 +682,14 @@ _Laws = tuple[tuple[Array, Array], tuple[Array, Array]]
 
 
 def _laws(mean: Array, covariance: Array) -> _Laws:
-    """Return position and attitude in principal axes."""
     return principal_axes(mean[:3], covariance[:3, :3]), principal_axes(mean[3:], covariance[3:, 3:])
 
 
 def _quantiles(laws: _Laws) -> Array:
-    """Return the quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``."""
     return np.stack([np.stack([norm_quantiles(*law, level) for law in laws]) for level in LEVELS])
 
 
 def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: Sequence[Specification]) -> Array:
-    """Return the share inside each specification, ``(S, P)``."""
     poses = mean.shape[1]
     shares = np.zeros((len(specifications), poses))
     for share, one in zip(shares, specifications, strict=True):
@@ -727,7 +703,6 @@ def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: 
 
 
 def _inside(mean: Array, std: Array, limit: float) -> Array:
-    """Return the probability of a normal number between -limit and limit."""
     safe = np.where(std > 0, std, 1.0)
     inside: Array = special.ndtr((limit - mean) / safe) - special.ndtr((-limit - mean) / safe)
     return np.where(std > 0, inside, (np.abs(mean) <= limit).astype(float))

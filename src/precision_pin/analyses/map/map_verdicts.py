@@ -19,8 +19,9 @@ from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.statistics import Specification, SpecificationResult, Verdict
 
 ROUNDS: Final = (2_000, 20_000, 200_000)
-"""Robots at a pose in each round of sampling; the next one samples the poses that are still undecided, the last one only for
-specifications that are met or undecided everywhere."""
+"""Robots at a pose in each round of sampling. A round samples the poses that are still undecided, the last one only for
+specifications that are met or undecided everywhere.
+"""
 FIRST_ROUND: Final = ROUNDS[0]
 # poses sampled at a time
 _TOGETHER: Final = 20_000
@@ -34,19 +35,14 @@ NOT_JUDGED: Final = len(_WORST_FIRST)
 @final
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Poses that were sampled with the exact model.
-
-    Attributes:
-        poses: Their numbers in the map, from 0.
-        result: Their sampled errors.
-    """
+    """Poses of a map, by index from 0, and their errors sampled with the exact model."""
 
     poses: NDArray[np.intp]
     result: PosesResult
 
     @property
     def verdicts(self) -> NDArray[np.intp]:
-        """Place of each verdict among those from the worst to the best, ``(S, K)``."""
+        """Rank of each verdict, worst first, ``(S, K)``."""
         of = self.result.specification_results
         found = [[(*_WORST_FIRST, "not judged").index(one.verdict) for one in every.results] for every in of]
         return np.array(found, dtype=np.intp).reshape(len(of), len(self.poses))
@@ -55,13 +51,12 @@ class Sampled:
 @final
 @dataclass(frozen=True, eq=False)
 class Judged(Fixed):
-    """What sampled robots say of each specification at each of P poses.
+    """Verdicts of sampled robots on each specification at each of P poses.
 
     Attributes:
         samples: Robots sampled at each pose, ``(P,)``; 0 where it was not sampled.
-        probability, interval: Share of them inside and its interval, ``(S, P)`` and ``(S, 2, P)``; NaN where not
-            sampled.
-        order: Place of each verdict among those from the worst to the best, ``(S, P)``.
+        probability, interval: Fraction inside and its interval, ``(S, P)`` and ``(S, 2, P)``; NaN if not sampled.
+        order: Rank of each verdict, worst first, ``(S, P)``.
     """
 
     samples: NDArray[np.intp]
@@ -71,7 +66,7 @@ class Judged(Fixed):
 
     @classmethod
     def nothing(cls, specifications: int, poses: int) -> Judged:
-        """Return that no pose was sampled."""
+        """Return verdicts for poses that were not sampled."""
         return cls(
             np.zeros(poses, dtype=np.intp),
             np.full((specifications, poses), np.nan),
@@ -88,17 +83,15 @@ class Judged(Fixed):
         confidence: float,
         step: Progress,
     ) -> Judged:
-        """Sample poses in rounds of more and more robots, each pose until every specification stands there.
+        """Sample poses in rounds of more and more robots, each pose until every specification is decided there.
 
-        A verdict errs with at most the probability that the confidence leaves, at each pose by itself: each of the rounds has
-        an equal part of it.
+        The error probability of the verdict at a pose, 1 - confidence, is divided equally among the rounds.
 
         Args:
-            sample: Samples poses of these numbers, with so many robots, and intervals of a confidence; reports its
-                samples.
+            sample: Samples poses of given indices with a number of robots and a confidence; reports its samples.
             known: Poses whose joint values are known, ``(P,)``.
             specifications, confidence: Number of specifications, and the confidence of a verdict.
-            step: Takes the progress: `FIRST_ROUND` steps for each pose in each round, however many robots it samples.
+            step: Receives `FIRST_ROUND` progress steps for each pose in each round, for any number of sampled robots.
         """
         judged = cls.nothing(specifications, known.size)
         of_round = 1 - (1 - confidence) / len(ROUNDS)
@@ -115,10 +108,9 @@ class Judged(Fixed):
         return judged
 
     def taking(self, sampled: Sampled, *, again: bool = False) -> Judged:
-        """Return the verdicts after further samples of some poses.
+        """Return the verdicts after further samples of some poses; verdicts already decided are kept.
 
-        A verdict that stands is kept. With ``again``, of samples that check others, the worse of the two verdicts holds, with
-        the numbers of these samples.
+        With ``again``, for verifying samples, the worse of both verdicts holds, with the numbers of these samples.
         """
         poses, result, found = sampled.poses, sampled.result, sampled.verdicts
         samples, order = self.samples.copy(), self.order.copy()
@@ -157,16 +149,13 @@ class MapVerdict(Record):
     """Verdict on a specification over the poses of a map whose joint values are known.
 
     Attributes:
-        specification: The limit and the share of robots required.
-        worst: Number of the worst pose: by the sampled robots or, where none were sampled, in closed form.
-        share, bounds: Share inside at that pose in closed form, and the limits that hold whatever the laws.
+        worst: Index of the worst pose: by the sampled robots or, where none were sampled, in closed form.
+        share, bounds: Fraction inside at that pose in closed form, and its bounds for any laws.
         sampled: Result of the sampled robots at that pose; ``None`` if it was not sampled.
-        verdict: ``"met"`` if it is met at every pose, ``"not met"`` if it is not at some, else ``"undecided"`` or
-            ``"nothing to judge"``, as of single poses; ``"not judged"`` where nothing was sampled.
-        met_at, undecided_at, judged: Number of poses at which it is met, at which the samples do not decide, and of
-            those judged.
-        most_samples, needed: Most robots sampled at a pose, and about how many would decide every pose; ``None`` if
-            none would.
+        verdict: ``"met"`` if met at every pose, ``"not met"`` if not at some, else ``"undecided"`` or ``"nothing to
+            judge"``, as at single poses; ``"not judged"`` where nothing was sampled.
+        met_at, undecided_at, judged: Number of poses at which it is met, left undecided, and judged.
+        most_samples, needed: Most robots sampled at a pose, and about how many would decide every pose, if any.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -211,12 +200,8 @@ def map_verdicts(
 ) -> tuple[MapVerdict, ...]:
     """Return the verdicts.
 
-    Args:
-        specifications, probability, bounds: The specifications, the shares inside in closed form, ``(S, P)``, and their
-            limits, ``(S, 2, P)``; NaN where no joint values are known.
-        judged: Verdicts at each pose.
-        worst_first: For each specification the numbers of the poses that are known, the worst first.
-        sampled: What was sampled to verify.
+    ``probability`` and ``bounds`` are closed-form, ``(S, P)`` and ``(S, 2, P)``, NaN for unknown poses; ``worst_first``
+    lists the indices of the known poses for each specification; ``sampled`` verifies.
     """
     made = []
     for rank, (one, order) in enumerate(zip(specifications, worst_first, strict=True)):
@@ -238,7 +223,7 @@ def map_verdicts(
 
 
 def _needed(shares: Array, required: float) -> int | None:
-    """Return how many robots about decide each of some shares, rounded up to two digits; ``None`` beyond 10⁹."""
+    """Return how many robots would decide each of some fractions, rounded up to two digits; ``None`` beyond 10⁹."""
     if not shares.size:
         return None
     score = float(special.ndtri(0.99))

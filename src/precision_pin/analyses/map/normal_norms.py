@@ -1,12 +1,12 @@
 """Lengths of many normal vectors at once: probabilities and quantiles.
 
-:class:`precision_pin.analyses.exact_law.number_law.NormalNorm` computes the same law for one vector to twelve digits; a map
-needs it for thousands. With λ and m the variances and means along the principal axes, ``Q = |v|²`` has the cumulant generating
-function ``K(t) = Σ [m² t/(1 - 2λt) - ln(1 - 2λt)/2]``, and ``P(Q > x) = 1/(2πi) ∫ exp(K(t) - t x)/t dt`` on a path that crosses
-the real axis between 0 and 1/(2 max λ); crossing it below 0 gives ``-P(Q ≤ x)``. The path is the parabola of steepest descent
-from the saddle point ``K'(t) = x`` (Daniels, Annals of Mathematical Statistics 25, 1954; Rice, SIAM Journal on Scientific and
-Statistical Computing 1, 1980), moved away from the pole where the two are close. The integrand falls like a normal density
-along it, so that the trapezoidal rule converges exponentially.
+:class:`precision_pin.analyses.exact_law.number_law.NormalNorm` computes the same law for one vector to twelve digits; a
+map needs it for thousands. With λ and m the variances and means along the principal axes, ``Q = |v|²`` has the cumulant
+generating function ``K(t) = Σ [m² t/(1 - 2λt) - ln(1 - 2λt)/2]``, and ``P(Q > x) = 1/(2πi) ∫ exp(K(t) - t x)/t dt`` on
+a path that crosses the real axis between 0 and 1/(2 max λ); crossing it below 0 gives ``-P(Q ≤ x)``. The path is the
+parabola of steepest descent from the saddle point ``K'(t) = x`` (Daniels, Annals of Mathematical Statistics 25, 1954;
+Rice, SIAM Journal on Scientific and Statistical Computing 1, 1980), moved away from the pole where the two are close.
+The integrand falls like a normal density along it, so that the trapezoidal rule converges exponentially.
 """
 
 from __future__ import annotations
@@ -30,29 +30,24 @@ _WEIGHTS: Final = np.cosh(_PARAMETER) * (_STEP / np.pi)
 _SLOPE: Final = 0.7
 # largest distance from the mean, in standard deviations of the vector, at which a probability is computed
 _FARTHEST: Final = 40.0
-# least distance of the path from the pole, in the same units
+# smallest distance of the path from the pole, in the same units
 _FROM_POLE: Final = 1.0
-# variance along an axis, of the largest, below which the vector is constant along it
+# variance along an axis, relative to the largest, below which the vector is constant along it
 _FLAT: Final = 1e-14
 _ROUNDS: Final = 3
-# relative step after which the next one is at rounding: the steps square
+# relative step after which the next one is at rounding: convergence is quadratic
 _CLOSE: Final = 2e-5
 _ROUNDING: Final = 1e-28
 # largest |s| of an argument of K: there 1 - t/end is exp(-s)
 _FAR: Final = 60.0
 _MOST_STEPS: Final = 100
 _LAST_STEP: Final = 1e-6
-# vectors whose integrals are computed together; their arrays stay in the processor's cache
+# vectors whose integrals are computed together, so that their arrays stay in the processor's cache
 _AT_ONCE: Final = 128
 
 
 def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return variances and means along the principal axes, ``(3, P)`` each.
-
-    Args:
-        mean: ``(3, P)``.
-        covariance: ``(3, 3, P)``.
-    """
+    """Return variances and means along the principal axes, ``(3, P)`` each, for ``(3, P)`` and ``(3, 3, P)``."""
     values, vectors = np.linalg.eigh(np.moveaxis(covariance, -1, 0))
     return np.ascontiguousarray(np.maximum(values, 0.0).T), np.einsum("pij,ip->jp", vectors, mean)
 
@@ -69,8 +64,8 @@ def norm_quantiles(
 ) -> Array:
     """Return the quantile of |v|, ``(P,)``, for vectors in principal axes ``(3, P)``; relative errors below 1e-5.
 
-    Newton's method in normal scores, from a gamma law with the first two moments of |v|²; ``near`` are a probability near the
-    one wanted and its quantiles ``(P,)``, by which the start is corrected.
+    Newton's method in normal scores, from a gamma law with the first two moments of |v|²; ``near`` is a probability
+    close to the requested one and its quantiles ``(P,)``, which improve the start.
     """
     law = _Law(variances, means)
     squares, spreads = law.moments
@@ -95,7 +90,7 @@ def norm_quantiles(
 
 
 def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
-    """Return the least exp(K(t) - t r²), a bound of P(|v| > r), ``(P,)``; for arguments as of `norm_probabilities`."""
+    """Return the least exp(K(t) - t r²), a bound of P(|v| > r), ``(P,)``; arguments as for `norm_probabilities`."""
     law = _Law(variances, means)
     x = np.minimum(radii**2 - law.constant, law.farthest)
     t = np.maximum(law.saddle(x), 0.0)
@@ -118,15 +113,11 @@ def norm_tail_quantiles(variances: Array, means: Array, tail: float) -> Array:
 
 
 def norm_quantile_slopes(mean: Array, covariance: Array, radii: Array) -> Array:
-    """Return the derivative of a quantile of |v| with respect to the covariance, ``(3, 3, P)``.
+    """Return the derivative of a quantile of |v| with respect to the covariance, ``(3, 3, P)``; zeros for a constant.
 
-    For a change dΣ the quantile, which is ``radii``, changes by the sum of the products of the entries. The probability stays
-    when x = r² changes by ``∫ exp(K - t x) dK/t dt / ∫ exp(K - t x) dt``, with ``dK = t tr(W dΣ) + 2 t² mᵀ W dΣ W m`` and
-    ``W = (1 - 2 t Σ)⁻¹``.
-
-    Args:
-        mean, covariance, radii: ``(3, P)``, ``(3, 3, P)`` and ``(P,)``; a vector that does not vary has no slopes, and
-            gets zeros.
+    For a change dΣ the quantile, which is ``radii``, changes by the sum of the products of the entries. The probability
+    is constant when x = r² changes by ``∫ exp(K - t x) dK/t dt / ∫ exp(K - t x) dt``, with ``dK = t tr(W dΣ) + 2 t² mᵀ
+    W dΣ W m`` and ``W = (1 - 2 t Σ)⁻¹``. ``mean``, ``covariance``, ``radii`` are ``(3, P)``, ``(3, 3, P)``, ``(P,)``.
     """
     values, vectors = np.linalg.eigh(np.moveaxis(covariance, -1, 0))
     means = np.einsum("pij,ip->jp", vectors, mean)
@@ -136,7 +127,7 @@ def norm_quantile_slopes(mean: Array, covariance: Array, radii: Array) -> Array:
 
 
 class _Law:
-    """Law of |v|² minus what is constant of it, for vectors in principal axes ``(3, P)``."""
+    """Law of |v|² minus its constant part, for vectors in principal axes ``(3, P)``."""
 
     def __init__(self, variances: Array, means: Array) -> None:
         largest = variances.max(axis=0)
@@ -148,7 +139,7 @@ class _Law:
         self._variances = np.where(self.still, 1.0, np.where(flat, 0.0, variances))
         self._squares = np.where(self.still | flat, 0.0, squares)
         self.end = 1 / (2 * self._variances.max(axis=0))
-        # farther out nothing is left of the probability, and the saddle cannot be told from the pole
+        # farther out the probability vanishes, and the saddle is indistinguishable from the pole
         most = np.sqrt(self._squares.sum(axis=0)) + _FARTHEST * np.sqrt(self._variances.sum(axis=0))
         self.farthest = most**2
 
@@ -172,7 +163,7 @@ class _Law:
         return probability, density
 
     def variance_slopes(self, x: Array, means: Array) -> Array:
-        """Return the derivative of the quantile ``x`` with respect to the covariance in principal axes, ``(3, 3, P)``."""
+        """Return the derivative of the quantile ``x`` by the covariance in principal axes, ``(3, 3, P)``."""
         path, values = self._integrand(x, self._crossing(x), slice(None))
         wide = 1 / (1 - 2 * self._variances[:, None] * path)
         turned = means[:, None] * wide
@@ -182,7 +173,7 @@ class _Law:
     def _integrand(
         self, x: Array, saddle: tuple[Array, Array, Array], part: slice
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return the nodes of the path through a saddle as of `_crossing` and the weighted integrand, ``(nodes, P)``."""
+        """Return the nodes of the path through a saddle from `_crossing` and the weighted integrand, ``(nodes, P)``."""
         crossing, second, third = (of[part] for of in saddle)
         width = 1 / np.sqrt(second)
         bend = third * width / (6 * second)
@@ -194,7 +185,7 @@ class _Law:
         return path, self._transformed(path, x[part], part) * rates
 
     def argument(self, s: Array) -> Array:
-        """Return the argument of K at which K' rises with s, from 0 to infinity."""
+        """Return the argument of K at which K' increases with s, from 0 to infinity."""
         return self.end * -np.expm1(-s)
 
     def saddle(self, x: Array) -> Array:
@@ -224,7 +215,8 @@ class _Law:
         left = 1 - 2 * self._variances[:, None, part] * t
         pair = left[0] * left[1]
         product = pair * left[2]
-        # each factor turns by 0 to -π, so that the partial products tell the branch of the square root; logarithms are slower
+        # each factor turns by 0 to -π, so the partial products give the branch of the square root; logarithms are
+        # slower
         root = np.where((pair.imag > 0) | (product.imag > 0), -1.0, 1.0) * np.sqrt(product)
         return np.exp((self._squares[:, None, part] * t / left).sum(axis=0) - t * x) / root
 
@@ -247,7 +239,7 @@ class _Law:
 
 
 def _root(function: Callable[[Array], tuple[Array, Array]], start: Array, least: float, most: float) -> Array:
-    """Return where an increasing function is zero, ``(P,)``, to some 1e-12; it returns values and slopes.
+    """Return the zero ``(P,)`` of an increasing function of values and slopes, to about 1e-12.
 
     Newton's method, with bisection where that would leave the bracket or is slower.
     """
@@ -258,7 +250,7 @@ def _root(function: Callable[[Array], tuple[Array, Array]], start: Array, least:
         low, high = np.where(values <= 0, at, low), np.where(values >= 0, at, high)
         change = -values / np.maximum(slopes, 1e-300)
         newton = (at + change >= low) & (at + change <= high) & (2 * np.abs(change) <= last)
-        # where a step is small the next one would be as small as its square
+        # after a small step the next one would be as small as its square
         change = np.where(last < _LAST_STEP, 0.0, np.where(newton, change, (low + high) / 2 - at))
         at, last = at + change, np.abs(change)
         if last.max(initial=0.0) < _LAST_STEP:

@@ -1,4 +1,4 @@
-"""A map as text for a terminal."""
+"""Terminal table of a map."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import format_share
 from precision_pin.statistics.digits import format_interval
 
-# poses of which all are listed
+# number of poses up to which all are listed
 _MOST_ROWS: Final = 12
-# poses listed of more than that, the worst first
+# number of poses listed otherwise, worst first
 _WORST_ROWS: Final = 10
 _MOST_LETTERS: Final = 17
 _MOST_SHARES: Final = 4
-# share below which the closed form has no digits: its integral is good to this
+# smallest fraction resolved by the closed form: its integral is accurate to this
 _SMALLEST: Final = 1e-7
 _LEVEL: Final = LEVELS.index(0.95)
 _UPPER: Final = tuple(enumerate(LEVELS))[1:]
 
 
 def map_table(result: MapResult) -> str:
-    """Return what a designer wants to read of a map: the worst pose and the verdicts, then a row for each of the worst poses."""
+    """Return the summary for a designer, worst pose and verdicts, then a row for each of the worst poses."""
     of = result.provenance
     count = len(result.poses)
     rows = worst_rows(result)
@@ -58,12 +58,12 @@ def map_table(result: MapResult) -> str:
 
 
 def answers(result: MapResult) -> list[str]:
-    """Return what is asked first: the worst pose, the range over the poses, the verdicts."""
+    """Return the summary: the worst pose, the range over the poses, the verdicts."""
     return [*_worst(result), *(_verdict(result, verdict) for verdict in result.verdicts)]
 
 
 def worst_rows(result: MapResult) -> list[dict[str, str]]:
-    """Return the cells of the worst poses by their headings, or of all where they are few."""
+    """Return the cells of the worst poses by their headings; of all if they are few."""
     return [_cells(result, pose) for pose in _listed(result)]
 
 
@@ -133,7 +133,7 @@ def _listed(result: MapResult) -> list[int]:
 
 
 def _cells(result: MapResult, pose: int) -> dict[str, str]:
-    """Return the cells of a row by their headings; what matters least is left out where a row would not fit a terminal."""
+    """Return the cells of a row by their headings; the least important ones are left out to fit a terminal."""
     several = len(result.specifications) > 1
     cells = {"pose": shortened(visible(result.poses.labels[pose]), _MOST_LETTERS)}
     if result.relative is None and not result.specifications:
@@ -152,7 +152,7 @@ def _cells(result: MapResult, pose: int) -> dict[str, str]:
 
 
 def _inside(result: MapResult, rank: int, pose: int) -> str:
-    """Return the sampled share inside a specification, with a mark where it is not met, or the share in closed form."""
+    """Return the sampled fraction inside a specification, marked if it is not met, or that in closed form."""
     if not result.judged.samples[pose]:
         return _share(float(result.probability[rank, pose]))
     of, verdict = result.judged, result.judged.verdicts(pose)[rank]
@@ -163,7 +163,6 @@ def _inside(result: MapResult, rank: int, pose: int) -> str:
 
 
 def _sampled(result: MapResult, pose: int, rank: int) -> str:
-    """Return the interval of a sampled quantile of |d|, mm."""
     if result.sampled is None or pose not in result.sampled.poses:
         return "-"
     place = int(np.flatnonzero(result.sampled.poses == pose)[0])

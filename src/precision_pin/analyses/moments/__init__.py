@@ -1,4 +1,4 @@
-"""Mean and covariance of the error of the displaced chain."""
+"""Mean and covariance of the exact error."""
 
 from precision_pin.analyses.declaration import AT_POSES, INPUTS, SAMPLING, Declaration, Option
 

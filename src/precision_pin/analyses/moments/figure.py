@@ -1,4 +1,4 @@
-"""Moments as a picture."""
+"""Figure of the moments."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def figure(result: MomentsResult, which: int = 0) -> Figure:
 
 
 def draw(axes: Axes, result: MomentsResult, which: int, quantity: str) -> None:
-    """Draw the standard deviations of the components of one vector on given axes."""
+    """Draw the standard deviations of one vector's components on given axes."""
     rows, unit = (range(3), "mm") if quantity == "position" else (range(3, 6), "mrad")
     with figure_style.style():
         _draw(axes, result.poses[which], rows, "std", f"standard deviation [{unit}]")
@@ -97,7 +97,6 @@ def _described(pose: PoseMoments) -> list[str]:
 
 
 def _correlations(pose: PoseMoments) -> Html:
-    """Return the covariance of the exact model, as correlations of the components."""
     names = [symbol(QUANTITIES[row]) for row in COMPONENTS]
     covariance = pose.covariance.value
     rows = []

@@ -1,28 +1,27 @@
 """Mean and covariance of the exact error with far fewer samples than plain sampling needs.
 
-Two methods can be combined. *Control variate* (Hammersley and Handscomb, Monte Carlo Methods, 1964, chapter 5): mean and
-covariance are known for a polynomial close to the exact error, the tangent with products of two numbers. Only the
+Two methods can be combined. *Control variate* (Hammersley and Handscomb, Monte Carlo Methods, 1964, chapter 5): mean
+and covariance are known for a polynomial close to the exact error, the tangent with products of two numbers. Only the
 difference of the exact model from it is sampled, on the same random numbers
-(:mod:`precision_pin.analyses.moments.moments_control`). *Randomised quasi-Monte Carlo* (Owen, 1995): scrambled Sobol points
-in place of random ones.
+(:mod:`precision_pin.analyses.moments.moments_control`). *Randomised quasi-Monte Carlo* (Owen, 1995): scrambled Sobol
+points in place of random ones.
 
-Samples form 32 independent replicates. With t the polynomial minus its mean, y the exact error minus that mean,
-g = y - t, C the polynomial's covariance, and a bar for the mean over a replicate,
+Samples form 32 independent replicates. With t the polynomial minus its mean, y the exact error minus that mean, g = y -
+t, C the polynomial's covariance, and a bar for the mean over a replicate,
 
     mean       mean of the polynomial + average of ḡ
     covariance C + average of (t gᵀ + g tᵀ + g gᵀ)‾ - average over a ≠ b of (ȳ_a ȳ_bᵀ - t̄_a t̄_bᵀ)
 
-The coefficient of the control is one. The polynomial is so close that an estimated coefficient would gain nothing, and one
-keeps the estimate unbiased. The products of means of *different* replicates make the covariance unbiased for Sobol points
-too, which depend on one another inside a replicate. Without control t is zero. Standard errors are those of the jackknife
+The coefficient of the control is one: the polynomial is so close that an estimated coefficient would gain nothing and
+make the estimate biased. The products of means of *different* replicates keep the covariance unbiased for Sobol points,
+which depend on one another inside a replicate. Without control t is zero. Standard errors are those of the jackknife
 over replicates; intervals are Student's with 31 degrees of freedom, wider where the replicates are skewed
-(:mod:`precision_pin.analyses.replicates`; L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023, on nets).
-An estimate is not resolved where it depends on tails or rare values of the laws that the samples do not represent
-(:mod:`precision_pin.analyses.replicates`).
+(:mod:`precision_pin.analyses.replicates`; L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023, on
+nets). An estimate that depends on tails or rare values beyond the samples is not resolved.
 
-The closed form has them from derivatives at the means, without sampling. Let the components be an affine map of numbers ζ with
-mean 0 and covariance I, and f_k, f_kl, … the derivatives of the exact error with respect to ζ at 0. The Taylor series gives
-(GUM, JCGM 100:2008, 5.1.2 note, continued to the fourth order)
+The closed form needs no samples, only derivatives at the means. Let the components be an affine map of numbers ζ with
+mean 0 and covariance I, and f_k, f_kl, … the derivatives of the exact error with respect to ζ at 0. The Taylor series
+gives (GUM, JCGM 100:2008, 5.1.2 note, continued to the fourth order)
 
     E f   = f + Σ f_kk/2 + Σ f_kkk s_k/6 + [Σ f_kkkk q_k + Σ_(k≠l) 3 f_kkll κ_kl]/24 + …
     Cov f = Σ f_k f_kᵀ + sym Σ f_k f_kkᵀ s_k/2
@@ -30,8 +29,7 @@ mean 0 and covariance I, and f_k, f_kl, … the derivatives of the exact error w
             + sym Σ f_k (f_kkk q_k + Σ_(l≠k) 3 f_kll κ_kl)ᵀ/6 + …
 
 where sym A = A + Aᵀ, s_k = E ζ_k³, q_k = E ζ_k⁴ and κ_kl = E ζ_k² ζ_l²; all other moments up to the fourth must vanish.
-First derivatives are the analytic tangent; higher ones are differences of exact errors at half and one standard deviation
-from the means.
+First derivatives are the tangent's; higher ones are differences of exact errors at ½ and 1 standard deviation.
 """
 
 from __future__ import annotations
@@ -87,13 +85,7 @@ _WORDS: Final[dict[str, str]] = {
 @final
 @dataclass(frozen=True, eq=False)
 class Measured(Record):
-    """Numbers with their standard errors.
-
-    Attributes:
-        value: Values of any shape; m, rad and products of these; NaN where the samples do not resolve them.
-        standard_error: Standard error of each value; ``None`` for a closed form.
-        half_width: Half-width of each interval; ``None`` for a closed form.
-    """
+    """Numbers of any shape, NaN if not resolved, with standard errors and half-widths of intervals, if sampled."""
 
     value: Array
     standard_error: Array | None = None
@@ -115,8 +107,8 @@ class Remainder(Record):
     Attributes:
         order: Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown. The
             first omitted terms are of the next order; with symmetric laws, of the next even order.
-        last_mean: ``(6,)`` terms of the mean beyond the second order (at order 2: those of the second), a measure of
-            the omitted terms, not a bound.
+        last_mean: ``(6,)`` terms of the mean beyond second order (at order 2: the second), a measure of those omitted,
+            not a bound.
         last_covariance: ``(6, 6)`` terms of the covariance beyond J Σ Jᵀ; ``None`` at order 2.
     """
 
@@ -131,7 +123,6 @@ class PoseMoments(Record):
     """Moments at one pose, base axes.
 
     Attributes:
-        pose: Name and joint values of the pose.
         nominal: ``(6,)`` error with every component at its mean.
         mean: ``(6,)`` mean of ``[d; δ]``, m and rad.
         covariance: ``(6, 6)`` covariance of ``[d; δ]``.
@@ -196,11 +187,7 @@ class PoseMoments(Record):
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class MomentsResult(Result):
-    """Mean and covariance of the exact error at one or several poses.
-
-    Attributes:
-        method: Method of computation; a closed form needs no samples.
-    """
+    """Mean and covariance of the exact error at one or several poses, computed by ``method``."""
 
     schema: ClassVar[str] = "precision-pin/moments/1"
     KEYS: ClassVar[Keys] = (
@@ -228,9 +215,6 @@ class MomentsResult(Result):
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
         The columns are ``mean`` and ``std``, each with ``_lower`` and ``_upper``. ``attrs`` gives the settings.
-
-        Raises:
-            InputError: pandas is not installed.
         """
         rows = [
             (
@@ -248,7 +232,7 @@ class MomentsResult(Result):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr`."""
         return f"poses {len(self.poses)}, {self.method}, {self.samples:,} samples, seed {self.provenance.seed}"
 
     def _title(self) -> str:
@@ -291,7 +275,7 @@ _Entry = tuple[float, tuple[float, float] | None] | None
 
 
 def entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
-    """Return mean and standard deviation of a quantity, by its row of the eight, each with its interval."""
+    """Return mean and standard deviation, each with its interval, of one of the eight quantities."""
     if row in NORMS:
         index = NORMS.index(row)
         pair: tuple[Measured | None, Measured | None] = (pose.norm_mean, pose.norm_std)
@@ -310,7 +294,7 @@ def cell(entry: _Entry) -> str:
     if np.isnan(value):
         return "-"
     half = 0.0 if interval is None else (interval[1] - interval[0]) / 2
-    # digits below a picometre are of no use
+    # digits below a picometre are meaningless
     return plus_minus(1e3 * value, 1e3 * half, decimals=9)
 
 
@@ -349,22 +333,19 @@ def moments(
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
-        samples: Number of samples at each pose: 32 replicates of a power of two from 32 to 2¹⁹. Memory does not depend
-            on it.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
+        samples: Number of samples at each pose: 32 replicates of a power of two from 32 to 2¹⁹.
         seed: 64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
         method: ``"control"``: random samples, with the tangent and the most important products as control variate.
             ``"sobol"``: scrambled Sobol points, with the inverse of every law. ``"sobol-control"``: both. ``"plain"``:
             random samples only. ``"closed"``: no samples, but Taylor terms up to the fourth order in the spread, see
             :mod:`precision_pin.analyses.moments.moments`.
-        confidence: Confidence of each interval by itself.
+        confidence: Confidence of each single interval.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: A wrong pose, seed, number of samples or confidence; errors too large to compute with; more random
-            numbers than a Sobol net has dimensions.
+        InputError: A wrong argument; errors too large to compute with; too many random numbers for a Sobol net.
         UnknownNameError: There is no such method.
     """
     chosen, known = check_request(
@@ -448,10 +429,7 @@ def _at_pose(
 
 @final
 class _Sampled:
-    """Means of products over every replicate, and the estimates from them.
-
-    The rows multiplied are: 1, the control t (6, with control only), g or y (6), the norms minus a constant (2).
-    """
+    """Mean products of the rows 1, control t (6, if any), g or y (6) and centred norms (2) of every replicate."""
 
     def __init__(self, at: PoseModel, centre: Array, method: Method, count: int, seed: int, step: Progress) -> None:
         self._at = at
@@ -511,7 +489,6 @@ class _Sampled:
         return marginals.is_resolved(contributions, replicate_variance)
 
     def _statistic(self, used: NDArray[np.bool_]) -> Array:
-        """Return all estimates from some of the replicates, in one row."""
         products = self._products[used]
         ones = products[:, 0]
         rest, norms = ones[:, -8:-2], ones[:, -2:]
@@ -596,14 +573,13 @@ class _Sampled:
 
 
 def _average_cross_products(means: Array) -> Array:
-    """Return the average of m_a m_bᵀ over a ≠ b, ``(k, k)``, for means ``(R, k)``: an unbiased estimate of E m (E m)ᵀ."""
+    """Return the average of m_a m_bᵀ over a ≠ b, ``(k, k)``, for ``(R, k)``: an unbiased estimate of E m (E m)ᵀ."""
     count = len(means)
     total = means.sum(axis=0)
     return np.asarray((np.outer(total, total) - means.T @ means) / (count * (count - 1)))
 
 
 def _gram(rows: Array) -> Array:
-    """Return the Gram matrix of the rows."""
     result = np.zeros((len(rows), len(rows)))
     for columns in thin(rows.shape[1], result.size):
         result += rows[:, columns] @ rows[:, columns].T

@@ -1,8 +1,8 @@
 """Control variate for the exact error: the tangent and the most important products of two numbers.
 
-The tangent alone misses products of numbers of mean zero, such as an amplitude and the sine of a phase. Mean and covariance
-of the polynomial are known for any coefficients. Second derivatives from differences are therefore accurate enough, and
-omitted products increase the variance but cause no bias.
+The tangent alone misses products of numbers of mean zero, such as an amplitude and the sine of a phase. Mean and
+covariance of the polynomial are known for any coefficients. Derivatives from differences are therefore accurate enough,
+and omitted products increase the variance but cause no bias.
 """
 
 from __future__ import annotations
@@ -36,11 +36,7 @@ class ErrorAround:
         self._mean = at.space.mean[:, None]
 
     def at(self, deviations: Array) -> Array:
-        """Return the errors ``(6, N)`` at deviations from the means ``(d, N)``.
-
-        Raises:
-            InputError: The error does not exist there.
-        """
+        """Return the errors ``(6, N)`` at deviations ``(d, N)`` from the means; InputError where they do not exist."""
         try:
             return sampler.errors_at(self._layout, "exact", self._mean + deviations)
         except InputError as error:
@@ -132,7 +128,7 @@ _THIN: Final = 2**18
 """Size of matrix products below which BLAS stays on one thread, which is faster for thin matrices."""
 
 _LEAST: Final = 1e-10
-"""Smallest share of a product kept in the variance of all products."""
+"""Smallest fraction of the variance of all products for which a product is kept."""
 
 _ROUNDING: Final = 1e-14
 

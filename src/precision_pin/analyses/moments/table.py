@@ -1,4 +1,4 @@
-"""Moments as text for a terminal."""
+"""Terminal table of the moments."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ def table(result: MomentsResult) -> str:
 
 
 def _answer(pose: PoseMoments) -> str:
-    """Return mean and standard deviation of both norms."""
     parts = []
     for row in NORMS:
         quantity, (mean, std) = QUANTITIES[row], map(cell, entries(pose, row))
@@ -35,7 +34,7 @@ def _answer(pose: PoseMoments) -> str:
 
 
 def moment_rows(pose: PoseMoments) -> list[list[str]]:
-    """Return for each quantity: symbol, unit, mean, bias, std, std of the first order and the ratio of both."""
+    """Return for each quantity: symbol, unit, mean, bias, std, first-order std and the ratio of both."""
     rows = []
     for row, quantity in enumerate(QUANTITIES):
         mean, std = entries(pose, row)

@@ -1,4 +1,4 @@
-"""The sampled distributions and, at the top of the report, specifications and verdicts."""
+"""Report sections of the sampled distributions and, at the top of the report, of specifications and verdicts."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def verdict(results: Results, missed: Sequence[str] = ()) -> Html:
 
 
 def describe_verdict(given: Sequence[SpecificationResult]) -> str:
-    """Return in a few words which of the specifications are met."""
+    """Return briefly which of the specifications are met."""
     if len(given) == 1:
         grounds = given[0].grounds
         why = f": {grounds.why}" if grounds.not_judged else ""
@@ -60,7 +60,7 @@ def describe_verdict(given: Sequence[SpecificationResult]) -> str:
 
 
 def specifications(results: Results) -> Html:
-    """Return each specification with the share inside and its interval; without one, how to give one."""
+    """Return each specification with the fraction inside and its interval; without one, how to give one."""
     given = results.analysis.summary.specifications
     if not given:
         return paragraph('No limit was given: --spec sets one, such as --spec "0.5 mm @ 99.73 %".', class_="note")

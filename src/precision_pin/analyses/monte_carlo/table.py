@@ -1,4 +1,4 @@
-"""The sampled pose error at one pose or several as text for a terminal."""
+"""Terminal table of the sampled pose error at one or several poses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
-"""Why there is nothing to judge."""
+"""Reason why there is nothing to judge."""
 
 _LARGE_ANGLE: Final = 0.1
 
@@ -35,7 +35,7 @@ _COLUMNS: Final = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
 
 def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str:
-    """Return the table of an analysis: error statistics in mm and mrad, the answer first and last.
+    """Return the table of an analysis: error statistics in mm and mrad, with the answer first and last.
 
     Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
     """
@@ -65,7 +65,7 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
 
 
 def _answer(analysis: MonteCarloResult) -> list[str]:
-    """Return the lines that end the table: each verdict, or the sizes that most robots keep."""
+    """Return the last lines of the table: each verdict, or the sizes that most robots keep."""
     given = analysis.summary.specifications
     if not given:
         return [f"95 % of robots within {_within(analysis, 0.95)}"]
@@ -101,7 +101,6 @@ def _whole(analysis: MonteCarloResult) -> list[str]:
 
 
 def _relative(analysis: MonteCarloResult, *, is_named: bool = True) -> list[str]:
-    """Return the line that names the other pose, if there is one."""
     other = analysis.relative_to
     if other is None:
         return []
@@ -110,7 +109,7 @@ def _relative(analysis: MonteCarloResult, *, is_named: bool = True) -> list[str]
 
 
 def _within(analysis: MonteCarloResult, level: float) -> str:
-    """Return |d| and |δ| within which a share of the robots stays, with units."""
+    """Return |d| and |δ| within which a fraction of the robots stays, with units."""
     norms = (analysis.position.norm, analysis.attitude.norm)
     return ", ".join(f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms)
 
@@ -123,10 +122,7 @@ def pose_text(
     *,
     is_named: bool = True,
 ) -> str:
-    """Return a pose's name and joint values, in degrees and mm, with the direction of each joint's last motion if known.
-
-    Without the joints' names if ``is_named`` is False.
-    """
+    """Return a pose's name and joint values, in degrees and mm, with the joints' last directions of motion if known."""
     values = joint_text(
         {visible(joint): value for joint, value in q.items()},
         [*map(visible, sliding_joints)],
@@ -143,7 +139,7 @@ def subject(provenance: Provenance, pose: PoseLabel) -> str:
 
 
 def answer_of(labels: Sequence[PoseLabel], sizes: Sequence[float], sentences: Sequence[str]) -> str:
-    """Return what is said of the pose with the largest size, with its name where there are several."""
+    """Return the sentence for the pose with the largest size, with its name if there are several."""
     worst = max(range(len(sizes)), key=sizes.__getitem__)
     if len(labels) == 1:
         return sentences[worst]
@@ -157,7 +153,6 @@ def _statistics(analysis: MonteCarloResult, columns: Sequence[str | float]) -> l
 
 
 def _rows(analysis: MonteCarloResult, head: list[str], cells: Callable[[Distribution], list[str]]) -> list[list[str]]:
-    """Return a heading and a row for each norm and component."""
     vectors = (analysis.position, analysis.attitude)
     parts = [part for vector in vectors for part in (vector.norm, vector.x, vector.y, vector.z)]
     return [["", "", *head], *([symbol(part.quantity), unit(part.quantity), *cells(part)] for part in parts)]
@@ -168,25 +163,25 @@ def _bounds(part: Distribution) -> list[str]:
 
 
 def statistic(distribution: Distribution, which: str | float) -> str:
-    """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad; ``-`` where not resolved."""
+    """Return a statistic (``mean``, ``std``, …, or a quantile's level) in mm or mrad; ``-`` where not resolved."""
     value = distribution.quantile(which) if isinstance(which, float) else getattr(distribution, which)
     interval = distribution.interval(which)
     if value is None or interval is None:
         return "-"
-    # where few robots have an error, the others have one of rounding
+    # where few robots have an error, that of the others is rounding
     if max(abs(distribution.min), abs(distribution.max)) < ROUNDING or max(map(abs, (value, *interval))) < ROUNDING:
         return "0"
     return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
 
 
 def tolerance_bounds(distribution: Distribution, content: float) -> str:
-    """Return the bounds of a share of all units in mm or mrad, rounded outwards; ``-`` where not resolved."""
+    """Return the bounds of a fraction of all units in mm or mrad, rounded outwards; ``-`` where not resolved."""
     bounds = distribution.tolerance_bounds(content)
     if bounds is None:
         return "-"
     if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
         return "0"
-    # to a hundredth of the spread, or five digits where there is none
+    # to a hundredth of the spread, or five digits if there is none
     size = distribution.std or abs(bounds[1]) / 1000 or 1.0
     place = Decimal(1).scaleb(Decimal(1e3 * size).adjusted() - 2)
     low, high = (
@@ -197,7 +192,6 @@ def tolerance_bounds(distribution: Distribution, content: float) -> str:
 
 
 def _pairs(group: Correlated) -> list[str]:
-    """Return a line for each pair of correlated parameters."""
     names = [visible(name) for name in group.parameters]
     return [
         f"correlation of {names[i]} and {names[j]}: {group.scores[i][j]:.4g} of the normal scores, "
@@ -215,14 +209,14 @@ def _bandwidths(analysis: MonteCarloResult) -> str:
 
 
 def demanded(specification: Specification | SpecificationResult) -> str:
-    """Return a specification in words, such as ``|d| within 0.5 mm for 95 %``; of a large angle in degrees too."""
+    """Return a specification as text, such as ``|d| within 0.5 mm for 95 %``; a large angle in degrees too."""
     of, limit = specification.quantity, specification.limit
     degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= _LARGE_ANGLE else ""
     return f"{absolute(of)} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
 
 
 def verdict_line(demand: str, result: SpecificationResult, samples: str) -> str:
-    """Return a demand with its verdict, and what the samples say, a text with ``{share}``, ``{low}`` and ``{high}``."""
+    """Return a demand with its verdict and the samples' result, a text with ``{share}``, ``{low}`` and ``{high}``."""
     line = f"{demand}: {result.said}"
     if result.verdict == "not judged":
         return line
@@ -240,7 +234,7 @@ def _verdict(result: SpecificationResult) -> str:
 
 
 def mcpc_table(mcpc: Mcpc) -> str:
-    """Return the MCPC parameters as the paper's Table 1 lays them out, in degrees and mm."""
+    """Return the MCPC parameters in the layout of the paper's Table 1, in degrees and mm."""
     rows = [["i", "joint", "offset °", "α °", "β °", "γ °", "x mm", "y mm", "z mm"]]
     for row in mcpc.table:
         gamma = "" if row.gamma is None else plain(math.degrees(row.gamma))
@@ -256,13 +250,13 @@ def _thousandfold(value: float) -> str:
 
 
 _MOST_ROWS: Final = 8
-"""Poses of which all are listed."""
+"""Number of poses up to which all are listed."""
 _WORST_ROWS: Final = 6
-"""Poses listed of more than that, the worst first."""
+"""Number of poses listed otherwise, worst first."""
 
 
 def poses_table(result: PosesResult, *, is_whole: bool = False) -> str:
-    """Return what a designer wants to read of several poses: the worst pose and the verdicts, then a row for each pose."""
+    """Return a designer's summary of several poses, worst pose and verdicts, then a row for each pose."""
     listed = list(range(result.poses))
     if result.poses > _MOST_ROWS and not is_whole:
         listed = result.worst_first[:_WORST_ROWS]
@@ -323,7 +317,7 @@ def _poses_verdict(result: PosesResult, specification: PosesSpecification, *, is
 
 
 def _pose_rows(result: PosesResult, listed: Sequence[int], has_intervals: bool) -> list[list[str]]:
-    """Return the heading and a row for each pose; the median's interval is left out, so that the row fits a terminal."""
+    """Return the heading and a row for each pose; the median's interval is left out to fit a terminal."""
     levels = range(len(LEVELS))
     rows, labels = [["pose", "median"]], pose_labels(result.names)
     for level in LEVELS[1:]:
@@ -343,7 +337,6 @@ def _pose_rows(result: PosesResult, listed: Sequence[int], has_intervals: bool) 
 
 
 def _pose_quantile(result: PosesResult, rank: int, pose: int) -> tuple[str, str]:
-    """Return a quantile of |d| in mm and its interval."""
     value, (low, high) = float(result.quantile[rank, 0, pose]), result.quantile_interval[rank, 0, :, pose].tolist()
     if np.isnan(value):
         return "-", "-"

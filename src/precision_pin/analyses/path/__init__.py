@@ -1,4 +1,4 @@
-"""Law of the largest error along a path, and bands about its whole error curve."""
+"""Law of the largest error along a path, and bands about the whole error curve."""
 
 import time
 from collections.abc import Callable
@@ -9,16 +9,16 @@ from precision_pin.analyses.declaration import SAMPLING, Asked, Declaration, Job
 from precision_pin.base.errors import InputError, UnitError
 
 SAMPLES: Final = 10_000
-# steps of progress, robots at poses, from which the number of robots is to be chosen by the user: about ten minutes
+# progress steps (robots at poses), about ten minutes, above which the user must choose the number of robots
 _LONG: Final = 2 * 10**9
-# seconds of sampling after which the time of the whole is known
+# seconds of sampling after which the total time can be predicted
 _LOOKED: Final = 3.0
 
 
 def prepare(asked: Asked) -> Job:
     """Return the law along the path of a command line."""
     poses, options = asked.read_pose_set(), asked.options
-    # late: these take as long to import as all before, and the reading of a large file is to be seen soon
+    # imported late: these take as long as all other imports, and reading a large file should start early
     from precision_pin.analyses.path.path_law import count_steps, path_law
     from precision_pin.model.error_model import ErrorModel
 
@@ -41,7 +41,7 @@ def prepare(asked: Asked) -> Job:
 
 
 def _refusing(progress: Callable[[int], None], poses: int) -> Callable[[int], None]:
-    """Return what takes the steps and, once it is known how long all of them take, refuses a run that nobody asked for."""
+    """Return a progress function that refuses a long run with a default number of robots once its time is known."""
     began, done = 0.0, 0
 
     def advance(count: int) -> None:

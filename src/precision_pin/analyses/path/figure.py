@@ -1,4 +1,4 @@
-"""The error along a path as a picture: the quantile at each pose, and the band that holds whole error curves."""
+"""Figure of the error along a path: the quantile at each pose, and the band that holds whole error curves."""
 
 from __future__ import annotations
 
@@ -115,21 +115,16 @@ def _section(result: PathResult) -> Html:
     )
 
 
-# largest lower end of the colours, of their upper end
+# largest lower end of the colour scale, as a fraction of its upper end
 _LEAST_SPAN: Final = 0.9
-# largest radius of the outer tube at first, in lengths of the arm
+# largest initial radius of the outer tube, in lengths of the arm
 _WIDEST: Final = 0.025
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PathLayer:
-    """A path and its band.
-
-    Attributes:
-        result: Law of the errors along the path.
-        scale: Colours of the quantile of |d| at each pose.
-    """
+    """Layer of a path and its band, with the colours of the quantile of |d| at each pose."""
 
     result: PathResult
     scale: ColourScale
@@ -138,7 +133,7 @@ class PathLayer:
     def of(cls, result: PathResult) -> PathLayer:
         """Return the layer of a path."""
         sizes = result.curve[0]
-        # the quantiles are sampled: a scale of less than their scatter would colour nothing else
+        # the quantiles are sampled: a narrower scale would only colour their scatter
         return cls(result, ColourScale.of(np.append(sizes, min(sizes.min(), _LEAST_SPAN * sizes.max()))))
 
     @property
@@ -147,15 +142,15 @@ class PathLayer:
         return "path"
 
     def draw(self, scene: Scene, length: float) -> None:
-        """Add the line of the nominal path; the scripts add the tubes, which the factor widens."""
+        """Add the line of the nominal path; the page's scripts add the tubes, which depend on the magnification."""
         del length
         points = self.result.poses.position
         scene.segments(("path", "line"), np.repeat(points, 2, axis=1)[:, 1:-1], (0.1, 0.1, 0.1, 1.0))
 
     def settings(self, length: float) -> dict[str, Any]:
-        """Return the points, m by x, y, z, the radii of both tubes, m, the colours' ends and the worst point.
+        """Return points (m), radii of both tubes (m), ends of the colour scale and the worst point.
 
-        ``times`` is how many times too large the radii are drawn at first: errors of whole robots would fill the picture.
+        ``times`` is the initial magnification of the radii: errors of whole robots would fill the picture.
         """
         result = self.result
         widest = float(result.band[0].max())
@@ -169,7 +164,7 @@ class PathLayer:
         }
 
     def legend(self) -> str:
-        """Return the section of the legend: the answer, the colours, and what the tubes are."""
+        """Return the section of the legend: the answer, the colours, and the meaning of the tubes."""
         result = self.result
         share = f"{100 * result.probability:.6g} %"
         largest = result.maximum_quantile(0, result.probability)
@@ -193,5 +188,4 @@ class PathLayer:
 
 
 def _rounded(values: Array) -> list[float]:
-    """Return numbers with the digits that a picture can show."""
     return [float(f"{value:.7g}") for value in values]

@@ -1,7 +1,7 @@
-"""Law of the largest error along a path, and bands for the error over it: the same robots at every pose.
+"""Law of the largest error along a path, and bands for the error over it, for the same robots at every pose.
 
-Every pose is a task. What it yields depends on the model, the seed and the pose alone, and poses are added in order; sums of
-floating-point numbers are not made. The result therefore has the same bits for any number of threads.
+Every pose is a task whose output depends only on the model, the seed and the pose. Poses are added in order, and no
+floating-point numbers are summed. The result is therefore bit-identical for any number of threads.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 
 LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
-"""Probabilities of the quantiles of the largest error, besides that of the bands."""
+"""Probabilities of the quantiles of the largest error, in addition to that of the bands."""
 
 _NORMS: Final = ("position", "attitude")
 
@@ -64,12 +64,7 @@ _NORMS: Final = ("position", "attitude")
 @final
 @dataclass(frozen=True)
 class MaximumQuantile:
-    """Quantile of the largest error along the path, m or rad.
-
-    Attributes:
-        probability: Share of the robots whose largest error is not larger.
-        value, interval: The quantile and its distribution-free interval; ``None`` where the robots are too few for one.
-    """
+    """Quantile of the largest error along the path, m or rad, and its interval; ``None`` for too few robots."""
 
     probability: float
     value: float | None
@@ -79,15 +74,13 @@ class MaximumQuantile:
 @final
 @dataclass(frozen=True)
 class Band(Record):
-    """Band below a curve that is to hold the whole error curve of a share of the robots.
+    """Band below a curve, meant to hold the whole error curve of a given fraction of the robots.
 
     Attributes:
-        factor, factor_interval: The band is the quantile at each pose times this factor, of the simultaneous band the
-            upper end of the interval. ``None`` where the quantile is zero at every pose; the band is then as high at
-            all of them.
-        coverage, coverage_interval: Share of the N robots other than those of the curve that stay below it at every
-            pose, and its Clopper-Pearson interval: the lower end is at least the probability that the simultaneous band
-            is made for.
+        factor, factor_interval: The band is the quantile at each pose times this factor; for the simultaneous band, the
+            upper end of the interval. ``None`` where the quantile is zero at every pose; the band then has one height.
+        coverage, coverage_interval: Fraction of N robots, other than those of the curve, that stay below the band at
+            every pose, and its Clopper-Pearson interval, which starts at or above the simultaneous band's probability.
     """
 
     factor: float | None
@@ -104,20 +97,19 @@ class PathResult(AnalysisResult):
     Attributes:
         joints, poses: Joints in chain order, and the points of the path.
         samples, model: Number of built robots, N; ``"exact"`` or ``"linear"``.
-        probability, confidence: Share of the robots that the bands are made for; confidence of every interval.
-        curve, curve_interval: Quantile of |d| and |δ| at each pose, ``(2, P)``, and its interval, ``(2, 2, P)``, lower
-            ends first.
-        largest: Largest |value| along the path of each of the eight quantities, from position.norm to attitude.z, of
-            each robot, ``(8, N)``.
-        share_of_maximum: Share of the robots with their largest |d| and |δ| at a pose, ``(2, P)``.
+        probability, confidence: Fraction of the robots that the bands hold; confidence of every interval.
+        curve, curve_interval: Quantile of |d| and |δ| at each pose, ``(2, P)``, and interval, ``(2, 2, P)``, lower ends
+            first.
+        largest: Largest |value| along the path of the eight quantities, position.norm to attitude.z, ``(8, N)``.
+        share_of_maximum: Fraction of the robots with their largest |d| and |δ| at a pose, ``(2, P)``.
         factor, factor_interval: Factor from the curve to the simultaneous band, ``(2,)``, and the interval of the
-            quantile that it is the upper end of, ``(2, 2)``, lower ends first; NaN where the curve is zero.
+            quantile whose upper end it is, ``(2, 2)``, lower ends first; NaN where the curve is zero.
         band: Height of the simultaneous band of |d| and |δ| at each pose, ``(2, P)``.
-        kept_band, kept_pointwise: How many of N fresh robots stay below the simultaneous band, and below the curve
-            itself, at every pose, ``(2,)``.
+        kept_band, kept_pointwise: Number of N fresh robots below the simultaneous band, and below the curve, at every
+            pose.
         varies: Whether each of the eight quantities differs from robot to robot at some pose, ``(8,)``.
-        specifications: Limits that are judged.
-        grounds: What keeps them from being judged, and what is taken as exact.
+        specifications: Limits to judge.
+        grounds: Why they cannot be judged, and what is taken as exact.
     """
 
     schema: ClassVar[str] = "precision-pin/path/1"
@@ -157,7 +149,7 @@ class PathResult(AnalysisResult):
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """Probabilities of the quantiles that are reported."""
+        """Probabilities of the reported quantiles."""
         return tuple(sorted({*LEVELS, self.probability}))
 
     def maximum_quantile(self, norm: int, probability: float) -> MaximumQuantile:
@@ -176,19 +168,19 @@ class PathResult(AnalysisResult):
         return self._band(factor, (low, high), int(self.kept_band[norm]))
 
     def pointwise(self, norm: int) -> Band:
-        """Return the band below the quantiles at each pose, with the share of fresh robots that stay below all of them."""
+        """Return the band of the quantiles at each pose, with the fraction of fresh robots below all of them."""
         return self._band(1.0, None, int(self.kept_pointwise[norm]))
 
     def _band(self, factor: float | None, interval: tuple[float, float] | None, kept: int) -> Band:
         return Band(factor, interval, kept / self.samples, clopper_pearson(kept, self.samples, self.confidence))
 
     def worst_pose(self, norm: int = 0) -> int:
-        """Return the number of the pose at which most robots have their largest |d| (``norm`` 0) or |δ| (1)."""
+        """Return the index of the pose at which most robots have their largest |d| (``norm`` 0) or |δ| (1)."""
         return int(self.share_of_maximum[norm].argmax())
 
     @cached_property
     def specification_results(self) -> tuple[SpecificationResult, ...]:
-        """Each specification: the share of robots that keep it at every pose."""
+        """The fraction of robots that keep each specification at every pose."""
         results = []
         for one in self.specifications:
             kept = int(np.count_nonzero(self.largest[one.row] <= one.limit))
@@ -242,7 +234,7 @@ class PathResult(AnalysisResult):
 
     @property
     def curves(self) -> list[dict[str, Any]]:
-        """What is known at each pose, as in the JSON."""
+        """Values at each pose, as in the JSON."""
         arrays = {"quantile": self.curve, "quantile_interval": self.curve_interval, "band": self.band}
         arrays["share_of_maximum"] = self.share_of_maximum
         errors = [
@@ -266,7 +258,7 @@ class PathResult(AnalysisResult):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr`."""
         within = milli(self.maximum_quantile(0, self.probability).value, 4)
         return (
             f"{len(self.poses):,} poses, {self.samples:,} robots, largest |d| within {within} mm for "
@@ -274,7 +266,6 @@ class PathResult(AnalysisResult):
         )
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: the law of the largest errors and the bands, mm and mrad."""
         rows = []
         for norm, name in enumerate(_NORMS):
             band = self.simultaneous(norm)
@@ -294,7 +285,7 @@ class PathResult(AnalysisResult):
 MOST_SAMPLES: Final = 10**9
 MOST_THREADS: Final = 1024
 
-# least height of the curve that the band is scaled from, m or rad: errors below it are rounding
+# smallest height of the curve that the band is scaled from, m or rad: errors below it are rounding
 _ROUNDING: Final = 1e-14
 _BYTES_OF_ROBOT: Final = 8 * (8 + 2 + 4)
 _BYTES_OF_TASK: Final = 8 * 2 * (6 + 6 + 8 + 4)
@@ -319,25 +310,23 @@ def path_law(
 ) -> PathResult:
     """Sample the law of a robot's largest error along a path, and bands for its error over the path.
 
-    Every built robot passes all poses. Its draws of unit scope are the same at each, those of pose and visit scope are made at
-    each pose, as in :func:`precision_pin.sample_poses`.
+    Every built robot passes all poses. Its draws of unit scope are the same at each; those of pose and visit scope are
+    redrawn at each pose, as in :func:`precision_pin.sample_poses`.
 
     Args:
         error_model: Chain, draws and sources.
         poses: The points of the path, two or more: a :class:`precision_pin.robot.pose_set.PoseSet`, such as that of a
-            trajectory, or poses as for :func:`precision_pin.sample_poses`. Only these points are looked at, nothing
-            between them.
+            trajectory, or poses as for :func:`precision_pin.sample_poses`. Nothing is evaluated between these points.
         samples: Number of built robots N. As many again set the factor of the simultaneous band.
         seed: 64-bit seed.
-        probability: Share of the robots that the bands are made for.
+        probability: Fraction of the robots that the bands hold.
         model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
-        specifications: Limits to judge, each kept by a robot only if it keeps it at all points: one or a list, each
-            from :func:`precision_pin.specification` or its text.
+        specifications: Limits to judge, one or a list, each from :func:`precision_pin.specification` or its text. A
+            robot keeps a limit only if it keeps it at all points.
         confidence: Confidence of every interval.
         findings: Warnings to include in the result, such as those of the sheet.
         threads: Number of threads, by default one for each core. It does not change the result.
-        progress: Function called with the number of samples, of all poses together, added since its last call; ``True``
-            shows a bar.
+        progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises:
         InputError: A wrong argument; fewer than two poses, one without joint values, or more than fit into memory; too
@@ -394,7 +383,7 @@ def path_law(
 
 
 def count_steps(poses: int, samples: int) -> int:
-    """Return the number of progress steps: a step a sample, those that set the factor of the band included."""
+    """Return the number of progress steps, one for each sample, including those for the factor of the band."""
     return 2 * poses * samples
 
 
@@ -409,7 +398,6 @@ def _check_samples(samples: int, probability: float, confidence: float) -> None:
 
 
 def _checked(error_model: ErrorModel, poses: PoseSet) -> PoseSet:
-    """Return the poses of a path; refuse what is none."""
     if len(poses) < 2:
         raise InputError("a path has two poses or more; the error at one pose is what monte_carlo samples")
     if not poses.known.all():
@@ -450,10 +438,9 @@ def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[SamplerArrays]
 
 @dataclass(frozen=True, eq=False)
 class _AtPose:
-    """What a pose yields.
+    """Observations at a pose.
 
     Attributes:
-        pose: Its number.
         sizes: |value| of the eight quantities of the first N robots, ``(8, N)``.
         curve, interval: Quantile of |d| and |δ| among them, ``(2,)``, and its interval, ``(2, 2)``, lower ends first.
         fresh, ratios: Norms of the other N robots, and these over the quantile, ``(2, N)``.
@@ -471,8 +458,6 @@ class _AtPose:
 
 @dataclass(frozen=True)
 class _Run:
-    """Settings of a run that are the same for all poses."""
-
     samples: int
     seed: int
     model: Literal["exact", "linear"]
@@ -480,7 +465,6 @@ class _Run:
     confidence: float
 
     def observe(self, layout: SamplerArrays, pose: int) -> _AtPose:
-        """Return what a pose yields."""
         try:
             errors = sampler.errors(layout, self.model, self.seed, 0, 2 * self.samples, pose=pose)
         except InputError as error:
@@ -520,7 +504,7 @@ class _Tally:
         self._varies = np.zeros(8, dtype=np.bool_)
 
     def add(self, found: _AtPose) -> None:
-        """Add a pose, in order: of equal errors the first pose counts."""
+        """Add the next pose; among equal errors the first pose counts."""
         norms = list(NORMS)
         np.copyto(self._where, found.pose, where=found.sizes[norms] > self._largest[norms])
         np.maximum(self._largest, found.sizes, out=self._largest)
@@ -530,13 +514,12 @@ class _Tally:
         self._varies |= found.varies
 
     def to_arrays(self) -> dict[str, Any]:
-        """Return the arrays of the result."""
         run, poses = self._run, self.curve.shape[1]
-        # a curve that is zero gives a band no shape: the band is then as high at every pose
+        # a curve of zeros gives the band no shape: it then has the same height at every pose
         shaped = (self.curve.max(axis=1) > _ROUNDING)[:, None]
         sizes = np.where(shaped, self._ratios, self._fresh)
-        # the curve is that of other robots: given the curve these sizes are independent, and the upper end of the interval
-        # of their quantile is above the share of all robots with the confidence (Wilks)
+        # the curve is from other robots: given the curve these sizes are independent, and the upper end of the interval
+        # of their quantile exceeds the required fraction of all robots with the stated confidence (Wilks)
         _, interval = quantile_of(sizes, run.probability, run.confidence)
         top, shaped = interval[1], shaped[:, 0]
         return {

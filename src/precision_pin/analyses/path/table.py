@@ -1,4 +1,4 @@
-"""The law of the largest error along a path as text for a terminal."""
+"""Terminal table of the largest error along a path."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from precision_pin.statistics import format_inside, format_share
 from precision_pin.statistics.digits import format_interval, round_end
 
 _QUANTITIES: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
-# poses of which all are listed
+# number of poses up to which all are listed
 _MOST_ROWS: Final = 12
-# poses listed of more than that: those with most of the largest |d|
+# number of poses listed otherwise: those with most of the largest |d|
 _WORST_ROWS: Final = 10
 _MOST_LETTERS: Final = 24
 
@@ -51,7 +51,7 @@ def path_table(result: PathResult) -> str:
 
 
 def headline(result: PathResult) -> str:
-    """Return in a sentence how far off robots are at most along the path."""
+    """Return the largest error of most robots along the path in a sentence."""
     share = result.probability
     sizes = (
         f"{symbol(one)} {_quantile(result, norm, share)[0]} {unit}" for norm, (one, unit) in enumerate(_QUANTITIES)
@@ -60,7 +60,7 @@ def headline(result: PathResult) -> str:
 
 
 def where_line(result: PathResult) -> str:
-    """Return in a sentence where most robots have their largest position error."""
+    """Return where most robots have their largest position error in a sentence."""
     where = _label(result, result.worst_pose(0))
     return f"most often at {where}: {100 * float(result.share_of_maximum[0].max()):.3g} % of robots have their largest |d| there"
 
@@ -76,7 +76,7 @@ def verdict_lines(result: PathResult) -> list[str]:
 
 
 def maximum_rows(result: PathResult) -> list[list[str]]:
-    """Return the quantiles of the largest errors, the headings first."""
+    """Return the quantiles of the largest errors, headings first."""
     headings = [cell for level in result.levels for cell in (f"{100 * level:.6g} %", "interval")]
     rows = [["largest", "", *headings]]
     for norm, (quantity, unit) in enumerate(_QUANTITIES):
@@ -92,7 +92,7 @@ def band_lines(result: PathResult) -> list[str]:
 
 
 def pose_rows(result: PathResult) -> list[list[str]]:
-    """Return the cells of the poses that are listed, the headings first."""
+    """Return the cells of the listed poses, headings first."""
     rows = [["pose", "|d| mm", "band", "largest here", "|δ| mrad", "band", "largest here"]]
     for pose in _listed(result):
         cells = [_label(result, pose)]
@@ -106,7 +106,6 @@ def pose_rows(result: PathResult) -> list[list[str]]:
 
 
 def _quantile(result: PathResult, norm: int, probability: float) -> tuple[str, str]:
-    """Return a quantile of the largest error and its interval, mm or mrad."""
     one = result.maximum_quantile(norm, probability)
     if one.value is None or one.interval is None:
         return "-", "-"
@@ -138,12 +137,12 @@ def _label(result: PathResult, pose: int) -> str:
 
 
 def _upwards(value: float, digits: int = 4) -> str:
-    """Return the height of a band; rounded up, so that what is printed holds as many robots."""
+    """Return the height of a band rounded up, so that the printed value holds as many robots."""
     return f"{round_end(value, digits, up=True):.{digits}g}"
 
 
 def _listed(result: PathResult) -> list[int]:
-    """Return the poses of the rows: all, or of many those where most robots have their largest |d|, in order."""
+    """Return the listed poses in order: all, or those where most robots have their largest |d|."""
     poses = range(len(result.poses))
     if len(poses) <= _MOST_ROWS:
         return list(poses)

@@ -24,10 +24,10 @@ ENOUGH_VARIATION: Final = 0.1
 """Largest coefficient of variation with which plain sampling decides alone."""
 
 LARGEST_UNKNOWN: Final = 0.1
-"""Largest share of the probability in strata without an estimate."""
+"""Largest fraction of the probability in strata without an estimate."""
 
 WIDENING: Final = 1.1
-"""Factor of the intervals of weighted and conditional samples, because their standard errors are estimates themselves."""
+"""Factor of intervals of weighted and conditional samples, whose standard errors are estimates themselves."""
 
 SAMPLING: Final = "sampling"
 _FEWEST_DIGITS: Final = 3
@@ -43,12 +43,10 @@ class Estimate(Record):
 
     Attributes:
         method: ``"sampling"``, ``"importance sampling"`` or ``"subset simulation"``.
-        probability: Probability of failure.
-        interval: Its interval at the stated confidence.
+        probability, interval: Probability of failure, and its interval at the stated confidence.
         variation: Coefficient of variation; infinite if no failure occurred.
         evaluations: Number of evaluations of the error model.
         resolved: True if the estimate is reliable; otherwise ``note`` gives the reason.
-        note: Remark, as text.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -72,7 +70,7 @@ class Verdict:
     Attributes:
         best: The estimate.
         resolved: True if it is resolved; otherwise it is plain sampling's, of which only the interval is meaningful.
-        reason: Reason why it is not resolved; empty if it is.
+        reason: Why it is not resolved; empty if it is.
         contradictions: Contradictions between estimates, one line each.
     """
 
@@ -92,10 +90,10 @@ def plain_estimate(failures: int, samples: int, confidence: float, method: str =
 
 
 def skewed_interval(mean: float, error: float, skewness: float, count: int, confidence: float) -> tuple[float, float]:
-    """Return the interval of a mean of skewed terms (Hall, *J. R. Statist. Soc. B* 54, 1992).
+    """Return the interval of a mean of skewed terms (Hall, *J. R. Statist. Soc. B* 54, 1992), widened by a tenth.
 
     The studentised mean is transformed by a cubic that removes its skewness. The interval is that of a normal variable,
-    transformed back. Without skewness it is that of the central limit theorem. It is widened by a tenth.
+    transformed back. Without skewness it is that of the central limit theorem.
     """
     score = float(special.ndtri((1 + confidence) / 2))
     low, high = (mean - WIDENING * error * float(studentised(z, skewness / math.sqrt(count))) for z in (score, -score))
@@ -103,10 +101,7 @@ def skewed_interval(mean: float, error: float, skewness: float, count: int, conf
 
 
 def log_normal_interval(values: Array, confidence: float) -> tuple[float, float]:
-    """Return the interval of the mean of approximately log-normal values (Cox's method with Student's t, Olsson, 2005).
-
-    It is widened by a tenth.
-    """
+    """Return the interval of a mean of log-normal values (Cox's method with Student's t, Olsson, 2005), times 1.1."""
     logs = np.log(values)
     count, square = values.size, float(logs.var(ddof=1))
     error = math.sqrt(square / count + square**2 / (2 * (count - 1)))
@@ -158,12 +153,12 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
     """Return the estimate to use.
 
     Plain sampling is used where its coefficient of variation is at most a tenth. Otherwise it is the first of the other
-    resolved estimates in the given order, not the one with the smallest stated error, because an estimate that is too low
-    also understates its error. None of them may contradict the others or the samples. Where the samples contain too few
-    failures for an estimate of their own, two of the others are required.
+    resolved estimates in the given order, not the one with the smallest stated error, because an estimate that is too
+    low also understates its error. None of them may contradict the others or the samples. Where the samples contain too
+    few failures for an estimate of their own, two of the others are required.
 
-    Each pair is compared at 99 %. Where plain sampling decides, a contradiction has no effect but is reported; there are up
-    to three pairs, and the 99 % apply to all of them together (Bonferroni).
+    Each pair is compared at 99 %. Where plain sampling decides, a contradiction has no effect but is reported; there
+    the 99 % apply to all pairs, up to three, together (Bonferroni).
     """
     plain, others = estimates[0], [estimate for estimate in estimates[1:] if estimate.resolved]
     pairs = [(one, other) for k, one in enumerate((plain, *others)) for other in others[k:]]
@@ -187,7 +182,7 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
 
 
 def remarks(verdict: Verdict, searched: Form) -> tuple[str, ...]:
-    """Return the differences between FORM and the best estimate, common because failure surfaces are curved."""
+    """Return how FORM differs from the best estimate, which is common because failure surfaces are curved."""
     best, span = verdict.best, searched.range
     if span is None:
         said = f"FORM's search from {searched.starts} starts led to no design point; {best.method} found failures"
@@ -209,7 +204,7 @@ def _describe_estimate(estimate: Estimate) -> str:
 
 
 def in_words(interval: tuple[float, float]) -> str:
-    """Return an interval as text with at least three digits; its ends are rounded outwards, so that it is not shortened."""
+    """Return an interval as text with at least three digits; its ends are rounded outwards."""
     low, high = interval
     return f"{rounded(low, interval, down=True)} to {rounded(high, interval)}"
 

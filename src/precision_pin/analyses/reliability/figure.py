@@ -1,4 +1,4 @@
-"""Reliability as a picture."""
+"""Figure of the reliability."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 In standard normal numbers u, the point of the failure surface nearest to the origin is the most likely failure. Its
 distance β is the reliability index, Φ(-β) is the probability beyond the tangent plane at this point, and the squared
-components of the unit vector towards it are the importance of each number (Hasofer and Lind 1974; Rackwitz and Fiessler
+components of the unit vector towards it are each number's importance (Hasofer and Lind 1974; Rackwitz and Fiessler
 1978).
 """
 
@@ -27,7 +27,7 @@ _STEP: Final = 1e-4
 _MOST_STEPS: Final = 40
 _MOST_BEYOND: Final = 12
 _LENGTHS: Final = np.array([4.0, 2.0, 1.0, 0.5, 0.25, 2.0**-3, 2.0**-4, 2.0**-6, 2.0**-8, 2.0**-11])
-# required share of the decrease that the slope of the merit predicts (Armijo)
+# required fraction of the decrease that the slope of the merit predicts (Armijo)
 _SUFFICIENT: Final = 0.1
 
 _TOLERANCE: Final = 1e-7
@@ -50,12 +50,12 @@ _BULGE_STARTS: Final = 8
 @final
 @dataclass(frozen=True, eq=False)
 class DesignPoint(Fixed):
-    """Point of the failure surface nearest to the origin among its neighbours.
+    """Point of the failure surface closest to the origin among its neighbours.
 
     Attributes:
         u: ``(d,)`` standard normal numbers.
         beta: Distance from the origin, negative if the origin itself fails.
-        importance: ``(d,)`` squared components of the unit vector towards the point, with the sum 1.
+        importance: ``(d,)`` squared components of the unit vector towards the point; their sum is 1.
         stratum: Number of the stratum of the normal numbers.
     """
 
@@ -66,7 +66,7 @@ class DesignPoint(Fixed):
 
     @property
     def probability(self) -> float:
-        """Probability Φ(-β)."""
+        """Φ(-β)."""
         return float(special.ndtr(-self.beta))
 
 
@@ -87,7 +87,7 @@ class Form:
 
     @property
     def probability(self) -> float | None:
-        """Probability Φ(-β) of the nearest point."""
+        """Φ(-β) of the nearest point."""
         return self.points[0].probability if self.points else None
 
     @property
@@ -103,9 +103,9 @@ class Form:
 def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jump] = ()) -> Form:
     """Return the distinct design points found by searches from ``starts``, each ``(d,)``.
 
-    Each step is that of Hasofer, Lind, Rackwitz and Fiessler. Its length minimises the merit |u|²/2 + c |g| among those that
-    lower it sufficiently (Zhang and Der Kiureghian, 1995). Gradients are central differences. Points found are then hidden by
-    bulges of the surface, and the search is repeated until it finds no new point.
+    Each step is that of Hasofer, Lind, Rackwitz and Fiessler. Its length minimises the merit |u|²/2 + c |g| among those
+    that lower it sufficiently (Zhang and Der Kiureghian, 1995). Gradients are central differences. Points found are
+    then hidden by bulges of the surface, and the search is repeated until it finds no new point.
     """
     if not size:
         return Form((), len(starts))
@@ -141,7 +141,7 @@ def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jum
 
 
 def towards_surface(margin: Margin, samples: Array, jumps: Sequence[Jump], steps: int) -> Array:
-    """Return points ``(d, M)`` of the failure surface, at most one for each sample ``(d, N)``, on its side of the origin.
+    """Return points ``(d, M)`` of the failure surface, at most one for each sample ``(d, N)``, on the same side.
 
     A few steps of the search remove the irrelevant directions; the point is then found along the ray from the origin.
     """
@@ -195,7 +195,7 @@ class _Search:
     scale: float
 
     def project_starts(self, starts: Array) -> Array:
-        """Return the starts, with numbers with jumps moved to the point of their piece nearest to the origin."""
+        """Return the starts, with numbers with jumps moved to the point of their piece closest to the origin."""
         out = starts.copy()
         for jump in self.jumps:
             out[jump.row] = jump.nearest(jump.pieces(starts))
@@ -255,7 +255,7 @@ class _Search:
     def _line_search(
         self, u: Array, value: Array, gradient: Array, direction: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the points of least merit among those with a sufficient decrease, and where there is such a point."""
+        """Return the points of least merit among those with a sufficient decrease, and where there is one."""
         size, count = u.shape
         norms = np.maximum(np.linalg.norm(u, axis=0), np.linalg.norm(u + direction, axis=0))
         square = (gradient**2).sum(axis=0)

@@ -31,7 +31,7 @@ FEWEST_EFFECTIVE: Final = 100
 """Smallest effective number of failures, (Σw)²/Σw², of a resolved estimate."""
 
 LARGEST_WEIGHT: Final = 0.05
-"""Largest share of one sample in a resolved estimate."""
+"""Largest fraction of one sample in a resolved estimate."""
 
 _PLAIN: Final = 0.1
 _STAYING: Final = 0.5
@@ -59,9 +59,7 @@ class _Proposal:
 
     Attributes:
         centres, widths: ``(d, C)`` means and standard deviations; 0 and 1 for numbers with jumps.
-        shares: ``(C,)`` shares of the centres; the remainder to 1 is the share of the law itself.
-        jumps: Numbers with jumps.
-        pieces: ``(len(jumps), C)`` piece of each such number for each centre.
+        shares, pieces: ``(C,)`` weights (the law has the rest), and ``(len(jumps), C)`` pieces of numbers with jumps.
     """
 
     centres: Array
@@ -80,7 +78,6 @@ class _Proposal:
         return cls(centres, wide, shares, jumps, pieces)
 
     def draw(self, generator: np.random.Generator, count: int) -> Array:
-        """Return samples ``(d, N)``."""
         plain = 1 - float(self.shares.sum())
         which = generator.choice(self.shares.size + 1, size=count, p=[*self.shares, plain])
         of_centre = which < self.shares.size
@@ -133,19 +130,18 @@ def importance_sampling(
 ) -> Estimate:
     """Return the probability of failure from samples of a mixture that covers the failure surface.
 
-    A tenth of the mixture is the law itself, which bounds the weights. The rest consists of unit normal laws about design
-    points, and about points of the surface found from known failures. A surface that curves around the origin, or has several
-    branches, is thereby covered in proportion to its failures. The estimate is unbiased for any centres.
+    A tenth of the mixture is the law itself, which bounds the weights. The rest consists of unit normal laws about
+    design points, and about points of the surface found from known failures. A surface that curves around the origin,
+    or has several branches, is thereby covered in proportion to its failures. The estimate is unbiased for any centres.
 
-    With r = φ/q the relative variance is (E[r | failure]/P - 1)/N, so that known failures reveal whether the mixture misses
-    any of them. Centres are added about such failures before sampling. A separate set of failures, used for nothing else,
-    gives a lower bound of the standard error. The share of these in regions with hardly any sample raises the upper end of
-    the interval.
+    With r = φ/q the relative variance is (E[r | failure]/P - 1)/N, so that known failures reveal whether the mixture
+    misses any of them. Centres are added about such failures before sampling. A separate set of failures, used for
+    nothing else, gives a lower bound of the standard error. Those in regions with hardly any sample raise the upper
+    end.
 
     Args:
         margin, size: Limit state, and number of its normal numbers.
         points: Design points, nearest first.
-        seed, samples, confidence: Seed and number of the samples; confidence of the interval.
         failures: Failures ``(d, F)``, with the conditional distribution of failures.
         expected: Probability of failure, as far as known.
         jumps: Numbers with jumps in their values.
@@ -193,7 +189,7 @@ def _clouds(near: Array, failures: Array) -> tuple[Array, Array]:
 def _mixture(
     points: Sequence[DesignPoint], near: Array, clouds: tuple[Array, Array], spread: Array, jumps: Sequence[Jump]
 ) -> _Proposal:
-    """Return the mixture about design points, weighted by probability, and about clouds and surface points, all equal."""
+    """Return the mixture about design points, weighted by probability, and about equally weighted clouds and points."""
     chances = np.array([point.probability for point in points[:_MOST_POINTS]])
     means, widths = clouds
     parts = [
@@ -276,7 +272,6 @@ class Subset(Fixed):
     """Result of subset simulation.
 
     Attributes:
-        estimate: Estimate of the probability.
         failures: ``(d, F)`` failures of all replicates in turn, with the conditional distribution of failures.
         counted: Number of failures among the samples of the first level, and number of these samples.
         highest: Largest probability of a replicate, or of the last level of a replicate without failure.
@@ -289,11 +284,11 @@ class Subset(Fixed):
 
 
 def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, confidence: float) -> Subset:
-    """Return the probability of failure as a product of conditional probabilities of 0.1 (Au and Beck, 2001), and failures.
+    """Return the probability of failure as a product of conditional probabilities of 0.1 (Au and Beck, 2001).
 
-    The samples of each level move by u ← 0.8 u + 0.6 z; a move out of the level is rejected (Papaioannou, Betz, Zwirglmaier
-    and Straub, 2015). Twelve independent replicates give the mean, its coefficient of variation and its interval. The
-    interval is that of a mean of log-normal values, because products of several estimates are skewed.
+    The samples of each level move by u ← 0.8 u + 0.6 z; a move out of the level is rejected (Papaioannou, Betz,
+    Zwirglmaier and Straub, 2015). Twelve independent replicates give the mean, its coefficient of variation and its
+    interval. The interval is that of a mean of log-normal values, because products of several estimates are skewed.
     """
     run = _Run(margin, np.random.Generator(np.random.Philox(seed)), samples)
     found, reached, levels = run.found(size)
@@ -316,8 +311,6 @@ def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, con
 
 
 class _Run:
-    """Simultaneous replicates, each with its own levels."""
-
     def __init__(self, margin: Margin, generator: np.random.Generator, samples: int) -> None:
         self.margin, self.generator, self.samples = margin, generator, samples
         self.evaluations = self.counted = 0
@@ -368,7 +361,6 @@ class _Run:
         return np.concatenate(states, axis=2)[:, :, : self.samples], np.concatenate(kept, axis=1)[:, : self.samples]
 
     def _margins(self, u: Array) -> Array:
-        """Return the margins ``(R, N)`` of samples ``(R, d, N)``."""
         replicates, size, count = u.shape
         self.evaluations += replicates * count
         flat = np.moveaxis(u, 1, 0).reshape(size, -1)

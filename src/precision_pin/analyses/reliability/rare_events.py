@@ -53,8 +53,6 @@ class RareEvents(Verdict):
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Result within a stratum."""
-
     stratum: Stratum
     form: Form
     estimates: tuple[Estimate, ...]
@@ -71,7 +69,6 @@ def rare_events(
     """Return the probability that a margin is below zero, by all methods.
 
     Args:
-        space: The draws.
         margin: Margin to failure, ``(N,)``, for component values ``(d, N)``.
         starts: Starting points of FORM, standard normal numbers ``(d,)``.
         plain: Estimate by plain sampling.
@@ -108,7 +105,6 @@ def _within(
     seeds: np.random.SeedSequence,
     confidence: float,
 ) -> _Part:
-    """Return importance sampling, subset simulation and design points within a stratum."""
     size = stratum.space.size
 
     def margin(normals: Array) -> Array:
@@ -141,11 +137,7 @@ def _all_fails(points: Array, starts: int = 0) -> Form:
 
 
 def _bound_estimates(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:
-    """Return both estimates within a stratum, or an upper bound where there is none.
-
-    The bound is that of the first level's counts, or, if smaller, ten times the largest probability of either method or any
-    replicate.
-    """
+    """Return both estimates in a stratum, or a bound from the first level's counts or ten times the largest found."""
     estimates = (shifted, subset.estimate)
     if stratum.probability == 1:
         return estimates
@@ -174,7 +166,7 @@ def _together(parts: Sequence[_Part], unknown: float) -> Form:
 
 
 def _of_stratum(point: DesignPoint, stratum: Stratum, number: int) -> DesignPoint:
-    """Return a design point with Φ(-β) multiplied by the stratum's probability; the added β² is assigned to the rare draws."""
+    """Return a design point with Φ(-β) times the stratum's probability; the rare draws get the added β²."""
     within = min(max(point.beta, -8.0), 38.0)
     beta = -float(special.ndtri_exp(special.log_ndtr(-within) + math.log(stratum.probability)))
     rare = stratum.rare_at(point.u)

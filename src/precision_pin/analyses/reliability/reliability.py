@@ -52,7 +52,7 @@ class LikelyFailure(Record):
         beta, probability: Reliability index and Φ(-β).
         parameters: Value of each component at the point, SI.
         error: ``(6,)`` exact error at the point, m and rad.
-        importance: Share of each draw (correlated draws together) in β², in descending order; the sum is 1.
+        importance: Fraction of β² of each draw (correlated draws together), in descending order.
     """
 
     KEYS: ClassVar[Keys] = ("beta", "probability", "parameters", "error=parts", "importance")
@@ -75,10 +75,8 @@ class SpecificationReliability(RareEvents, Record):
     """Reliability for one specification at one pose.
 
     Attributes:
-        specification: The specification.
         failures: The nearest design points in terms of the model's parameters.
-        varies: True if the quantity differs from robot to robot.
-        grounds: What keeps it from being judged, and what it takes as exact.
+        grounds: Why it cannot be judged, and what is taken as exact.
     """
 
     KEYS: ClassVar[Keys] = (
@@ -99,7 +97,7 @@ class SpecificationReliability(RareEvents, Record):
 
     @property
     def comments(self) -> tuple[str, ...]:
-        """Differences between the methods, one line each, beginning with the consequence for the verdict."""
+        """Differences between the methods, one line each, starting with the consequence for the verdict."""
         means = "the verdict is the same by every method"
         if len(self._verdicts()) > 1:
             means = "the verdict differs between the methods; the samples' interval, which is always valid, decides"
@@ -118,7 +116,7 @@ class SpecificationReliability(RareEvents, Record):
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict by the interval of the best estimate, as in :attr:`precision_pin.statistics.SpecificationResult.verdict`."""
+        """Verdict by the best estimate's interval, as :attr:`precision_pin.statistics.SpecificationResult.verdict`."""
         return "not judged" if self.grounds.not_judged else self._judge(self.best)
 
     @property
@@ -132,7 +130,6 @@ class SpecificationReliability(RareEvents, Record):
         return judge(holds=high <= allowed, fails=low > allowed, varies=self.varies)
 
     def _verdicts(self) -> set[Verdict]:
-        """Return the verdicts by the best and by every resolved estimate."""
         return {self._judge(estimate) for estimate in (self.best, *(one for one in self.estimates if one.resolved))}
 
     @property
@@ -142,7 +139,7 @@ class SpecificationReliability(RareEvents, Record):
 
     @property
     def cells(self) -> tuple[str, str, str, str]:
-        """Probability of failure, its interval, the method that it is by, and the verdict, as text."""
+        """Probability of failure, its interval, the method, and the verdict, as text."""
         probability = f"{self.best.probability:.3g}" if self.resolved else "not resolved"
         verdict = self.verdict if self.met else self.verdict.upper()
         return probability, in_words(self.best.interval), self.best.method, verdict
@@ -206,10 +203,10 @@ class ReliabilityResult(Result):
     def to_pandas(self, lines: Literal["specifications", "methods"] = "specifications") -> pandas.DataFrame:
         """Return the result as a data frame, m and rad: a row for each pose and specification, or method.
 
-        Specifications have the columns ``quantity``, ``limit``, ``required``; ``probability`` (of keeping the limit) and
-        ``failure`` (of exceeding it) with ``…_lower`` and ``…_upper``; ``met``, ``verdict``, ``resolved``, ``method``; and
-        ``form`` and ``beta`` of the nearest design point. Methods have ``failure``, ``variation``, ``evaluations`` and
-        ``resolved``. ``attrs`` gives the settings.
+        Specifications have the columns ``quantity``, ``limit``, ``required``; ``probability`` (of keeping the limit)
+        and ``failure`` (of exceeding it) with ``…_lower`` and ``…_upper``; ``met``, ``verdict``, ``resolved``,
+        ``method``; and ``form`` and ``beta`` of the nearest design point. Methods have ``failure``, ``variation``,
+        ``evaluations`` and ``resolved``. ``attrs`` gives the settings.
 
         Args:
             lines: Kind of rows: ``"specifications"`` or ``"methods"``.
@@ -232,7 +229,7 @@ class ReliabilityResult(Result):
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr` after the arm."""
         demands = [entry for pose in self.poses for entry in pose.specifications]
         return (
             f"{sum(entry.met for entry in demands)} of {len(demands)} specifications met, {self.samples:,} samples, "
@@ -258,7 +255,7 @@ class ReliabilityResult(Result):
 
 
 def _demand(specification: Specification, quantity: str) -> str:
-    """Return a specification as text, with this name of its quantity."""
+    """Return a specification as text, with the given name of its quantity."""
     milli = f"{1e3 * specification.limit:.10g} {unit(specification.quantity)}"
     return f"{quantity} {milli} @ {100 * specification.required:.10g} %"
 
@@ -289,7 +286,6 @@ def _method_columns(estimate: Estimate) -> dict[str, Any]:
 
 
 def _cells(entry: SpecificationReliability) -> list[str]:
-    """Return a row of the table in a notebook."""
     nearest = entry.form.points[0] if entry.form.points else None
     estimate, interval, method, verdict = entry.cells
     form = ("-", "-") if nearest is None else (f"{nearest.probability:.3g}", f"{nearest.beta:.4g}")
@@ -298,7 +294,7 @@ def _cells(entry: SpecificationReliability) -> list[str]:
 
 
 LISTED: Final = 3
-"""Number of design points that are listed in full."""
+"""Number of design points listed in full."""
 
 # directions to the 26 faces, edges and corners of a cube
 _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
@@ -328,15 +324,13 @@ def reliability(
         error_model: Chain, draws and sources.
         specifications: Limits of position, attitude or a component, one or a list, each from
             :func:`precision_pin.specification` or its text.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
         seed, samples, confidence: Seed and confidence of all methods; number of plain samples.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Function called with the number of plain samples added since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: No specification, a wrong pose, seed, number of samples or confidence, or errors too large to
-            compute with.
+        InputError: No specification, a wrong argument, or errors too large to compute with.
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
@@ -420,7 +414,6 @@ def _of_specification(
 def _describe_failure(
     at: PoseModel, layout: SamplerArrays, point: DesignPoint, strata: Sequence[Stratum]
 ) -> LikelyFailure:
-    """Return parameters, error and importance of each draw at a design point."""
     x = strata[point.stratum].values(point.u[:, None])
     groups = {draw.name: draw.name for draw in at.space.draws}
     for correlation in at.space.correlations:

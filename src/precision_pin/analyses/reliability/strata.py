@@ -1,8 +1,8 @@
 """Transformation of laws to normal numbers, and strata of the rare values of laws with jumps.
 
-A law that jumps with a small probability (one of two values, a row of a table, an outlier among measured samples) can hide
-a failure: no slope leads to it, and few samples reach it. Its rare values therefore become strata with known probabilities,
-and the failures are searched within each: P = Σ p_s P(failure | s).
+A law that jumps with a small probability (one of two values, a row of a table, an outlier among measured samples) can
+hide a failure: no slope leads to it, and few samples reach it. Its rare values therefore become strata with known
+probabilities, and the failures are searched within each: P = Σ p_s P(failure | s).
 """
 
 from __future__ import annotations
@@ -44,12 +44,7 @@ _LEAST_PROBABILITY: Final = 1e-16
 @final
 @dataclass(frozen=True, eq=False)
 class Jump(Fixed):
-    """Normal number whose value has jumps.
-
-    Attributes:
-        row: Row of the normal number.
-        edges: ``(k + 1,)`` values of Φ(u), ascending from 0 to 1; the number jumps at all except the outer ones.
-    """
+    """Normal number (``row``) whose value jumps at all inner ``edges``, ``(k + 1,)`` values of Φ(u) from 0 to 1."""
 
     row: int
     edges: Array
@@ -77,12 +72,9 @@ class Stratum(Fixed):
     """Stratum: some draws restricted to some of their values, in one or several combinations.
 
     Attributes:
-        space: The draws.
-        probability: Probability of the stratum.
-        cuts: For each restricted draw, the groups of intervals ``(k, 2)`` of its uniform number; the first is the usual
-            one.
+        cuts: For each restricted draw, groups of intervals ``(k, 2)`` of its uniform number, the usual one first.
         combinations: Combinations of the stratum: one group of each such draw.
-        shares: ``(combinations,)`` shares in the stratum, with the sum 1.
+        shares: ``(combinations,)`` fractions of the stratum.
     """
 
     space: Space
@@ -102,7 +94,7 @@ class Stratum(Fixed):
         return tuple(name for name, group in zip(self.cuts, self.combinations[which[0]], strict=True) if group)
 
     def values(self, normals: Array) -> Array:
-        """Return component values ``(d, N)`` of independent standard normal numbers ``(d, N)``; see :func:`from_normals`."""
+        """Return component values ``(d, N)`` for standard normal numbers ``(d, N)``; see :func:`from_normals`."""
         u = np.clip(np.asarray(normals, dtype=float), -FARTHEST, FARTHEST)
         x: Array = np.empty_like(u)
         scores = u.copy()
@@ -172,7 +164,6 @@ class Stratum(Fixed):
         return which, np.clip((at - (ends - self.shares)[which]) / self.shares[which], 0.0, 1.0)
 
     def _uniforms(self, u: Array) -> dict[str, Array]:
-        """Return the uniform numbers of the restricted draws."""
         which, through = self._select_combinations(u)
         found = {}
         for k, (name, cuts) in enumerate(self.cuts.items()):
@@ -194,7 +185,7 @@ class Stratum(Fixed):
 
     @cached_property
     def _mixing(self) -> tuple[tuple[str, list[int], Array], ...]:
-        """First name, rows and triangular root of each correlation, with restricted draws, or else those with jumps, first."""
+        """First name, rows and triangular root of each correlation, with restricted or else jumping draws first."""
         found = []
         laws = {draw.name: draw.law for draw in self.space.draws}
         for correlation in self.space.correlations:
@@ -218,27 +209,23 @@ class Strata:
 
 
 def from_normals(space: Space, normals: Array) -> Array:
-    """Return component values ``(d, N)``, distributed by their laws, for independent standard normal numbers ``(d, N)``.
+    """Return component values ``(d, N)``, distributed by their laws, for standard normal numbers ``(d, N)``.
 
-    A number is F⁻¹(Φ(u)), for correlated draws after mixing. The point of a disc lies in the direction of its two numbers at
-    r √(1 - exp(-|u|²/2)), because polar coordinates would be discontinuous at one angle. The angle of a circle is 4πΦ(u₁),
-    so that every angle is reached within 0.7 of the middle. Numbers beyond ±8.2 are clipped.
+    A number is F⁻¹(Φ(u)), for correlated draws after mixing. The point of a disc lies in the direction of its two
+    numbers at r √(1 - exp(-|u|²/2)), because polar coordinates would be discontinuous at one angle. The angle of a
+    circle is 4πΦ(u₁), so that every angle is reached within 0.7 of the middle. Numbers beyond ±8.2 are clipped.
     """
     return Stratum(space).values(normals)
 
 
 def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
-    """Return the strata of a space for a limit state.
+    """Return the strata of a space for a limit state ``margin``, ``(N,)`` for component values ``(d, N)``.
 
-    For a law of at most eight cells (values, or lines between quantiles), every cell with a probability below 0.01 is a group
-    of its own. For other laws, such as large tables, the cells are sorted by ascending margin; those up to a cumulative
-    probability of 0.01 form one group for each power of ten. The remaining cells are the usual group. Strata are combinations
-    of groups: first the usual groups of all draws, then combinations of similar probability together, at most 64 in a stratum
-    and 32 strata.
-
-    Args:
-        space: The draws.
-        margin: Margin to failure, ``(N,)``, for component values ``(d, N)``.
+    For a law of at most eight cells (values, or lines between quantiles), every cell with a probability below 0.01 is a
+    group of its own. For other laws, such as large tables, the cells are sorted by ascending margin; those up to a
+    cumulative probability of 0.01 form one group for each power of ten. The remaining cells are the usual group. Strata
+    are combinations of groups: first the usual groups of all draws, then combinations of similar probability together,
+    at most 64 in a stratum and 32 strata.
     """
     remainder = 0.0
     groups: dict[str, list[Array]] = {}
@@ -286,7 +273,6 @@ def _alike(combinations: Sequence[tuple[float, tuple[int, ...]]]) -> list[list[t
 
 
 def _within(cut: Array, uniforms: Array) -> Array:
-    """Return uniform numbers of (0, 1) mapped into a group of intervals."""
     lengths = cut[:, 1] - cut[:, 0]
     ends = np.cumsum(lengths)
     at = uniforms * ends[-1]
@@ -303,7 +289,7 @@ def _length(cut: Array) -> float:
 
 
 def _cells(law: Law) -> Array | None:
-    """Return the intervals ``(k, 2)`` of the uniform number on which a law is constant or linear; None for other laws."""
+    """Return the intervals ``(k, 2)`` of the uniform number on which a law is constant or linear; else None."""
     edges = law.cell_edges
     if edges is None:
         return None
@@ -363,7 +349,7 @@ def _groups(space: Space, draw: Draw, columns: slice, cells: Array, margin: Call
 def _severity(
     space: Space, draw: Draw, columns: slice, cells: Array, margin: Callable[[Array], Array]
 ) -> tuple[Array, bool]:
-    """Return the least margin in each cell for several values of the other numbers, and whether it depends on the cell."""
+    """Return the least margin in each cell over several values of the others, and whether it depends on the cell."""
     # just inside both ends, and the middle
     inside = np.array([1e-9, 0.5, 1 - 1e-9]) if draw.law.lines is not None else np.array([0.5])
     count = max(1, min(_PROBES, _MOST_PROBED // (inside.size * len(cells))))

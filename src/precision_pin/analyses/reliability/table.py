@@ -1,4 +1,4 @@
-"""Reliability as text for a terminal."""
+"""Terminal table of the reliability."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LISTED: Final = 6
 
 
 def table(result: ReliabilityResult) -> str:
-    """Return for every specification the verdict, each method's estimate, the design point, and differences between methods."""
+    """Return for every specification the verdict, the methods' estimates and differences, and the design point."""
     provenance = result.provenance
     blocks = []
     for entry in result.poses:

@@ -1,7 +1,7 @@
 """Supports of draws: bounded convex bodies about their means, and their support functions.
 
-The support function of a body K is h(w) = max w·x over x in K. The x that attains it, the support point, is the gradient of
-h (Rockafellar, Convex Analysis, 1970, corollary 23.5.3). Unbounded laws are cut at a stated number of standard deviations k.
+The support function of a body K is h(w) = max w·x over x in K. The maximiser x, the support point, is the gradient of h
+(Rockafellar, Convex Analysis, 1970, corollary 23.5.3). Unbounded laws are cut at k standard deviations.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import triangular_root
 from precision_pin.draws.space import Space
 
-# step of the central differences for the support point of a law given by its support function only
+# step of the central differences for the support point of a law given only by its support function
 _STEP: Final = 1e-7
 
 
@@ -41,7 +41,7 @@ class Body(ABC):
 
     @property
     def form(self) -> tuple[Array, tuple[Array, ...]] | None:
-        """Centre ``(m,)`` and matrices ``(m, p)`` with h(w) = w·centre + Σ |rootᵀ w|; None if the body has no such form."""
+        """Centre ``(m,)`` and roots ``(m, p)`` with h(w) = w·centre + Σ |rootᵀ w|; None if there is no such form."""
         return None
 
 
@@ -103,7 +103,7 @@ class _Points(Body):
 
 @dataclass(frozen=True, eq=False)
 class _Described(Body):
-    """Support of a law of several numbers that is given by its support function only."""
+    """Support of a law of several numbers, given only by its support function."""
 
     law: Law
 
@@ -124,15 +124,7 @@ class _Described(Body):
 @final
 @dataclass(frozen=True, eq=False)
 class Supports(Fixed):
-    """Supports of all draws of a space, as deviations from the means.
-
-    Attributes:
-        space: The draws.
-        names: Name of each body: its draw, or its correlated normal draws joined by commas.
-        columns: Components of each body.
-        bodies: Bodies of the possible deviations.
-        cut: Names of the draws with an unbounded law, which was cut.
-    """
+    """Supports of all draws as deviations from the means; correlated normal draws form one body."""
 
     space: Space
     names: tuple[str, ...]
@@ -145,9 +137,9 @@ class Supports(Fixed):
         """Return the supports, with unbounded laws cut at k standard deviations.
 
         A normal law is cut at mean ± kσ, a joint normal law at the ellipsoid (x - mean)ᵀ Σ⁻¹ (x - mean) = k². Any other
-        law of one number is cut at the quantiles of the same probabilities as those of a normal law at ± k standard
-        deviations. Correlated normal laws are treated as one joint normal law. Other correlated draws keep their own
-        supports: a copula with correlations between -1 and 1 excludes no combination.
+        law of one number is cut at the quantiles with the probabilities of a normal law at ± kσ. Correlated normal laws
+        are treated as one joint normal law. Other correlated draws keep their own supports: a copula with correlations
+        between -1 and 1 excludes no combination.
 
         Raises:
             InputError: k is not positive and finite, or a law of several numbers is unbounded and of unknown form.
@@ -246,8 +238,7 @@ class Farthest(Fixed):
 
     Attributes:
         direction: ``(3,)`` unit vector u to the farthest point found.
-        lower: Distance |z| of that point.
-        upper: Upper bound of all distances.
+        lower, upper: Distance |z| of that point, and upper bound of all distances.
         cells: Number of spherical triangles evaluated; 0 where a bound in closed form was sufficient.
     """
 
@@ -258,7 +249,7 @@ class Farthest(Fixed):
 
     @property
     def certified(self) -> bool:
-        """True if the two bounds agree to a relative difference of 1e-9."""
+        """Whether the bounds agree to a relative difference of 1e-9."""
         return self.upper <= self.lower * (1 + TOLERANCE)
 
 
@@ -273,12 +264,10 @@ def farthest(
 
     Args:
         heights: Support function: h(u) ``(N,)`` for directions u ``(N, 3)``.
-        touch: Function that returns points of the body ``(N, 3)``, each the farthest along one of the directions. It is
-            used for the local ascent only.
-        bound: Function that returns an upper bound of the largest |z|, given the direction of the best point found;
-            infinite where unknown. It is evaluated before the search, which is skipped if this bound is tight.
-        most_cells: Number of triangles at which the search ends; the upper bound is then the largest bound of the
-            remaining ones.
+        touch: Returns points of the body ``(N, 3)``, each the farthest along a direction; for the local ascent only.
+        bound: Returns an upper bound of the largest |z|, given the direction of the best point found; infinite where
+            unknown. The search is skipped if this bound is tight.
+        most_cells: Number of triangles at which the search ends, with the largest bound of the remaining ones.
     """
 
     def search(directions: Array) -> Array:
@@ -317,13 +306,9 @@ def farthest(
 def quadratic_bound(centre: Array, roots: list[Array], direction: Array) -> float:
     """Return an upper bound of max over |u| = 1 of u·centre + Σ |rootᵀ u|, tight for some bodies of high symmetry.
 
-    Each norm is at most |rootᵀ u|²/(2t) + t/2, with equality for the norm t; here t is the norm in ``direction``. The bound
-    is then the maximum of a quadratic function on the sphere. Its dual, min over λ of λ + ¼ cᵀ(λ - Q)⁻¹c, bounds this maximum
-    tightly (Sorensen, SIAM Journal on Numerical Analysis 19, 1982).
-
-    Args:
-        centre, roots: Centre ``(3,)`` and roots ``(3, p)`` of the body.
-        direction: Unit vector, ``(3,)``.
+    Each norm is at most |rootᵀ u|²/(2t) + t/2, with equality for the norm t; here t is the norm in ``direction``,
+    ``(3,)``. The bound is then the maximum of a quadratic function on the sphere. Its dual, min over λ of λ + ¼ cᵀ(λ -
+    Q)⁻¹c, bounds this maximum tightly (Sorensen, SIAM Journal on Numerical Analysis 19, 1982). Roots are ``(3, p)``.
     """
     quadratic, constant = np.zeros((3, 3)), 0.0
     scale = max((float(np.abs(root).max(initial=0.0)) for root in roots), default=0.0)
@@ -356,7 +341,7 @@ def quadratic_bound(centre: Array, roots: list[Array], direction: Array) -> floa
 def _ascend(touch: Callable[[Array], Array], directions: Array) -> Array:
     """Return the direction ``(3,)`` of the largest |z| reached by repeated steps to the farthest point along z/|z|.
 
-    |z| never decreases, because the farthest point along z/|z| is no nearer than z.
+    |z| never decreases, because the farthest point along z/|z| is at least as far as z.
     """
     best = 0.0
     place: Array = directions[0]
@@ -373,7 +358,7 @@ def _ascend(touch: Callable[[Array], Array], directions: Array) -> Array:
 
 
 def _sphere() -> Array:
-    """Return spherical triangles that cover the sphere, ``(320, 3, 3)``: those of an icosahedron, each in sixteen parts."""
+    """Return spherical triangles that cover the sphere, ``(320, 3, 3)``: an icosahedron's, each in sixteen parts."""
     golden = (1 + math.sqrt(5)) / 2
     corners = np.array([[0, a, b * golden] for a in (-1, 1) for b in (-1, 1)])
     corners = np.concatenate([np.roll(corners, k, axis=1) for k in range(3)]) / math.hypot(1, golden)
@@ -399,7 +384,7 @@ def _quarter(corners: Array, values: Array, heights: Callable[[Array], Array]) -
 
 
 def _plane_distance(corners: Array) -> Array:
-    """Return the distance from the origin of planes through three points of the unit sphere, from the triangles' sides."""
+    """Return the distance from the origin of planes through three points of the unit sphere, by triangle sides."""
     sides = corners - np.roll(corners, -1, axis=1)
     squares = (sides**2).sum(axis=2)
     area = (np.cross(sides[:, 0], sides[:, 1]) ** 2).sum(axis=1)

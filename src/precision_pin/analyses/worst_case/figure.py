@@ -1,4 +1,4 @@
-"""The worst case as a picture."""
+"""Figure of the worst case."""
 
 from __future__ import annotations
 
@@ -65,7 +65,6 @@ def _assumptions(result: WorstCaseResult, results: Results) -> list[str]:
 
 
 def _entries(bound: NormBound, results: Results, most: int) -> list[tuple[str, float]]:
-    """Return the error at the means, the largest causes, and the sum of the others."""
     values = {entry.draw: entry.value for entry in bound.contributions}
     entries = [entry for entry in sum_by_cause(results.causes, values) if abs(entry[1]) > ROUNDING]
     named, rest = entries[:most], entries[most:]
@@ -153,7 +152,7 @@ def draw(axes: Axes, result: WorstCaseResult, which: int, quantity: str) -> None
 
 
 def explain_excess(pose: PoseWorstCase) -> list[str]:
-    """Return why an error beyond a bound was found, where one was."""
+    """Return why an error beyond a bound was found, if one was."""
     lines = []
     for bound in (pose.position, pose.attitude):
         upper = bound.first_order.upper * (1 + 1e-9) + ROUNDING

@@ -1,4 +1,4 @@
-"""The worst case as text for a terminal."""
+"""Terminal table of the worst case."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from precision_pin.render.tables import ROUNDING, milli, symbol, unit
 from precision_pin.render.text_table import aligned
 
 LISTED: Final = 8
-"""Number of draws named, the largest contributions first; the rest is one line."""
+"""Number of draws listed by name, largest contributions first; the rest is one line."""
 
 
 def table(result: WorstCaseResult) -> str:
@@ -50,7 +50,6 @@ def table(result: WorstCaseResult) -> str:
 
 
 def _answer(pose: PoseWorstCase) -> str:
-    """Return the largest errors, first order, and those that the exact model was found to have."""
     of = (pose.position, pose.attitude)
     bounds = ", ".join(
         f"{symbol(one.quantity)} {bound_milli(one.first_order.upper, up=True)} {unit(one.quantity)}" for one in of
@@ -82,7 +81,7 @@ def _component_rows(pose: PoseWorstCase) -> list[list[str]]:
 
 
 def _contributions(bound: NormBound) -> list[str]:
-    """Return the contributions of the draws and their values; the heading says whether the bound is certified."""
+    """Return the contributions of the draws; the heading states whether the bound is certified."""
     found = bound.first_order
     if found.certified:
         width = 0.0 if found.upper == 0 else found.upper / found.lower - 1
@@ -124,7 +123,6 @@ def listed_contributions(bound: NormBound, nominal: str) -> list[tuple[str, floa
 
 
 def _values(bound: NormBound, name: str) -> str:
-    """Return the values of a draw's components in the worst case."""
     for entry in bound.contributions:
         if entry.draw == name:
             return f"at {entry.at}"

@@ -1,7 +1,6 @@
 """Worst case: the largest pose error if all draws take their worst values at once.
 
-The first-order model e = e0 + J (x - x̄) over the supports of the draws has a certified upper bound. A search of the exact
-model gives a lower bound. Reads the term table and the tangent only.
+The first-order model e0 + J (x - x̄) has a certified upper bound, a search of the exact model gives a lower bound.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ SEEN_LEVEL: Final = 0.9973
 """Probability of the sampled quantile that is shown with the bound."""
 
 BENT: Final = 1e-3
-"""Share of the bound by which the exact model may exceed it without a warning."""
+"""Relative excess of the exact model over the bound that causes no warning."""
 
 _ROUNDING: Final = 1e-14
 
@@ -81,8 +80,7 @@ class ExactMaximum(Record):
 
     Attributes:
         norm, error: |d| or |δ| (m, rad) and the whole error ``(6,)``.
-        parameters: Values of all components at this error, SI.
-        starts: Number of starting points of the search.
+        parameters, starts: Values of all components there, SI; number of starting points.
     """
 
     norm: float
@@ -100,11 +98,9 @@ class NormBound(Record):
         quantity: ``"position.norm"`` or ``"attitude.norm"``.
         first_order: Largest norm of the first-order model, and the direction of that error.
         nominal: Contribution of the error at the means, u·e0 along that direction u (m, rad).
-        contributions: Contribution of each draw, h(Jᵀu), in descending order; with ``nominal`` their sum is the worst
-            case.
+        contributions: Contribution of each draw, h(Jᵀu), largest first; with ``nominal`` they sum to the worst case.
         parameters: Values of the components at the worst case, SI.
-        exact_error: ``(6,)`` error of the exact model at these values.
-        exact_norm: Norm of this error.
+        exact_error, exact_norm: ``(6,)`` error of the exact model at these values, and its norm.
         found: Largest error of the exact model found by the search.
         seen: Distribution of the samples; its ``max`` is the largest sampled value.
     """
@@ -123,7 +119,7 @@ class NormBound(Record):
 
     @property
     def exceeded(self) -> bool:
-        """True if the exact model exceeds the first-order bound by more than a thousandth."""
+        """Whether the exact model exceeds the first-order bound by more than a thousandth."""
         return self.found.norm > self.first_order.upper * (1 + BENT) + _ROUNDING
 
     @property
@@ -162,7 +158,6 @@ class PoseWorstCase(Record):
     """Worst case at one pose.
 
     Attributes:
-        pose: Name and joint values of the pose.
         error_at_means: ``(6,)`` error at the means, e0.
         components: Bounds of the six components of the error.
         position, attitude: Worst cases of |d| and |δ|.
@@ -190,13 +185,7 @@ class PoseWorstCase(Record):
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class WorstCaseResult(Result):
-    """Worst case at one or several poses, with samples of the exact model for comparison.
-
-    Attributes:
-        k: Number of standard deviations at which unbounded laws are cut.
-        cut: Draws whose laws were cut.
-        draws: Number of draws.
-    """
+    """Worst case at one or several poses; ``cut`` are the draws whose laws were cut at ``k`` standard deviations."""
 
     schema: ClassVar[str] = "precision-pin/worst-case/1"
     KEYS: ClassVar[Keys] = (
@@ -219,7 +208,7 @@ class WorstCaseResult(Result):
         )
 
     def say_cut(self, names: str) -> str:
-        """Return where unbounded laws are cut, with these names of them."""
+        """Return where unbounded laws are cut, with the given names of them."""
         if not self.cut:
             return "every law is bounded"
         return f"unbounded laws are cut at k = {self.k:g} standard deviations, beyond which samples may lie: {names}"
@@ -227,16 +216,16 @@ class WorstCaseResult(Result):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
-        ``low`` and ``high`` are the bounds of the first-order model (a norm has no ``low``), and ``attained`` is the largest
-        norm that is proven to be reached. ``exact_there`` is the norm of the exact model at the same parameters,
-        ``exact_found`` the largest norm found by the search (norms only). ``seen_min`` and ``seen_max`` are the smallest and
-        largest sampled values. ``attrs`` gives the settings.
+        ``low`` and ``high`` are the bounds of the first-order model (a norm has no ``low``), and ``attained`` is the
+        largest norm that is proven to be reached. ``exact_there`` is the norm of the exact model at the same
+        parameters, ``exact_found`` the largest norm found by the search (norms only). ``seen_min`` and ``seen_max`` are
+        the smallest and largest sampled values. ``attrs`` gives the settings.
         """
         return self._frame("quantity", lambda pose: _rows(pose).items())
 
     @property
     def summary(self) -> str:
-        """What `repr` says of it."""
+        """Text of `repr` after the arm."""
         largest = max(pose.position.first_order.upper for pose in self.poses)
         return (
             f"poses {len(self.poses)}, draws {self.draws}, first-order |d| at most {1e3 * largest:.4g} mm, "
@@ -272,7 +261,6 @@ def bound_milli(value: float, *, up: bool, digits: int = 6) -> str:
 
 
 def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:
-    """Return the figures of every quantity, norms before their components."""
     rows = {
         bound.quantity: {
             "low": np.nan,
@@ -293,7 +281,7 @@ def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:
 
 
 MOST_KEPT: Final = 1_000_000
-"""Largest number of samples of which the largest error is a starting point of the search of the exact model."""
+"""Largest number of samples whose largest error is a starting point of the search of the exact model."""
 
 MOST_NUMBERS: Final = 10_000
 """Largest number of random numbers: the time of the search grows with their square."""
@@ -326,21 +314,19 @@ def worst_case(
 
     A component i lies within e0ᵢ ± h(± Jᵀeᵢ), with h the sum of the draws' support functions. The norm is at most the
     largest u·e0 + h(Jᵀu) over unit vectors u, found globally by branch and bound; see
-    :mod:`precision_pin.analyses.worst_case.convex_bodies`. Where the load of each robot decides on which side a play is taken
-    up, the bound is the largest over all sides, possible for one robot or not.
+    :mod:`precision_pin.analyses.worst_case.convex_bodies`. Where each robot's load decides the side of a backlash, the
+    bound is the largest over all combinations of sides, possible for one robot or not.
 
     Args:
         error_model: Chain, draws and sources.
-        pose, poses, q: A pose (a name, joint values, or None for the model's first) or a list of poses. The three
-            arguments are synonyms.
+        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
         seed, samples, confidence: Seed, number and confidence of the samples of the exact model for comparison.
         k: Number of standard deviations at which unbounded laws are cut.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises:
-        InputError: A wrong pose, seed, k or number of samples, an unbounded law that cannot be cut, or errors too large
-            to compute.
+        InputError: A wrong argument, an unbounded law that cannot be cut, or errors too large to compute with.
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
@@ -435,12 +421,7 @@ def _bound(
 
 
 def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthest:
-    """Return the largest norm of e0 + J (x - x̄) over the supports.
-
-    Args:
-        error, jacobian: e0 ``(3,)`` and J ``(3, d)``.
-        supports: Supports of the d components.
-    """
+    """Return the largest norm of e0 + J (x - x̄) over the supports, for e0 ``(3,)`` and J ``(3, d)``."""
 
     def heights(directions: Array) -> Array:
         return directions @ error + supports.heights(directions @ jacobian).sum(axis=0)
@@ -464,8 +445,8 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
 def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array) -> tuple[Array, float]:
     """Return the best point ``(d,)``, and |error| there, of local ascents of the exact model from ``(S, d)``.
 
-    Each step moves the draws to their support points along the gradient (Frank-Wolfe with a full step): all of them, or, if
-    that gives no increase, the one with the largest increase. Every point lies in the supports, of any form.
+    Each step moves the draws to their support points along the gradient (Frank-Wolfe with a full step): all of them,
+    or, if that gives no increase, the one with the largest increase. Every point lies in the supports, of any form.
     """
     places, sizes = starts.copy(), _sizes(layout, rows, starts)
     groups = supports.columns
@@ -513,7 +494,7 @@ def _toward(layout: SamplerArrays, supports: Supports, rows: slice, places: Arra
 
 
 def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
-    """Yield the numbers 0 … count - 1 of points with ``size`` components, in batches of limited memory."""
+    """Yield the indices of points with ``size`` components, in batches of limited memory."""
     at_once = max(_NUMBERS_AT_ONCE // max(size, 1), 1)
     for first in range(0, count, at_once):
         yield np.arange(first, min(first + at_once, count))
@@ -524,7 +505,6 @@ def _sizes(layout: SamplerArrays, rows: slice, places: Array) -> Array:
 
 
 def _written_values(space: Space, x: Array) -> list[str]:
-    """Return component values with their units; plain numbers where the unit is unknown."""
     quantities = [quantity for draw in space.draws for quantity in draw.known_quantities]
     return [
         f"{value:.4g}" if quantity is None else WrittenUnit.suiting(quantity, [value]).short(value)

@@ -42,18 +42,16 @@ def page(
     missed: Sequence[str] = (),
     full: bool = False,
 ) -> str:
-    """Return one self-contained HTML page about one pose or several: verdict, distributions, causes, bounds, 3-D view.
+    """Return one self-contained HTML page about one or several poses: verdict, distributions, causes, bounds, 3-D view.
 
-    Verdict, causes, what to change and assumptions are open; every other section is folded, and printed only if it is open.
-
-    It loads nothing from outside, runs no script but those of the 3-D view, which run in a sandboxed frame, and is the same
-    text for the same results.
+    Verdict, causes, changes and assumptions are open; every other section is folded, and printed only if it is open.
+    The page loads nothing, runs only the 3-D view's scripts in a sandboxed frame, and is reproducible.
 
     Args:
-        results: What it shows, of several poses the worst first.
-        chapters: What it has beside its poses, such as a map or a path of the same chain.
+        results: Results to show; of several poses the worst first.
+        chapters: Chapters beside the poses, such as a map or a path of the same chain.
         missed: Where else a specification is not met, such as ``on the map``.
-        full: Whether all sections are open at first, but for the 3-D view.
+        full: Open all sections initially, except the 3-D view.
     """
     poses = [results] if isinstance(results, Results) else list(results)
     worst = poses[0]
@@ -95,18 +93,17 @@ def page(
 
 
 def _details(results: Results) -> list[Html]:
-    """Return the sections of one pose."""
     return [distributions(results), *(_section(name, results) for name in results.found)]
 
 
 def _opened(sections: Sequence[Html]) -> list[Html]:
-    """Return sections with their folds open; small parts folded inside them, such as causes of no weight, stay so."""
+    """Return sections with their folds open; small parts folded inside them, such as minor causes, stay folded."""
     # text is escaped, so this is always a tag
     return [Html(one.text.replace('<details class="fold"', '<details class="fold" open=""')) for one in sections]
 
 
 def _other_pose(results: Results) -> Html:
-    """Return the sections of a pose that is not the worst, in one."""
+    """Return all sections of a pose that is not the worst as one section."""
     said = [f"Pose {name_pose(results)}"]
     if results.analysis.summary.specifications:
         said.append(describe_verdict(results.analysis.summary.specifications))
@@ -115,7 +112,6 @@ def _other_pose(results: Results) -> Html:
 
 
 def _section(name: str, results: Results) -> Html:
-    """Return an analysis's section."""
     declaration, result = declarations()[name], results.found[name]
     if isinstance(result, Missing):
         return section(f"{results.prefix}{name}", declaration.heading, left_out(declaration.title, result, results))

@@ -1,4 +1,4 @@
-"""Sections of the report that no analysis has: assumptions, 3-D view, MCPC parameters, random numbers, reproduction."""
+"""Sections of the report beside the analyses: assumptions, 3-D view, MCPC parameters, random numbers, reproduction."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from precision_pin.render.html import (
 )
 from precision_pin.render.tables import milli, plain, resting_on
 
-# an absolute path's folders; not the slash of a unit, of package:// or of a relative path
+# folders of an absolute path; not the slash of a unit, of package:// or of a relative path
 _FOLDERS: Final = re.compile(r"(?<![\w.:/)])(?:/[^/\s'\"]+)+/(?=[^/\s'\"])")
 
 
@@ -51,7 +51,7 @@ def describe_run(poses: Sequence[Results]) -> str:
 
 
 def without_folders(text: str, results: Results) -> str:
-    """Return a message with the files in it by name only."""
+    """Return a message with its files by name only."""
     for folder in results.folders:
         text = text.replace(f"{folder}/", "")
     return _FOLDERS.sub("", text)
@@ -116,7 +116,7 @@ def _warnings(poses: Sequence[Results]) -> Html:
     lines = [(line, results) for results in poses for line in results.analysis.warnings]
     for results in poses:
         for name, result in results.found.items():
-            # what a section says itself is not said twice
+            # what a section states itself is not repeated
             if not isinstance(result, Missing) and not declarations()[name].has_warnings_in_table:
                 lines += [(line, results) for line in result.warnings]
     shown = list(dict.fromkeys(without_folders(line, results) for line, results in lines))
@@ -127,7 +127,7 @@ def _warnings(poses: Sequence[Results]) -> Html:
 
 
 def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
-    """Return the 3-D view of all poses in a frame that may run its scripts and nothing else; it is not for paper."""
+    """Return the 3-D view of all poses in a frame that may only run its own scripts; it is not printed."""
     first = poses[0]
     analysis = first.analysis
     count = first.cloud.shape[1]
@@ -153,7 +153,7 @@ def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
 
 
 def _frame(inner: str, label: str) -> Html:
-    # in quotes only these two characters mean something; the page inside has done its own escaping
+    # in quotes only these two characters are special; the page inside has done its own escaping
     quoted = inner.replace("&", "&amp;").replace('"', "&quot;")
     return Html(f'<iframe sandbox="allow-scripts" title="{escaped(label)}" srcdoc="{quoted}"></iframe>')
 
@@ -162,7 +162,7 @@ _HEADER = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]
 
 
 def geometry(poses: Sequence[Results]) -> Html:
-    """Return the table of MCPC parameters, laid out as the paper's Table 1."""
+    """Return the table of MCPC parameters in the layout of the paper's Table 1."""
     results, heading = poses[0], "MCPC parameters"
     if isinstance(results.mcpc, Missing):
         return section("mcpc", heading, left_out(heading, results.mcpc, results))

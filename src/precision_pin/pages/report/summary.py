@@ -23,7 +23,7 @@ from precision_pin.statistics import Distribution, SpecificationResult, clopper_
 from precision_pin.statistics.digits import format_inside
 
 NOTABLE: Final = 0.1
-"""Share of the 95 % quantile from which on the error of the arm without any tolerance is said."""
+"""Fraction of the 95 % quantile from which the error without any tolerance is mentioned."""
 
 _LISTED: Final = 5
 _LEAST: Final = 0.01
@@ -46,7 +46,7 @@ def budget_of(results: Results) -> PoseBudget | None:
 
 
 def changes(results: Results) -> Html:
-    """Return a table of what each of the largest causes brings if its tolerance is halved.
+    """Return a table of the effect of halving the tolerance of each of the largest causes.
 
     The quantity is that of the first specification that is not met, of the first one where all are, or |d|.
     """
@@ -74,7 +74,7 @@ def changes(results: Results) -> Html:
 
 
 def _changed(results: Results, causes: list[CauseShare], constant: bool) -> Iterator[tuple[list[Child], Array]]:
-    """Yield the cells that name a change, and the errors ``(6, n)`` with it; all changes together are last."""
+    """Yield the cells that name a change, and the errors ``(6, n)`` with it; all changes together come last."""
     errors, mean = results.errors_with(_MOST), np.array(results.analysis.nominal)[:, None]
     now = errors([])
     yield ["as it is", ""], now
@@ -104,10 +104,10 @@ _MARKED: Final = (0.95, 0.9973)
 
 
 def summary(poses: Sequence[Results], answers: Sequence[str] = (), missed: Sequence[str] = ()) -> Html:
-    """Return the first section: the verdict, of several poses on the worst, a table of all, and what to change.
+    """Return the first section: the verdict, for several poses on the worst with a table of all, and what to change.
 
-    The worst pose comes first; ``answers`` are of what the page has beside its poses, ``missed`` says where else a limit is not
-    met.
+    The worst pose comes first. ``answers`` are those of the chapters beside the poses; ``missed`` states where else a
+    limit is not met.
     """
     worst = poses[0]
     words = element("div", verdict(worst, missed), _causes(worst), class_="words")
@@ -118,7 +118,7 @@ def summary(poses: Sequence[Results], answers: Sequence[str] = (), missed: Seque
     if answers:
         parts.append(items(answers, "answers"))
     if len(asked) != 1:
-        # the first sentence has all of a single one
+        # the first sentence contains everything if there is only one
         parts.append(specifications(worst))
     heading = "Verdict" if asked else "Result"
     if len(poses) > 1:
@@ -146,7 +146,7 @@ def picture(results: Results) -> Html:
 
 
 def causes_in_words(results: Results, budget: PoseBudget, vector: str, most: int) -> list[tuple[float, str]]:
-    """Return the largest causes as share and text."""
+    """Return the largest causes as fraction and text."""
     ranked = rank_causes(results.causes, budget, vector)
     return [(one.share, one.cause.text) for one in ranked[:most] if one.share is not None and one.share >= 5e-4]
 
@@ -168,12 +168,12 @@ def _draw(results: Results) -> Picture:
 
 
 def _is_apart(results: Results) -> bool:
-    """Return whether the errors of the picture are so far from zero that they are drawn from the error at the means."""
+    """Return whether the errors are so far from zero that they are drawn relative to the error at the means."""
     return bool(middle_of(results.cloud[:3]).any())
 
 
 def _about_mean(results: Results) -> tuple[float, tuple[float, float]] | None:
-    """Return within how much of the error at the means 95 % of the errors in the picture are, m, with its interval."""
+    """Return the distance from the error at the means that holds 95 % of the drawn errors, m, with its interval."""
     return quantile(np.linalg.norm(results.cloud[:3] - results.analysis.nominal[:3, None], axis=0), 0.95)
 
 
@@ -211,12 +211,12 @@ def _causes(results: Results) -> Html:
 
 
 def _resting(results: Results) -> list[Html]:
-    """Return how much of the spread comes from numbers that are marked as assumed."""
+    """Return how much of the spread comes from numbers marked as assumed."""
     assumed, sources = results.analysis.assumed, results.analysis.sources
     if not assumed:
         return []
     counted = f"{len(assumed):,} of {sources:,} sources are marked as assumed in the sheet."
-    # of a calibrated arm a number of an assumed source may be measured
+    # in a calibrated arm a number of an assumed source may be measured
     shares = {kind: position for kind, (position, _) in results.analysis.origins.items()}
     varies = any(shares.values())
     much = f"{_percent(shares.get('assumed', 0.0))} of the variance of d rests" if varies else "Rests"
@@ -224,7 +224,7 @@ def _resting(results: Results) -> list[Html]:
 
 
 def _always(results: Results) -> list[Html]:
-    """Return a line on the error at the means, where it is a large part of the error."""
+    """Return a line on the error at the means, if it is a large part of the error."""
     size = constant_part(results)
     text = f"{milli(size, 3)} mm is the error before anything varies, from mean values and loads."
     return [paragraph(text)] if size > 0 else []

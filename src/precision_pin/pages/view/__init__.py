@@ -1,8 +1,8 @@
-"""One self-contained HTML page: the arm, and its sampled errors in many guises, exaggerated together.
+"""View: one self-contained HTML page of the arm and its sampled errors, exaggerated together.
 
-The page needs no network, no server and no plug-in, and runs in a sandboxed frame: the scene is a list of MeshCat
-commands, which the bundled viewer (MeshCat and three.js) of the ``meshcat`` package replays in the reader's browser;
-scripts of the page's own add what shows errors, from numbers.
+The page needs no network, server or plug-in, and runs in a sandboxed frame. The scene is a list of MeshCat commands,
+which the bundled viewer (MeshCat and three.js) of the ``meshcat`` package replays in the browser; the page's own
+scripts add the errors from numbers.
 """
 
 from precision_pin.pages.view.page import page as page

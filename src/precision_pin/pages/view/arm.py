@@ -21,7 +21,7 @@ from precision_pin.robot.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
 GREY: Final[Colour] = (0.62, 0.65, 0.69, 1.0)
 PLAIN: Final[Colour] = (0.45, 0.55, 0.66, 1.0)
 JOINT: Final[Colour] = (0.87, 0.55, 0.20, 1.0)
-# sizes of plain cylinders, as shares of the arm's length
+# sizes of plain cylinders, as fractions of the arm's length
 _ROD_RADIUS: Final = 0.012
 _JOINT_RADIUS: Final = 0.022
 _JOINT_LENGTH: Final = 0.05
@@ -31,16 +31,10 @@ _SHORTEST_ROD: Final = 1e-3
 def draw_arm(
     scene: Scene | Triangles, posture: Posture, package_dirs: Sequence[Path] = ()
 ) -> tuple[tuple[Part, ...], tuple[str, ...]]:
-    """Put every link of the robot into the scene below ``arm``; return the parts, and notes on parts drawn differently.
+    """Add every link of the robot to the scene below ``arm``; return the parts, and notes on parts drawn differently.
 
-    A link whose mesh is missing or cannot be read, and a rigid piece of the chain that has no shape at all, is drawn
-    as plain cylinders along it.
-
-    Args:
-        scene: Receives the shapes.
-        posture: The arm, undisplaced.
-        package_dirs: Folders of the packages that ``package://`` mesh names start with, beside those found around the
-            URDF.
+    A link whose mesh is missing or unreadable, and a rigid piece of the chain without any shape, is drawn as plain
+    cylinders along it. ``package_dirs`` are further folders for ``package://`` mesh names.
     """
     return _Drawing(scene, posture, package_dirs).draw()
 
@@ -74,13 +68,12 @@ class _Drawing:
         return ("arm", name)
 
     def _rank(self, name: str) -> int | None:
-        """Return the rank of the link on the way that carries a link, None from the tip on."""
+        """Return the rank of the path link that carries a link; None from the tip on."""
         while self._chain.link_frames[name].path_rank is None:
             name = self._parents[name]
         return None if name == self._chain.tip else self._chain.link_frames[name].path_rank
 
     def _draw_link(self, path: tuple[str, ...], link: Link) -> bool:
-        """Draw a link's shapes, and return whether any is visible."""
         complete = True
         for number, shape in enumerate(link.visuals):
             try:

@@ -1,4 +1,4 @@
-"""A picture of the arm with the cloud of its sampled errors, for pages without scripts and for paper."""
+"""Picture of the arm with the cloud of its sampled errors, for pages without scripts and for paper."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from precision_pin.render.figure_style import new_figure, set_height, style
 from precision_pin.robot.chain import Posture
 
 WIDTH: Final = 100.0
-"""Of the picture, mm."""
+"""Width of the picture, mm."""
 
 _PIXELS: Final = 760
 _POINTS: Final = 700
 _ELEVATION: Final = math.radians(20)
 _AZIMUTHS: Final = 24
-# of the arm's extent in the picture: the cloud with the way to it, a limit at the most, what must be left of the cloud then
+# fractions of the arm's extent in the picture: the cloud with the line to it, a limit at most, and the least size left
+# for the cloud
 _CLOUD: Final = 0.27
 _LIMIT: Final = 0.36
 _SMALLEST: Final = 0.08
@@ -50,11 +51,9 @@ class Cloud:
 
     Attributes:
         errors: Sampled position errors ``(3, N)``, m, base axes.
-        within: What 95 % of them are within, of the error that is drawn at the tip, m, if that is resolved.
-        limit: A limit of their size, m, if one was given.
-        is_met: Whether it is kept.
-        middle: The error that is drawn at the tip, ``(3,)``, m, such as the mean. A limit has its circle about zero
-            error only.
+        within: Distance from ``middle`` that holds 95 % of them, m, if resolved.
+        limit, is_met: Limit of their size, m, if one was given, and whether it is kept.
+        middle: The error drawn at the tip, ``(3,)``, m, such as the mean. A limit has its circle about zero error only.
     """
 
     errors: Array
@@ -69,8 +68,8 @@ class Cloud:
 class Picture:
     """A picture and the facts for its caption.
 
-    ``factor``: by how much errors are drawn too large; ``points``: how many; ``shows_limit``: whether the limit has its circle
-    (one far larger than the cloud has not); ``notes``: what of the arm is drawn otherwise.
+    ``factor`` is the magnification of errors, ``points`` their number, ``shows_limit`` whether the limit has its circle
+    (one far larger than the cloud does not), ``notes`` which parts of the arm are drawn differently.
     """
 
     figure: Figure
@@ -93,7 +92,7 @@ class _Frame:
 
 
 def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = ()) -> Picture:
-    """Return the arm at a posture, undisplaced, with its cloud of errors about the tip, drawn too large, 100 mm wide."""
+    """Return the arm at a posture, undisplaced, with its magnified cloud of errors about the tip, 100 mm wide."""
     triangles = Triangles()
     _, notes = draw_arm(triangles, posture, package_dirs)
     corners, tip = triangles.corners, posture.pose[:3, 3]
@@ -144,7 +143,7 @@ def _choose_camera(posture: Posture, corners: Array) -> Camera:
 
 
 def _arm_frame(skeleton: Array, seen: Array) -> _Frame:
-    """Return the rectangle about all that is drawn, or about the chain where the rest of the robot is far larger."""
+    """Return the rectangle about everything drawn, or about the chain if the rest of the robot is far larger."""
     chain = _Frame(skeleton[:, :2].min(axis=0), skeleton[:, :2].max(axis=0))
     room = max(float(chain.size.max()), 1e-6)
     if not len(seen):
@@ -155,7 +154,7 @@ def _arm_frame(skeleton: Array, seen: Array) -> _Frame:
 
 
 def _choose_factor(cloud: Cloud, drawn: Array, extent: float) -> tuple[float, bool]:
-    """Return the factor for drawing errors, a round number, and whether the limit then fits."""
+    """Return a round magnification of errors, and whether the limit then fits."""
     points = np.vstack([drawn, np.zeros((1, 2))])
     span = float(np.ptp(np.quantile(points, [0.01, 0.99], axis=0), axis=0).max()) if len(drawn) > 1 else 0.0
     reach = max(span, float(np.linalg.norm(drawn.mean(axis=0))) if len(drawn) else 0.0)
@@ -172,7 +171,7 @@ def _choose_factor(cloud: Cloud, drawn: Array, extent: float) -> tuple[float, bo
 
 
 def _round(value: float) -> float:
-    """Return the nearest of the round numbers 1, 1.5, 2, … times a power of ten, at least 1."""
+    """Return the closest of the round numbers 1, 1.5, 2, … times a power of ten, at least 1."""
     if value <= 1:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
@@ -227,7 +226,6 @@ def _draw_circle(axes: Axes, radius: float, colour: str, dashes: object, label: 
 
 
 def _draw_scale(axes: Axes, frame: _Frame, factor: float) -> None:
-    """Draw how long an error is in the picture, at the lower right."""
     target = _BAR * float(frame.size[0]) / factor
     power = 10.0 ** math.floor(math.log10(target))
     length = max(digit * power for digit in (1, 2, 5) if digit * power <= target)
@@ -241,7 +239,6 @@ def _draw_scale(axes: Axes, frame: _Frame, factor: float) -> None:
 
 
 def _draw_base(axes: Axes, frame: _Frame, camera: Camera) -> None:
-    """Draw the directions of the base's axes, at the lower left."""
     length = _TRIAD * float(frame.size.max())
     directions = camera.axes[:2].T
     corner = frame.low + 0.035 * float(frame.size.max())

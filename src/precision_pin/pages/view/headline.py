@@ -1,4 +1,4 @@
-"""The page's answer: whether the limits are kept, or how large the errors are, each with its interval."""
+"""The page's answer: whether the limits are kept, or the size of the errors, each with its interval."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from precision_pin.statistics.digits import format_inside, format_interval, form
 from precision_pin.statistics.summary import NO_SPREAD
 
 CONFIDENCE: Final = 0.95
-"""Of every interval on the page."""
+"""Confidence of every interval on the page."""
 
 LEVELS: Final = (0.5, 0.95, 0.9973)
 """Quantiles marked on the colour bar."""
@@ -45,7 +45,7 @@ _WORDS: Final[dict[Verdict, str]] = {
 @final
 @dataclass(frozen=True)
 class Answer:
-    """The line with the answer, and its basis: plain text, not yet escaped; the verdict on a limit, empty for a size."""
+    """The answer, its basis, and the verdict on a limit (empty for a size), as plain text that is not yet escaped."""
 
     text: str
     detail: str
@@ -55,9 +55,9 @@ class Answer:
 def answers(
     errors: Array, specifications: Sequence[Specification], spread: Array, grounds: Grounds = NO_GROUNDS
 ) -> tuple[Answer, ...]:
-    """Return the verdict on each limit, how large the position errors are, and a part that is far larger than their spread.
+    """Return the verdict on each limit, the size of position errors, and a constant part that outweighs their spread.
 
-    ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``spread`` ``(6,)`` the standard deviations of the components to first order.
+    ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``spread`` ``(6,)`` are first-order standard deviations.
     """
     varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
     judged = (_judged(one, errors, varies, grounds) for one in specifications)
@@ -81,7 +81,7 @@ def quantile(values: Array, level: float) -> tuple[float, tuple[float, float]] |
 
 
 def limit_text(specification: Specification) -> str:
-    """Return a limit as the page writes it: ``|d| ≤ 0.5 mm for 99.73 %``."""
+    """Return a limit as written by the page: ``|d| ≤ 0.5 mm for 99.73 %``."""
     name = symbol(specification.quantity)
     written = name if name.startswith("|") else f"|{name}|"
     limit = f"{1e3 * specification.limit:.6g} {unit(specification.quantity)}"
@@ -89,7 +89,7 @@ def limit_text(specification: Specification) -> str:
 
 
 def as_html(found: Sequence[Answer]) -> str:
-    """Return the answer as HTML, as the page's script writes it too."""
+    """Return the answer as HTML, as the page's script also writes it."""
     return "\n".join(
         f"<p class='answer' data-verdict='{one.verdict}'>{escaped(one.text)}</p>\n<p class='fine'>{escaped(one.detail)}</p>"
         for one in found
@@ -138,7 +138,7 @@ def _constant(positions: Array) -> list[Answer]:
 
 
 def mean_size(positions: Array) -> str:
-    """Return the size of the mean of position errors ``(3, N)``, mm, with the digits that N samples support."""
+    """Return the length of the mean of position errors ``(3, N)``, mm, with the digits that N samples support."""
     size = 1e3 * float(np.linalg.norm(positions.mean(axis=1)))
     half = 2e3 * float(np.sqrt(positions.var(axis=1).sum() / positions.shape[1]))
     return format_inside(size, (size - half, size + half), most=3)

@@ -1,7 +1,7 @@
 """A page that follows its files: served on this machine alone, rebuilt and reloaded when one of them changes.
 
-The browser shows an outer document whose one frame holds the page, so the page keeps its own strict policy and needs
-no script for this. The outer document asks twice a second for the page's version, a digest, and loads the frame again
+The browser shows an outer document whose single frame holds the page, so that the page keeps its own strict policy and
+needs no script for this. The outer document asks twice a second for the page's version, a digest, and reloads the frame
 when it differs, with the sliders and the view as the reader left them.
 """
 
@@ -33,13 +33,13 @@ from precision_pin.render.html import escaped
 _HOST: Final = "127.0.0.1"
 _PORTS: Final = range(1024, 65536)
 _ALLOWED_PORTS: Final = f"give 0 for any free port, or one of {_PORTS[0]} to {_PORTS[-1]}"
-# s: between looks for Ctrl-C, between looks at the files, and until a silent connection is closed
+# s: between checks for Ctrl-C, between checks of the files, and until a silent connection is closed
 _TICK: Final = 0.1
 _LOOK: Final = 0.25
 _SILENCE: Final = 10.0
 # a file system may give two writes within this time the same stamp, ns
 _STAMP: Final = 2_000_000_000
-# these take the terminal and cannot draw the scene
+# these browsers take over the terminal and cannot draw the scene
 _TEXT_BROWSERS: Final = ("www-browser", "links", "elinks", "lynx", "w3m")
 
 
@@ -54,15 +54,14 @@ def serve(
 ) -> None:
     """Serve a page on 127.0.0.1 until Ctrl-C, and rebuild it whenever a watched file changes.
 
-    Only this machine can reach the page, but every user of it can. While the files are wrong, the browser shows what
-    is wrong with them, and the page again once they are right.
+    Only this machine can reach the page, but every user of it can. Errors in the files are shown instead of the page.
 
     Args:
         make_page: Returns the page, HTML. It is called in this thread, the first time before anything is served.
-        watched: Files whose contents matter; one that is replaced, removed or not yet there is followed too.
+        watched: Files whose contents matter, including ones that are replaced, removed or do not exist yet.
         port: 0 for any free one, or 1024 to 65535.
         open_browser: Open the reader's browser, if there is one that can show the page.
-        announce: Takes the lines for the reader: the address, what has changed, what is wrong.
+        announce: Receives the lines for the reader: the address, changes, errors.
         tick: Called several times a second; it may raise KeyboardInterrupt, which ends the serving as Ctrl-C does.
     """
     if isinstance(port, bool) or not isinstance(port, int) or not (port == 0 or port in _PORTS):
@@ -99,7 +98,6 @@ class _Content:
 
 
 def _made_anew(make_page: Callable[[], str], watched: Sequence[Path], announce: Callable[[str], None]) -> _Content:
-    """Return the page, or one with the error message."""
     try:
         content = _Content.of(make_page())
     except InputError as error:
@@ -122,7 +120,7 @@ def _open(address: str) -> None:
 
 
 class _Watch:
-    """Files, and their contents when the page was last made."""
+    """Files, and their contents when the page was last built."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._paths = tuple(paths)
@@ -131,12 +129,12 @@ class _Watch:
         self._next = 0.0
 
     def changed(self) -> bool:
-        """Return whether the page should be rebuilt; looks at the files four times a second at most."""
+        """Return whether the page should be rebuilt; checks the files at most four times a second."""
         if time.monotonic() < self._next:
             return False
         self._next = time.monotonic() + _LOOK
         before, self._latest = self._latest, self._look()
-        # twice the same: nobody is in the middle of writing
+        # unchanged twice: nobody is in the middle of writing
         if self._latest != before or self._latest == self._made_from:
             return False
         self._made_from = self._latest
@@ -146,7 +144,7 @@ class _Watch:
         return tuple(self._digest(path) for path in self._paths)
 
     def _digest(self, path: Path) -> bytes | None:
-        """Return the digest of a file's content, None if it cannot be read; large files are not read in vain."""
+        """Return the digest of a file, None if it cannot be read; an unchanged large file is not read again."""
         try:
             now = path.stat()
             if not S_ISREG(now.st_mode):
@@ -173,7 +171,7 @@ def _bound(port: int) -> _Server:
 
 
 class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
-    """One thread a connection; all of them end with the server."""
+    """Server with a thread for each connection; all of them end with the server."""
 
     allow_reuse_address = True  # of a server that has just ended
     request_queue_size = 64  # a page being made keeps requests waiting
@@ -198,7 +196,7 @@ class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
         super().shutdown_request(request)
 
     def server_close(self) -> None:
-        # browsers keep idle connections open, whose threads would be waited for
+        # browsers keep idle connections open, whose threads would block the shutdown
         for connection in tuple(self._connections):
             with suppress(OSError):
                 connection.shutdown(socket.SHUT_RDWR)
@@ -211,7 +209,7 @@ class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers for the outer document, the page and its version; refuses all else."""
+    """Serves the outer document, the page and its version; refuses everything else."""
 
     server: _Server
     timeout = _SILENCE
@@ -227,7 +225,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(with_body=False)
 
     def _answer(self, *, with_body: bool) -> None:
-        # a foreign name that was made to mean this machine (DNS rebinding) shows in Host
+        # a foreign name that resolves to this machine (DNS rebinding) shows in Host
         hosts = [host.lower() for host in self.headers.get_all("Host", [])]
         if hosts not in ([f"{_HOST}:{self.server.port}"], [f"localhost:{self.server.port}"]):
             self.send_error(HTTPStatus.FORBIDDEN, f"open {self.server.address}")

@@ -1,4 +1,4 @@
-"""The page: the scene, the controls beside it, and its caption, in one HTML text."""
+"""The page: the scene, the controls beside it, and its caption, as one HTML text."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ _SCRIPTS: Final = (
     "stage", "cloud", "path", "compensation", "calibration", "frames", "arms", "tolerances", "headline", "camera",
     "pointer", "controls",
 )  # fmt: skip
-# shares of the arm's length
+# fractions of the arm's length
 _FRAME_LENGTH: Final = 0.06
 _GRID_SPACING: Final = 0.125
 _GRID_HALF: Final = 8
-# the still picture: width and height, margin, most dots
+# the still picture: width and height, margin, largest number of dots
 _PICTURE: Final = (600, 500)
 _PICTURE_MARGIN: Final = 30
 _DOTS: Final = 400
@@ -67,26 +67,26 @@ def page(
     remarks: Sequence[str] = (),
     layers: Sequence[Layer] = (),
 ) -> str:
-    """Return a self-contained HTML page that shows the arm and its sampled errors; the same input gives the same text.
+    """Return a self-contained HTML page of the arm and its sampled errors; the same input gives the same text.
 
     The arm is drawn undisplaced; end-effector positions of the samples are drawn at the nominal tip plus a factor times
-    their error, or times their error less the mean, which the page begins with where at some pose the mean is far larger
-    than the spread (:func:`.scales.middle_of`). A slider changes the factor of everything that shows errors: sampled
-    end-effector frames are turned by ``Exp(factor·δ)``, by 90° at most; arms as built (units 0 to 2 of ``seed``) are the chain
-    multiplied out with every displacement ``[d; δ]`` times the factor. The largest contributors have a slider each, which
-    widens or narrows a tolerance, to first order. Both are left out where the errors are not those of that seed.
+    their error, or their error minus its mean, as initially if at some pose the mean is far larger than the spread
+    (:func:`.scales.middle_of`). A slider changes the factor of everything that shows errors: sampled end-effector
+    frames are turned by ``Exp(factor·δ)``, by 90° at most; arms as built (units 0 to 2 of ``seed``) are the chain
+    multiplied out with every displacement ``[d; δ]`` times the factor. The largest contributors have a slider each,
+    which widens or narrows a tolerance, to first order. Both are left out if the errors do not belong to that seed.
 
     Args:
         shown: The poses, all of one chain, and their errors; several get a slider.
         title: Heading.
-        seed, model_name: Where the errors come from.
-        factor: Exaggeration at first; chosen so that the cloud spans about a quarter of the picture's width if left out.
+        seed, model_name: Origin of the errors.
+        factor: Initial exaggeration; by default the cloud spans about a quarter of the picture's width.
         caption: Further rows of the caption, ``(name, text)``.
-        points: How many samples to draw at most at each pose: the first ones. All poses together draw 100,000 at most.
-        package_dirs: Folders of packages for ``package://`` mesh names, besides those found around the URDF.
-        specifications: Limits; the page says at its top whether they are kept, and draws those of the position.
-        remarks: What the answer rests on, for a line each below it.
-        layers: What is shown beside the arm and its errors, such as a map or a path of the same chain.
+        points: Largest number of samples drawn at each pose: the first ones. All poses together draw at most 100,000.
+        package_dirs: Folders of packages for ``package://`` mesh names, in addition to those found around the URDF.
+        specifications: Limits; the page states at its top whether they are kept, and draws those of the position.
+        remarks: Basis of the answer, one line each below it.
+        layers: Layers beside the arm and its errors, such as a map or a path of the same chain.
     """
     if factor is not None:
         scales.check_factor(factor)
@@ -195,11 +195,10 @@ def _picture(posture: Posture, positions: Array, factor: float, direction: Array
     """Return the arm as lines between its joints, and sampled positions about its tip, as an SVG element.
 
     Args:
-        posture: The arm.
-        positions: Position errors ``(3, N)``, m, from what is drawn at the tip.
-        factor: By how much they are drawn too large.
-        direction: From where it is seen.
-        label: What the picture shows, escaped.
+        positions: Position errors ``(3, N)``, m, relative to the point drawn at the tip.
+        factor: Their magnification.
+        direction: Viewing direction.
+        label: Description of the picture, escaped.
     """
     axes = scales.picture_axes(direction)
     arm = axes @ np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]]).T
@@ -224,16 +223,16 @@ def _picture(posture: Posture, positions: Array, factor: float, direction: Array
 
 
 def script_hashes() -> tuple[str, ...]:
-    """Return the sources ``'sha256-…'`` that a content security policy needs to let every script of a page run.
+    """Return the sources ``'sha256-…'`` that a content security policy needs to allow every script of a page.
 
-    A frame with ``srcdoc`` inherits the policy of the page around it, which has to allow them too.
+    A frame with ``srcdoc`` inherits the policy of the page around it, which must allow them too.
     """
     digests = (hashlib.sha256(code.encode("utf-8")).digest() for code in _scripts())
     return tuple(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
 
 
 def _checked(shown: Sequence[ViewPose]) -> list[ViewPose]:
-    """Return the poses with errors that are arrays of numbers, all with equally many sampled frames."""
+    """Return the poses with errors as arrays of numbers, all with equally many sampled frames."""
     if not 1 <= len(shown) <= scales.MOST_POSES:
         raise InputError(f"a page shows 1 to {scales.MOST_POSES} poses, got {len(shown)}")
     poses = []
@@ -261,7 +260,7 @@ def _draw_grid(scene: Scene, spacing: float) -> None:
 
 
 def _legend_of_arms(data: Sequence[PoseData]) -> dict[str, str]:
-    """Return the legend's words for the arms with errors, and the attribute that disables boxes without content."""
+    """Return the legend's texts for the arms with errors, and the attribute that disables boxes without content."""
     deflected = any(np.any(one.deflected) for one in data)
     how = "deflected by its mean loads" if deflected else "the same as without error"
     return {
@@ -274,7 +273,7 @@ def _legend_of_arms(data: Sequence[PoseData]) -> dict[str, str]:
 def _legend_of_limits(
     specifications: Sequence[Specification], data: Sequence[PoseData], varies: bool
 ) -> dict[str, str]:
-    """Return the lines of the limit and of the arms as built; with a limit to draw, it is among the first four."""
+    """Return the lines of the limit and of the arms as built; a drawn limit is among the first four."""
     ghosts = all(one.ghosts for one in data)
     none = "arms as built: none, the errors are not those of this seed"
     words = f"arms of {len(data[0].ghosts)} sampled robots, as built" if ghosts else none
@@ -287,12 +286,10 @@ def _legend_of_limits(
 
 
 def _line(name: str, mark: str, text: str, state: str) -> str:
-    """Return a line of the legend with its box."""
     return f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i><span>{text}</span></label></li>'
 
 
 def _limit(specification: Specification) -> dict[str, object]:
-    """Return a limit for the page's script; ``row`` counts the eight quantities."""
     return {
         "row": QUANTITIES.index(specification.quantity),
         "limit": specification.limit,
@@ -327,12 +324,11 @@ def _rows(
 
 
 def _about(positions: Array, is_about_mean: bool) -> str:
-    """Return from where errors are drawn, as the page's script writes it too."""
+    """Return the reference of the drawn errors, as the page's script also writes it."""
     return f"from the mean error, which is {mean_size(positions)} mm" if is_about_mean else "from zero error"
 
 
 def _element(name: str, texts: dict[str, str]) -> str:
-    """Return an element whose text changes with the pose."""
     return f"<span id='{name}'>{escaped(texts[name])}</span>"
 
 
@@ -374,5 +370,4 @@ def _scripts() -> tuple[str, str]:
 
 
 def _data(value: object) -> str:
-    """Return JSON escaped for a script element."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

@@ -30,14 +30,14 @@ MOST_GHOSTS: Final = 3
 """Number of arms as built."""
 
 SHARES: Final = (0.95, 0.9973)
-"""Which shares are drawn, the inner one first."""
+"""Fractions drawn as ellipsoids, the inner one first."""
 
 FEWEST: Final = 4
 """Fewest samples for an ellipsoid: three only span a plane."""
 
-# directions in which the samples spread by less than this share of the widest are rounding
+# relative spread of a direction, by the widest, below which it is rounding
 _FLAT: Final = 1e-9
-# half an axis that has no spread, as a share of the longest, so that the ellipsoid can still be drawn
+# half axis of a direction without spread, relative to the longest, so that the ellipsoid can still be drawn
 _THINNEST: Final = 1e-4
 
 
@@ -47,15 +47,11 @@ class ViewPose:
     """A pose and the errors sampled there.
 
     Attributes:
-        pose_model: The model at the pose.
-        errors: Its errors ``(6, N)``, ``[d; δ]`` in base axes, m and rad; those of units 0 to N - 1 where they were
-            sampled.
+        errors: Its errors ``(6, N)``, ``[d; δ]`` in base axes, m and rad; those of units 0 to N - 1 if sampled.
         name: The pose's name, for the caption; ``None`` for a pose without one.
-        pose: Number of the pose that the draws of pose scope were made for, as in
-            :meth:`precision_pin.draws.space.Space.sample`.
-        words: What each draw is, as :attr:`precision_pin.model.error_model.ErrorModel.draw_words`; their names if left
-            out.
-        grounds: What keeps limits from being judged there, and what is taken as exact.
+        pose: Number of the pose for draws of pose scope, as in :meth:`precision_pin.draws.space.Space.sample`.
+        words: Description of each draw, as :attr:`precision_pin.model.error_model.ErrorModel.draw_words`.
+        grounds: Why limits cannot be judged there, and what is taken as exact.
     """
 
     pose_model: PoseModel
@@ -69,11 +65,7 @@ class ViewPose:
 @final
 @dataclass(frozen=True, eq=False)
 class PageData:
-    """Data that all poses of a page share.
-
-    ``points`` is how many samples to draw at most at a pose, ``count`` how many poses there are, ``groups`` the tolerances that
-    can be changed.
-    """
+    """Data of all poses of a page; ``points``: most samples drawn at a pose, ``count``: number of poses."""
 
     seed: int
     parts: Sequence[Part]
@@ -96,14 +88,14 @@ class PoseData:
         rank = f"({number} of {page.count})" if page.count > 1 else ""
         self._title = " ".join(filter(None, (shown.name, rank)))
         self.ellipsoids = ellipsoids(self._errors[:3])
-        # of the errors given, where they are those of the seed
+        # relative to the given errors, if they belong to the seed
         self._model = self._model_of(page.seed)
         self.ghosts = self._as_built(page.seed)
         self.deflected = self._displacements(self._at.space.mean[:, None])[:, :, 0]
 
     @property
     def answers(self) -> tuple[Answer, ...]:
-        """The verdict, and how large the errors are."""
+        """The verdict, and the size of the errors."""
         return answers(self._errors, self._page.specifications, _spread(self._at), self._shown.grounds)
 
     @property
@@ -124,7 +116,7 @@ class PoseData:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The pose as the page's script reads it; matrices are 16 numbers by columns, many numbers base64 of float32."""
+        """The pose as the page's script reads it; matrices are 16 numbers by columns, long arrays base64 of float32."""
         posture, errors = self._at.posture, self._errors
         return {
             "links": [columns(pose) for pose in posture.link_poses],
@@ -143,7 +135,7 @@ class PoseData:
             "before": [part.targets_before(self._at.table.targets) for part in self._page.parts],
             "ghosts": [_packed(displacements) for displacements in self.ghosts],
             "deflected": _packed(self.deflected),
-            # the script puts them in as text, never as markup
+            # the script inserts them as text, never as markup
             "texts": {name: html.unescape(escaped(text)) for name, text in self.texts.items()},
         }
 
@@ -159,7 +151,7 @@ class PoseData:
         return self._at.space.sample(seed, 0, count, pose=self._shown.pose)
 
     def _model_of(self, seed: int) -> str | None:
-        """Return which model has these errors with this seed, None if neither has."""
+        """Return the model that gives these errors with this seed, None if neither does."""
         count = min(MOST_GHOSTS, self._errors.shape[1])
         x = self._sample(seed, count)
         for model, errors_of in (("exact", self._at.exact), ("linear", self._at.linear)):
@@ -202,20 +194,16 @@ def limits_kept(shown: Sequence[ViewPose], specifications: Sequence[Specificatio
 
 
 def _spread(at: PoseModel) -> Array:
-    """Return the ``(6,)`` standard deviations to first order."""
     return np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
 
 
 def limits_attitude(specifications: Sequence[Specification]) -> bool:
-    """Return whether a limit is one of the attitude."""
+    """Return whether any limit is of the attitude."""
     return any(one.quantity.startswith("attitude") for one in specifications)
 
 
 def mcpc_frames(posture: Posture) -> list[dict[str, Any]]:
-    """Return the MCPC frames 0 to n + 1 (Wei, Jia and Chen, 2015, Fig 4): chain link, and pose in its axes.
-
-    Frame i is on link i, after the joint turned; frame n + 1 is the tip's.
-    """
+    """Return chain link and pose in it of the MCPC frames 0 to n + 1, the tip (Wei, Jia and Chen, 2015, Fig 4)."""
     frames = mcpc.from_chain(posture.chain).frame_in_link
     standing = [*enumerate(frames), (len(frames) - 1, posture.chain.placements[-1])]
     return [{"link": link, "frame": columns(frame)} for link, frame in standing]
@@ -240,12 +228,11 @@ def _joints(posture: Posture) -> str:
 @final
 @dataclass(frozen=True, eq=False)
 class Ellipsoid:
-    """An ellipsoid of position errors.
+    """An ellipsoid of position errors, with the fraction of the samples inside.
 
     Attributes:
-        share: What it holds of a normal law with the samples' mean and covariance.
-        matrix: Takes the unit ball to it, ``(4, 4)``, m, base axes, from the nominal tip.
-        inside: Share of the samples that lie in it.
+        share: Probability inside it of a normal law with the samples' mean and covariance.
+        matrix: Maps the unit ball to it, ``(4, 4)``, m, base axes, from the nominal tip.
     """
 
     share: float
@@ -254,14 +241,11 @@ class Ellipsoid:
 
 
 def ellipsoids(positions: ArrayLike) -> tuple[Ellipsoid, ...]:
-    """Return an ellipsoid for each of `SHARES`; none for fewer than four samples, or samples without spread.
+    """Return an ellipsoid for each of `SHARES`, for position errors ``(3, N)``, m.
 
     The squared distance ``(d - mean)ᵀ C⁻¹ (d - mean)`` of a normal law with covariance C in three directions is
-    chi-square with 3 degrees of freedom; the ellipsoid ends at its quantile. Where the samples spread in two directions
-    or one only, there are so many degrees of freedom, and the ellipsoid is flat.
-
-    Args:
-        positions: Position errors ``(3, N)``, m.
+    chi-square with 3 degrees of freedom; the ellipsoid ends at its quantile. Samples that spread in only one or two
+    directions have as many degrees of freedom and a flat ellipsoid. None for fewer than four samples, or no spread.
     """
     values = np.asarray(positions, dtype=float)
     count = values.shape[1]
@@ -287,7 +271,7 @@ def ellipsoids(positions: ArrayLike) -> tuple[Ellipsoid, ...]:
 
 
 def ellipsoid_reach(share: float, freedom: int) -> float:
-    """Return half an axis in standard deviations: the root of the quantile of the chi-square law, 1 to 3 degrees."""
+    """Return half an axis in standard deviations: the root of a chi-square quantile, 1 to 3 degrees of freedom."""
     # imported late, it costs 0.1 s; a chi-square variable is twice a gamma variable of half its degrees of freedom
     from scipy.special import gammaincinv
 

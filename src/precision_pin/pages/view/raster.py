@@ -16,10 +16,10 @@ from precision_pin.render.scene import Colour
 _OVERSAMPLING: Final = 2
 _BATCH: Final = 2_000_000
 _FLATTEST: Final = 1e-6
-# towards the light in the camera's axes: right, up, towards the viewer
+# direction of the light in the camera's axes: right, up, towards the viewer
 _LIGHT: Final = np.array([-0.45, 0.65, 0.62])
 _AMBIENT: Final = 0.42
-# colours are kept off black and white, so that the arm stands out from dark and from light paper
+# colours are kept away from black and white, so that the arm stands out on dark and light backgrounds
 _DARKEST: Final = 0.16
 _LIGHTEST: Final = 0.88
 _EDGE: Final = 0.55
@@ -36,7 +36,7 @@ _FACES: Final = np.array(
 
 @final
 class Triangles:
-    """Collects the triangles of all shapes in the axes of the root, as :class:`precision_pin.render.scene.Scene` takes shapes."""
+    """Collects the triangles of all shapes in the root's axes, as :class:`precision_pin.render.scene.Scene` does."""
 
     def __init__(self) -> None:
         self._poses: dict[tuple[str, ...], Array] = {}
@@ -54,7 +54,7 @@ class Triangles:
         return np.concatenate([np.zeros((0, 3)), *self._colours])
 
     def place(self, path: Sequence[str], pose: ArrayLike) -> None:
-        """Put a node at a pose ``(4, 4)`` relative to the one above it."""
+        """Place a node at a pose ``(4, 4)`` relative to its parent."""
         self._poses[tuple(path)] = np.asarray(pose, dtype=float)
 
     def box(self, path: Sequence[str], size: Sequence[float], colour: Colour, pose: ArrayLike) -> None:
@@ -99,7 +99,7 @@ class Triangles:
 
 
 def _turned(profile: Array) -> tuple[Array, Array]:
-    """Return corners and triangles of a profile ``(R, 2)`` of radius and height, turned about z."""
+    """Return corners and triangles of a profile ``(R, 2)`` of radius and height, revolved about z."""
     angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
     rings = [np.stack([r * np.cos(angles), r * np.sin(angles), np.full(_SIDES, z)], axis=1) for r, z in profile]
     here = np.arange(_SIDES)
@@ -115,11 +115,7 @@ def _turned(profile: Array) -> tuple[Array, Array]:
 @final
 @dataclass(frozen=True)
 class Camera:
-    """A direction of view for parallel projection, the third of the base's axes upwards.
-
-    Attributes:
-        azimuth, elevation: Direction of view, rad.
-    """
+    """Viewing direction (azimuth and elevation, rad) of a parallel projection with the base's z axis up."""
 
     azimuth: float
     elevation: float
@@ -143,10 +139,10 @@ def draw_triangles(
     """Return an image with transparent background, ``(rows, columns, 4)``; the same bytes for the same triangles.
 
     Args:
-        corners: Of the triangles in the camera's axes, ``(F, 3, 3)``, m.
+        corners: Triangles in the camera's axes, ``(F, 3, 3)``, m.
         colours: Red, green, blue from 0 to 1, ``(F, 3)``.
         low: Lower left corner of the image, ``(2,)``, m.
-        size: Of a pixel, m.
+        size: Size of a pixel, m.
         shape: Rows and columns.
     """
     rows, columns = (_OVERSAMPLING * count for count in shape)
@@ -167,18 +163,18 @@ def draw_triangles(
 
 
 def _shade(corners: Array, colours: Array) -> Array:
-    """Return the colours of the triangles under one light; which way round their corners go does not matter."""
+    """Return the colours of the triangles under one light, for either orientation of their corners."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     normals *= np.where(normals[:, 2:] < 0, -1.0, 1.0)
     light = _LIGHT / np.linalg.norm(_LIGHT)
     bright = _AMBIENT + (1 - _AMBIENT) * np.maximum(normals @ light, 0.0)
-    # in half-way steps, which the eye does not see and the file does not have to hold
+    # in coarse steps, which are invisible and keep the file small
     return np.clip(np.rint(64 * (_DARKEST + (_LIGHTEST - _DARKEST) * colours * bright[:, None])) / 64, 0, 1)
 
 
 def _nearest(points: Array, rows: int, columns: int) -> tuple[NDArray[np.int64], Array]:
-    """Return the triangle that is nearest to the viewer at each pixel (-1: none), and its depth; rows from below."""
+    """Return the triangle closest to the viewer at each pixel (-1: none), and its depth; rows from below."""
     which = np.full(rows * columns, -1, dtype=np.int64)
     depth = np.full(rows * columns, -np.inf)
     edges = points[:, 1:] - points[:, :1]
@@ -186,21 +182,21 @@ def _nearest(points: Array, rows: int, columns: int) -> tuple[NDArray[np.int64],
     first, count = _centres(points[:, :, 1].min(axis=1), points[:, :, 1].max(axis=1), rows)
     chosen = np.flatnonzero((count > 0) & (np.abs(area) > _FLATTEST))
     boxes = count[chosen] * (np.ptp(points[chosen, :, 0], axis=1) + 1)
-    # as many triangles at a time as memory has room for
+    # limited by memory
     for batch in np.split(chosen, np.flatnonzero(np.diff(np.cumsum(boxes) // _BATCH)) + 1):
         _draw_batch(points, area, batch, first[batch], count[batch], (rows, columns), which, depth)
     return which.reshape(rows, columns), depth.reshape(rows, columns)
 
 
 def _centres(low: Array, high: Array, most: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first pixel whose centre lies between two places, and how many there are."""
+    """Return the first pixel whose centre lies between two coordinates, and the number of such pixels."""
     first = np.clip(np.ceil(low - 0.5), 0, most).astype(np.int64)
     last = np.clip(np.floor(high - 0.5), -1, most - 1).astype(np.int64)
     return first, np.maximum(last - first + 1, 0)
 
 
 def _spread(first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return for every number of the ranges that begin at ``first`` the range it belongs to, and the number."""
+    """Return the range and the number of every number in the ranges that begin at ``first``."""
     of = np.repeat(np.arange(len(count)), count)
     starts = np.cumsum(count) - count
     return of, first[of] + np.arange(len(of)) - starts[of]
@@ -216,7 +212,7 @@ def _draw_batch(
     which: NDArray[np.int64],
     depth: Array,
 ) -> None:
-    """Draw some triangles row by row, and note where they are nearest so far."""
+    """Draw some triangles row by row, and record where they are closest so far."""
     columns = shape[1]
     of, row = _spread(first, count)
     triangle = batch[of]
@@ -239,14 +235,14 @@ def _draw_batch(
     at = row[line] * columns + x
     nearer = z > depth[at]
     at, z, triangle = at[nearer], z[nearer], triangle[nearer]
-    # of those at one pixel the last one written stays: the nearest
+    # the last one written at a pixel remains: the closest
     order = np.argsort(z, kind="stable")
     depth[at[order]] = z[order]
     which[at[order]] = triangle[order]
 
 
 def _edges(which: NDArray[np.int64], depth: Array, step: float) -> NDArray[np.bool_]:
-    """Return where a surface ends before another one that lies farther behind, or before nothing."""
+    """Return where a surface ends before another one farther behind, or before nothing."""
     found = np.zeros(which.shape, dtype=bool)
     with np.errstate(invalid="ignore"):  # nothing less nothing
         for axis in (0, 1):

@@ -1,4 +1,4 @@
-"""Scales of the drawing: the arm's size, the exaggeration, and the colours of error sizes."""
+"""Scales of the drawing: the arm's size, the exaggeration, and the viewing direction."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ DEFAULT_POINTS: Final = 20_000
 """Default number of samples in the cloud."""
 
 MOST_POINTS: Final = 100_000
-"""The most it can show, all poses together: larger pages open slowly."""
+"""Largest number that all poses together can show: larger pages open slowly."""
 
 MOST_POSES: Final = 200
-"""The most poses of one page."""
+"""Largest number of poses of one page."""
 
 FAR: Final = 3.0
-"""A mean error so many times as large as the spread is far from zero error."""
+"""Ratio of mean error to spread above which the mean is far from zero error."""
 
-# share of the picture's width that the drawn cloud is to span, and the least that the arm and the way to the cloud may
+# fraction of the picture's width that the drawn cloud should span, and the least that the arm and the line to the cloud
+# may
 _WANTED: Final = 0.27
 _LEAST_ARM: Final = 0.45
-# standard deviations that the cloud spans, to be seen
+# standard deviations that the visible cloud spans
 _SPAN: Final = 5.0
-# of the picture, width by height, and the share of it that the drawn fills
+# the picture's width by height, and the fraction of it that is filled
 _ASPECT: Final = 1.2
 _FILLED: Final = 0.9
-# from the side of the arm toward its front, degrees, the usual one first; and how far from above
+# from the side of the arm toward its front, degrees, the usual one first; and the angle from above
 _TURNS: Final = (20, 35, 50, 130, 145, 160)
 _RAISED: Final = 0.42
 _CLEARLY: Final = 0.8
@@ -43,17 +44,14 @@ _MOST: Final = 1e9
 
 
 def arm_length(posture: Posture) -> float:
-    """Return the length (m) of the way from base over all joints to the tip; 1 m for an arm that has none."""
+    """Return the length (m) of the line from base over all joints to the tip; 1 m for an arm without length."""
     points = _joints(posture)
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     return length if length > 1e-9 else 1.0
 
 
 def view_direction(posture: Posture, positions: ArrayLike | None = None) -> Array:
-    """Return the viewing direction, base axes: across the plane of the arm, a little from its front and from above.
-
-    Where there are position errors ``(3, N)``, it is turned so that their cloud is seen from a wide side.
-    """
+    """Return the viewing direction across the arm's plane, turned to a wide side of the errors ``(3, N)`` if given."""
     points = _joints(posture)
     spread = points[:, :2] - points[0, :2]
     farthest = spread[np.argmax(np.linalg.norm(spread, axis=1))]
@@ -72,26 +70,26 @@ def view_direction(posture: Posture, positions: ArrayLike | None = None) -> Arra
         return math.sqrt(max(float(right @ covariance @ right), 0.0))
 
     widths = [seen_width(direction) for direction in directions]
-    # the usual one, unless another shows clearly more
+    # the usual direction, unless another shows clearly more
     return directions[0 if widths[0] >= _CLEARLY * max(widths) else int(np.argmax(widths))]
 
 
 def middle_of(positions: ArrayLike) -> Array:
-    """Return the position error ``(3,)`` that is to be drawn at the tip: zero, or the mean of errors far from zero.
+    """Return the position error ``(3,)`` drawn at the tip: zero, or the mean of errors far from zero.
 
-    Errors ``(3, N)``, m, are far from zero where the mean is more than `FAR` times as large as their spread, the root of
-    the mean square about it: a factor that shows the spread would draw them beside the arm.
+    Errors ``(3, N)``, m, are far from zero if the mean exceeds `FAR` times their spread, the root mean square about it:
+    a factor that shows the spread would draw them beside the arm.
     """
     errors = np.asarray(positions, dtype=float)
     mean: Array = errors.mean(axis=1)
     spread = math.sqrt(float(errors.var(axis=1).sum()))
-    # where nothing varies there is the way to the mean to be seen
+    # if nothing varies, the line to the mean must be visible
     is_far = spread > NO_SPREAD and float(np.linalg.norm(mean)) > FAR * spread
     return mean if is_far else np.zeros(3)
 
 
 def picture_axes(direction: ArrayLike) -> Array:
-    """Return the directions to the right and up in a picture seen from a direction that is not vertical, ``(2, 3)``."""
+    """Return the directions right and up in a picture seen from a direction that is not vertical, ``(2, 3)``."""
     toward = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), toward)
     right /= np.linalg.norm(right)
@@ -107,18 +105,12 @@ def check_factor(factor: object) -> None:
 def default_factor(
     positions: ArrayLike, posture: Posture, others: Sequence[Posture] = (), direction: ArrayLike | None = None
 ) -> float:
-    """Return a round exaggeration (1, 1.5, 2, 3, 5 or 7 times a power of ten, at least 1).
+    """Return a round exaggeration (1, 1.5, 2, 3, 5 or 7 times a power of ten, at least 1) for errors ``(3, N)``, m.
 
-    Args:
-        positions: Position errors ``(3, N)``, m.
-        posture: The arm.
-        others: Its other postures, which the picture shows too.
-        direction: From where it is seen; that of :func:`view_direction` if left out.
-
-    Returns:
-        Drawn so, five standard deviations of the cloud along its widest direction in the picture span about 27 % of the
-        picture's width, in which the whole arm and the cloud are seen. It is less where the mean error would else are
-        so far away from the nominal tip that the arm took less than 45 % of the picture.
+    With it, five standard deviations of the cloud along its widest direction in the picture span about 27 % of the
+    picture's width, in which the whole arm (also in its ``others``, further postures) and the cloud are visible. It is
+    less if the mean error would otherwise be so far from the nominal tip that the arm took less than 45 % of the
+    picture. ``direction`` defaults to :func:`view_direction`.
     """
     errors = np.asarray(positions, dtype=float)
     axes = picture_axes(view_direction(posture, errors) if direction is None else direction)
@@ -127,7 +119,7 @@ def default_factor(
     seen = axes @ errors - mean[:, None]
     span = _SPAN * float(np.linalg.svd(seen, compute_uv=False)[0]) / math.sqrt(errors.shape[1])
     negligible = 1e-15 * arm_length(posture)
-    # where all samples are at one place, there is the way to it to be seen
+    # if all samples coincide, the line to them must be visible
     span = span if span > negligible else float(np.linalg.norm(mean))
     if span <= negligible:
         return 1.0
@@ -146,11 +138,10 @@ def default_factor(
 
 
 def _joints(posture: Posture) -> Array:
-    """Return the way from base over all joints to the tip, ``(n, 3)``."""
     return np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
 
 
 def _picture_width(points: Array) -> float:
-    """Return how wide a picture is that shows points ``(2, N)``, m."""
+    """Return the width of a picture that shows points ``(2, N)``, m."""
     width, height = np.ptp(points, axis=1)
     return max(float(width), _ASPECT * float(height)) / _FILLED

@@ -1,12 +1,12 @@
 """Data for changing tolerances in the page: the effect of each on each sampled robot, to first order.
 
-The deviation of a draw from its mean moves the tip by J times the deviation. A tolerance k times as wide moves it k times
-as far, whatever its law. So a sample of the changed sheet is
+The deviation of a draw from its mean moves the tip by J times the deviation. A tolerance k times as wide moves it k
+times as far, for any law. A sample of the changed sheet is therefore
 
     e = e₀ + Σ k_g J_g (x_g − mean_g) + s r,
 
-r what the first order leaves of the sample, s the variance now as a share of the sheet's: what is left is of second order.
-With every k at 1 it is the sample itself.
+with r the remainder of the sample beyond first order, and s the current variance relative to the sheet's, because the
+remainder is of second order. With every k at 1 it is the sample itself.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MOST_TOLERANCES: Final = 12
 """Number of tolerances with their own slider; all others share one."""
 
 MOST_NUMBERS: Final = 600_000
-"""The most deviations of a page, two bytes each."""
+"""Largest number of deviations in a page, two bytes each."""
 
 _SMALLEST_SHARE: Final = 1e-9
 _STEPS: Final = 32_767
@@ -43,7 +43,7 @@ Reference = tuple[Array, Array]
 @final
 @dataclass(frozen=True)
 class Groups:
-    """Names and numbers of draws that are scaled together: the largest contributors alone, the others as one group."""
+    """Names and indices of draws that are scaled together: the largest contributors alone, the others as one group."""
 
     names: tuple[str, ...]
     draws: tuple[tuple[int, ...], ...]
@@ -61,9 +61,9 @@ def tangent_of(at: PoseModel, model: str) -> Reference:
 
 
 def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *, attitude: bool = False) -> Groups:
-    """Return the tolerances of a page: those that contribute most to the spread at one of its poses come first.
+    """Return the tolerances of a page, those that contribute most to the spread at one of its poses first.
 
-    ``words`` say what each draw is (their names if left out); what moves the attitude alone counts only with ``attitude``.
+    ``words`` describe the draws (by default their names); those of the attitude alone count only with ``attitude``.
     """
     space = pose_models[0].space
     share = np.zeros(len(space.draws))
@@ -87,7 +87,7 @@ def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *
 
 
 def samples_that_fit(space: Space, groups: Groups, poses: int) -> int:
-    """Return how many samples fit the size limit: draws made once for each robot are the same at all poses."""
+    """Return how many samples fit the size limit; draws made once for each robot are stored once for all poses."""
     once, each = 0, 0
     for draws in groups.draws:
         numbers = sum(space.draws[k].law.size for k in draws)
@@ -99,7 +99,7 @@ def samples_that_fit(space: Space, groups: Groups, poses: int) -> int:
 
 
 def share_rows(poses: Sequence[dict[str, Any]]) -> list[str]:
-    """Return the rows of deviations of all poses, each once, and leave their numbers at the poses' settings."""
+    """Return the distinct rows of deviations of all poses, and store their indices in the poses' settings."""
     rows: dict[str, int] = {}
     for live in (pose["live"] for pose in poses if pose["live"] is not None):
         live["deviations"] = [rows.setdefault(row, len(rows)) for row in live["deviations"]]
@@ -111,11 +111,10 @@ class LivePose:
     """The first-order model of the samples at one pose.
 
     Args:
-        at: The pose's model.
         groups: The page's tolerances.
         x: Component values ``(d, M)`` of the samples that follow the sliders.
         reference: The first-order model of their errors.
-        length: The arm's, m: what an attitude error is worth beside a position error.
+        length: The arm's length, m, which weights attitude errors against position errors.
     """
 
     def __init__(self, at: PoseModel, groups: Groups, x: Array, reference: Reference, length: float) -> None:
@@ -136,14 +135,14 @@ class LivePose:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """As the page's script reads it: each row of deviations as whole steps of two bytes."""
+        """Settings for the page's script: each row of deviations as integer steps of two bytes."""
         largest = np.abs(self._numbers).max(axis=1)
         steps = np.rint(_STEPS * self._numbers / np.where(largest > 0, largest, 1.0)[:, None]).astype("<i2")
         return {
             "count": self._numbers.shape[1],
             "centre": self._centre.tolist(),
             "deviations": [base64.b64encode(row.tobytes()).decode("ascii") for row in steps],
-            # of one step
+            # value of one step
             "slopes": _rounded(self._slopes * (largest / _STEPS)[:, None]),
             "group": self._group,
             "variances": _rounded(self._variances),
@@ -151,16 +150,16 @@ class LivePose:
 
     @staticmethod
     def _rows(jacobian: Array, deviations: Array, weights: Array) -> tuple[Array, Array]:
-        """Return a group's slopes ``(6, r)`` and numbers ``(r, M)``, r at most 6; their product is the group's error."""
+        """Return a group's slopes ``(6, r)`` and numbers ``(r, M)``, r ≤ 6; their product is the group's error."""
         if len(deviations) <= _DIMENSION:
             return jacobian, deviations
-        # many numbers span six directions at the most
+        # many numbers span at most six directions
         directions, sizes, _ = np.linalg.svd(weights[:, None] * (jacobian @ deviations), full_matrices=False)
         kept = directions[:, sizes > 1e-12 * sizes.max()] if sizes.max() > 0 else directions[:, :1]
         return kept / weights[:, None], kept.T @ (weights[:, None] * (jacobian @ deviations))
 
     def _covariance(self, at: PoseModel, jacobian: Array) -> Array:
-        """Return the groups' parts of the variance of the position, ``(G, G)``, m²: their sum is the whole."""
+        """Return the groups' parts of the variance of the position, ``(G, G)``, m²; their sum is the variance."""
         rows = []
         for columns in self._columns:
             alone = np.zeros((3, at.space.size))
@@ -175,7 +174,7 @@ def _rounded(numbers: Array) -> list[list[float]]:
 
 
 def link_shares(at: PoseModel) -> list[float]:
-    """Return each chain link's share of the variance of the position, first order; the joint before it is part of it."""
+    """Return the first-order share of each chain link, with the joint before it, in the variance of the position."""
     shares = np.zeros(len(at.posture.link_poses))
     for link, part in by_key(at, moved_link).items():
         shares[link] = part[:3].sum()
