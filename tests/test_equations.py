@@ -28,8 +28,8 @@ from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 from precision_pin.sources.mcpc import Mcpc
 from precision_pin.sources.payload import Payload
-from support.checks.axis_install import check_axis_install
 from support.checks.beam import BEAM_CASES, LENGTH, pure_load
+from support.checks.bearings import check_axis_install
 from support.checks.common import one_link
 from support.oracles import displacements
 from support.plain_robot import PlainRobot, chain_of, joint, link, robot

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
+from support.beam_elements import torsion_constant
 
 from precision_pin.base.errors import SheetError
 from precision_pin.draws.draw import Draw
@@ -20,7 +21,6 @@ from precision_pin.sheet import json_schema
 from precision_pin.sources.beam import Beam, point_flexibility, stretch_flexibility, weight_flexibility
 from precision_pin.sources.payload import Payload
 from precision_pin.sources.profiles import MATERIALS, Section, Segment, box, rod, tube
-from support.beam_elements import torsion_constant
 from support.checks.common import evaluated, one_link
 
 L = 1.7

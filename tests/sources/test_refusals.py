@@ -15,7 +15,7 @@ from precision_pin.robot.chain import Chain
 from precision_pin.sources import catalogue
 from precision_pin.sources.profiles import Segment
 from support.checks.common import one_link
-from support.checks.covariance import CORRELATION, STD, rows
+from support.checks.places import CORRELATION, STD, rows
 from support.engines import written
 from support.plain_robot import chain_of, random_arm
 

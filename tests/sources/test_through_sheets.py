@@ -12,8 +12,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.table import Table
 from precision_pin.sources.transmission import Transmission
-from support.checks.covariance import CORRELATION, STD, rows
-from support.checks.table import PLANE
+from support.checks.places import CORRELATION, PLANE, STD, rows
 from support.engines import check_engines, written
 
 pytestmark = pytest.mark.filterwarnings(

@@ -29,7 +29,7 @@ from precision_pin.sources.thermal import Thermal
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term, at_means
 from support.checks.common import Q7, one_link
-from support.checks.covariance import rows
+from support.checks.places import rows
 from support.engines import check_no_spread, written
 from support.oracles import value_of
 from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm
