@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, final
 
 import coal
 import numpy as np
@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
-from precision_pin.robot.collision_loops import Tree, proven_apart
 from precision_pin.robot.configurations import Configurations
 from precision_pin.robot.mesh_surfaces import MeshReader, UnreadableMeshError
 from precision_pin.robot.places import LinkFrame
 from precision_pin.robot.postures import Postures, alignment
 from precision_pin.robot.urdf import Box, Cylinder, Mesh, Robot, Shape, Sphere
+
+if TYPE_CHECKING:
+    from precision_pin.robot.collision_loops import Tree
 
 Obstruction = Literal["", "collision", "kept out"]
 """Whether an arm hits itself, or enters what it must keep out of; empty where neither."""
@@ -138,6 +140,8 @@ class _Body:
     @cached_property
     def tree(self) -> Tree | None:
         """Boxes about its triangles; made when there are many poses to look at."""
+        from precision_pin.robot.collision_loops import Tree  # late: numba takes half a second
+
         return None if self.triangles is None else Tree.of(self.triangles)
 
     @cached_property
@@ -435,7 +439,9 @@ def _boxes_meet(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[
 def _touch(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
     """Return whether two bodies touch, or one lies in the other, at P poses of both ``(P, 4, 4)``."""
     hit, far = np.zeros((2, len(here)), dtype=bool)
-    if one.tree is not None and other.tree is not None and len(here) >= _WORTH:
+    if len(here) >= _WORTH and one.tree is not None and other.tree is not None:
+        from precision_pin.robot.collision_loops import proven_apart
+
         far = proven_apart(one.tree, other.tree, np.linalg.inv(here) @ there)
     request = coal.CollisionRequest()
     for k in np.flatnonzero(~far):
