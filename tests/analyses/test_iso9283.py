@@ -361,6 +361,36 @@ def test_all_of_the_largest_cube_of_the_panda_is_within_reach():
     assert np.isfinite(tool.solve(larger)[0]).tolist() == [False, True]
 
 
+@pytest.mark.parametrize("joints", [7, 4])
+def test_joint_values_of_a_search_put_the_point_where_plain_kinematics_say(joints):
+    text = plain_robot.random_arm(3, joints=joints, prismatic=(3,))
+    plain, chain = plain_robot.PlainRobot.parse(text), plain_robot.chain_of(text, tip="tool")
+
+    def tips(q):
+        poses = [plain.poses(dict(zip(chain.joint_names, one, strict=True)))["tool"] for one in q.T]
+        return np.moveaxis(np.array(poses), 0, -1)
+
+    q, target = np.random.default_rng(2).uniform(-1, 1, (joints, 60)), np.array([0.1, -0.2, 0.05])
+    wanted = tips(q[:, :1])[:3, :3, 0]
+    tool = ToolPoses(chain, wanted, target)
+    begin = q + np.random.default_rng(3).uniform(-0.1, 0.1, q.shape)
+    points = tips(q)[:3, 3] + np.einsum("ijp,j->ip", tips(q)[:3, :3], target)
+    if joints == 7:  # the first pose alone has the orientation: points near its own, from its joint values
+        points, begin = points[:, :1] + np.random.default_rng(4).uniform(-0.03, 0.03, (3, 60)), np.tile(q[:, :1], 60)
+    kept = begin.copy()
+    found = tool.solve(points, begin)
+    assert (begin == kept).all()
+    arrived = np.isfinite(found[0])
+    assert arrived.sum() > 50
+    pose = tips(found[:, arrived])
+    reached = pose[:3, 3] + np.einsum("ijp,j->ip", pose[:3, :3], target)
+    np.testing.assert_allclose(reached, points[:, arrived], rtol=0, atol=1e-6)
+    if joints == 7:
+        np.testing.assert_allclose(
+            pose[:3, :3], np.repeat(wanted[:, :, None], arrived.sum(), axis=2), rtol=0, atol=2e-5
+        )
+
+
 @pytest.mark.parametrize("plane", range(4))
 def test_points_of_the_cube_are_those_of_the_standard(plane):
     points = Cube(1.0, np.array([1.0, 2.0, 3.0]), plane).points() - np.array([[1.0], [2.0], [3.0]])

@@ -228,7 +228,7 @@ class CollisionCheck:
             hit = np.full(len(frames[0]), -1)
             placed: dict[_Body, Array] = {}
             for number, check in enumerate(self._checks):
-                left = np.flatnonzero(hit < 0)
+                left = (hit < 0).nonzero()[0]
                 if left.size:
                     hit[left[self._hits(check, frames, placed, left)]] = number
             found += [None if number < 0 else self._checks[number] for number in hit]
@@ -243,17 +243,20 @@ class CollisionCheck:
             normal, place = np.array(check.other.normal), np.array(check.other.place)
             middle = here[:, :3, :3] @ check.body.centre + here[:, :3, 3]
             hit = (place - middle) @ normal + check.body.radius > _DEEP
-            near = np.flatnonzero(hit)
+            near = hit.nonzero()[0]
             hit[near] = self._depth(check.body, check.other, here[near]) > _DEEP
             return np.asarray(hit)
         there = self._placed(check.other, frames, placed)[left]
         body, other = check.body, check.other
         gap = (here[:, :3, :3] @ body.centre + here[:, :3, 3]) - (there[:, :3, :3] @ other.centre + there[:, :3, 3])
         hit = np.asarray((gap * gap).sum(axis=1) < (body.radius + other.radius) ** 2)
-        near = np.flatnonzero(hit)
-        hit[near] = _boxes_meet(body, other, here[near], there[near])
-        near = np.flatnonzero(hit)
-        hit[near] = _touch(body, other, here[near], there[near])
+        near = hit.nonzero()[0]
+        if near.size:
+            met = _boxes_meet(body, other, here[near], there[near])
+            hit[near] = met
+            near = near[met]
+        if near.size:
+            hit[near] = _touch(body, other, here[near], there[near])
         return hit
 
     def _placed(self, body: _Body, frames: Array, placed: dict[_Body, Array]) -> Array:
@@ -444,21 +447,22 @@ def _touch(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[np.bo
 
         far = proven_apart(one.tree, other.tree, np.linalg.inv(here) @ there)
     request = coal.CollisionRequest()
-    for k in np.flatnonzero(~far):
+    for k in (~far).nonzero()[0]:
         placed, other_placed = _transform(here[k]), _transform(there[k])
         hit[k] = coal.collide(one.solid, placed, other.solid, other_placed, request, coal.CollisionResult()) > 0
     # surfaces that do not cross: a body may still lie within a mesh
-    apart = np.flatnonzero(~hit)
-    here, there = here[apart], there[apart]
-    hit[apart] = _within(one, other, here, there) | _within(other, one, there, here)
+    for inner, outer, place, other_place in ((one, other, here, there), (other, one, there, here)):
+        if outer.planes is not None and inner.radius <= outer.radius:
+            apart = (~hit).nonzero()[0]
+            hit[apart] = _within(inner, outer, place[apart], other_place[apart])
     return hit
 
 
 def _within(inner: _Body, outer: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
     """Return whether a body lies in a mesh whose surface it does not cross, at P poses of both."""
+    assert outer.triangles is not None
+    assert outer.planes is not None
     inside = np.zeros(len(here), dtype=bool)
-    if outer.triangles is None or outer.planes is None or inner.radius > outer.radius:
-        return inside
     # first one point against the hull, then all: few bodies get so far
     maybe = np.arange(len(here))
     for points in (inner.points[:1], inner.points):
