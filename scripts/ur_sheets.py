@@ -167,12 +167,24 @@ def frame_model(chain: pp.Chain, law: Law | None = None) -> pp.ErrorModel:
     return pp.ErrorModel(chain, pp.Space(), sources)
 
 
+def kinds_of(folder: Path) -> dict[Path, str]:
+    """Return the files of a folder, and the type that each name begins with; end where there are none, or of another type."""
+    known = {kind.lower().replace(" ", ""): kind for kind in MODELS if kind in FOUND_IN}
+    found = {path: path.name.partition("-")[0] for path in sorted(folder.glob("*.yaml"))}
+    for path, kind in found.items():
+        if kind not in known:
+            sys.exit(f"{path}: the name must begin with a type and a hyphen, one of {', '.join(known)}")
+    if not found:
+        sys.exit(
+            f"{folder} has no calibration of a robot: files TYPE-ANYTHING.yaml with TYPE one of {', '.join(known)}"
+        )
+    return {path: known[kind] for path, kind in found.items()}
+
+
 def read_units(folder: Path, chains: Mapping[str, pp.Chain]) -> list[Unit]:
     """Return the robots of a folder, each once."""
-    known = {kind.lower().replace(" ", ""): kind for kind in MODELS}
     units: list[Unit] = []
-    for path in sorted(folder.glob("*.yaml")):
-        kind = known[path.name.partition("-")[0]]
+    for path, kind in kinds_of(folder).items():
         unit = fitted(kind, frame_model(chains[kind]), pp.ur_calibration(path, chains[kind]))
         if any(one.kind == kind and np.abs(one.errors - unit.errors).max() < 1e-6 for one in units):
             print(f"{path.name}: the same robot as another file, left out")
@@ -452,6 +464,7 @@ def header(model: pp.ErrorModel) -> dict[str, str]:
 
 def main(folder: Path, out: Path) -> None:
     """Write URDFs, sheets and the picture."""
+    kinds_of(folder)
     out.mkdir(parents=True, exist_ok=True)
     chains = {}
     for kind in FOUND_IN:
@@ -480,4 +493,9 @@ def main(folder: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
+    if {"-h", "--help"} & set(sys.argv):
+        print(__doc__)
+        sys.exit()
+    if not 2 <= len(sys.argv) <= 3:
+        sys.exit("usage: python ur_sheets.py FOLDER [OUT]")
     main(Path(sys.argv[1]), Path(sys.argv[2] if len(sys.argv) > 2 else "."))

@@ -109,6 +109,23 @@ def test_view_poses(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out.count("half of the units miss by more than") == 2
 
 
+def test_ur_sheets_says_in_a_line_what_it_wants(tmp_path, monkeypatch, capsys):
+    (tmp_path / "named").mkdir()
+    (tmp_path / "named" / "robot.yaml").touch()
+    for arguments, told in (
+        ([str(tmp_path)], "has no calibration of a robot"),
+        ([str(tmp_path / "named")], "the name must begin with a type"),
+        ([], "usage: python ur_sheets.py FOLDER"),
+        (["--help"], None),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            run_script("ur_sheets.py", *arguments, monkeypatch=monkeypatch)
+        assert (ended.value.code is None) == (told is None)
+        assert told is None or (told in str(ended.value) and "\n" not in str(ended.value))
+    assert "Usage: python ur_sheets.py FOLDER" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["named"]
+
+
 @pytest.mark.slow
 def test_ur_sheets_finds_the_spread_that_was_planted():
     """Three robots each of six types, with known means, spreads and sizes, three times over; then robots yet to come."""

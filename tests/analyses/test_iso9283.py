@@ -289,6 +289,49 @@ def test_the_largest_cube_of_the_papers_arm_by_hand():
     assert (1 - 1e-3) * edge < cube.side <= edge * (1 + 1e-5)
 
 
+@pytest.mark.slow
+def test_all_of_the_largest_cube_of_the_panda_is_within_reach():
+    """Inverse kinematics in closed form, for angles of joint 7 that were scanned and refined, judges the same points alike.
+
+    Out of reach is a pocket in the middle of a face: joints 2 and 4 are at their limits there. It keeps the edge from 0.4886 m.
+    """
+    panda = ErrorModel.load(shipped_sheets()["panda"])
+    tool = ToolPoses(panda.chain, panda.at("ready").posture.pose[:3, :3], np.zeros(3))
+    assert np.isfinite(tool.solve(lattice_of(0.4868, np.array([0.48157, -0.00028, 0.12271])))).all()
+    larger = np.array([[0.48017], [0.0], [0.12261]]) + 0.24432 * np.array([[-1.0, -0.98], [0.0, 0.0], [0.23, 0.23]])
+    assert np.isfinite(tool.solve(larger)[0]).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("joints", [7, 4])
+def test_joint_values_of_a_search_put_the_point_where_plain_kinematics_say(joints):
+    text = plain_robot.random_arm(3, joints=joints, prismatic=(3,))
+    plain, chain = plain_robot.PlainRobot.parse(text), plain_robot.chain_of(text, tip="tool")
+
+    def tips(q):
+        poses = [plain.poses(dict(zip(chain.joint_names, one, strict=True)))["tool"] for one in q.T]
+        return np.moveaxis(np.array(poses), 0, -1)
+
+    q, target = np.random.default_rng(2).uniform(-1, 1, (joints, 60)), np.array([0.1, -0.2, 0.05])
+    wanted = tips(q[:, :1])[:3, :3, 0]
+    tool = ToolPoses(chain, wanted, target)
+    begin = q + np.random.default_rng(3).uniform(-0.1, 0.1, q.shape)
+    points = tips(q)[:3, 3] + np.einsum("ijp,j->ip", tips(q)[:3, :3], target)
+    if joints == 7:  # the first pose alone has the orientation: points near its own, from its joint values
+        points, begin = points[:, :1] + np.random.default_rng(4).uniform(-0.03, 0.03, (3, 60)), np.tile(q[:, :1], 60)
+    kept = begin.copy()
+    found = tool.solve(points, begin)
+    assert (begin == kept).all()
+    arrived = np.isfinite(found[0])
+    assert arrived.sum() > 50
+    pose = tips(found[:, arrived])
+    reached = pose[:3, 3] + np.einsum("ijp,j->ip", pose[:3, :3], target)
+    np.testing.assert_allclose(reached, points[:, arrived], rtol=0, atol=1e-6)
+    if joints == 7:
+        np.testing.assert_allclose(
+            pose[:3, :3], np.repeat(wanted[:, :, None], arrived.sum(), axis=2), rtol=0, atol=2e-5
+        )
+
+
 @pytest.mark.parametrize("plane", range(4))
 def test_points_of_the_cube_are_those_of_the_standard(plane):
     points = Cube(1.0, np.array([1.0, 2.0, 3.0]), plane).points() - np.array([[1.0], [2.0], [3.0]])

@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio
 import pytest
@@ -81,6 +82,39 @@ def test_a_link_that_is_swallowed_by_a_mesh_hits_it(tmp_path):
     inside = np.maximum(np.abs(x), np.abs(y)) < 0.57
     assert inside.any()
     assert not free[inside].any()
+
+
+def test_coal_is_asked_only_of_meshes_that_may_touch(tmp_path, monkeypatch):
+    """A ball between two plates 18 cm apart: it fits, or it hits them from the edge on that a ruler gives."""
+    plates = [trimesh.creation.box((1.6, 1.6, 0.02)).apply_translation((0, 0, z)) for z in (-0.1, 0.1)]
+    trimesh.util.concatenate([plate.subdivide().subdivide() for plate in plates]).export(tmp_path / "plates.stl")
+    elbow = np.random.default_rng(1).uniform(-3.1, 3.1, 600)
+    q = np.array([0 * elbow, elbow])
+    beyond = np.maximum(np.abs(1 + 0.45 * np.cos(elbow)), np.abs(0.45 * np.sin(elbow))) - 0.8
+    asked, collide = [], coal.collide
+    monkeypatch.setattr(coal, "collide", lambda *given: asked.append(1) or collide(*given))
+    for radius, rim in ((0.088, 0.0), (0.1, np.sqrt(0.1**2 - 0.09**2))):
+        trimesh.creation.icosphere(3, radius).export(tmp_path / "ball.stl")
+        chain = hook('<mesh filename="plates.stl"/>', folder=tmp_path, fore='<mesh filename="ball.stl"/>')
+        check = chain.collision_check
+        asked.clear()
+        free = check.free(q)
+        # the ball's faces are flat: its rim a little within the circle
+        assert free[(beyond > rim) | (radius < 0.09)].all()
+        assert not free[(beyond < 0.9 * rim) & (radius > 0.09)].any()
+        assert len(asked) <= (~free).sum() + 10
+        assert check.free(q[:, :15]).tolist() == free[:15].tolist()  # too few for compiled code
+
+
+def test_a_mesh_in_a_mesh_hits_it_where_no_surfaces_cross(tmp_path):
+    trimesh.creation.box((1.2, 1.2, 1.2)).export(tmp_path / "box.stl")
+    trimesh.creation.icosphere(2, 0.02).export(tmp_path / "ball.stl")
+    chain = hook('<mesh filename="box.stl"/>', folder=tmp_path, fore='<mesh filename="ball.stl"/>')
+    elbow = np.linspace(-3.1, 3.1, 300)
+    most = np.maximum(np.abs(1 + 0.45 * np.cos(elbow)), np.abs(0.45 * np.sin(elbow)))
+    free = chain.collision_check.free(np.array([0 * elbow, elbow]))
+    assert (free[np.abs(most - 0.6) > 0.0201] == (most > 0.6)[np.abs(most - 0.6) > 0.0201]).all()
+    assert (most < 0.57).sum() > 20
 
 
 def test_the_next_link_and_what_touches_at_joint_zero_are_not_looked_at(tmp_path):

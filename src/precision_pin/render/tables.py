@@ -132,13 +132,13 @@ def resting_on(
             f"{'' if is_brief else kinds}"
         )
     if "assumed" in shares:
-        position, attitude = map(_percent, shares["assumed"])
+        position, attitude = map(share_in_words, shares["assumed"])
         head = "they cause" if assumed else "rests on assumptions: they cause"
         lines.append(f"{head} {position} of the variance of the position, {attitude} of the attitude{at}")
     if is_brief:
         return ["; ".join(lines)] if lines else []
     if set(shares) - {"assumed", "not stated"}:
-        listed = ", ".join(f"{_percent(position)} {kind}" for kind, (position, _) in shares.items())
+        listed = ", ".join(f"{share_in_words(position)} {kind}" for kind, (position, _) in shares.items())
         lines.append(f"variance of the position by provenance{at}: {listed}")
     return lines
 
@@ -150,7 +150,8 @@ def origins_entry(origins: Mapping[str, tuple[float, float]]) -> dict[str, dict[
     return {"provenance": {kind: {"position": one, "attitude": two} for kind, (one, two) in origins.items()}}
 
 
-def _percent(share: float) -> str:
+def share_in_words(share: float) -> str:
+    """Return a share in the variance to a percent; what is less is said to be so."""
     return "under 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
 
 

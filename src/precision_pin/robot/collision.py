@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, final
 
 import coal
 import numpy as np
@@ -27,6 +27,9 @@ from precision_pin.robot.places import LinkFrame
 from precision_pin.robot.postures import Postures, alignment
 from precision_pin.robot.urdf import Box, Cylinder, Mesh, Robot, Shape, Sphere
 
+if TYPE_CHECKING:
+    from precision_pin.robot.collision_loops import Tree
+
 Obstruction = Literal["", "collision", "kept out"]
 """Whether an arm hits itself, or enters what it must keep out of; empty where neither."""
 
@@ -37,6 +40,8 @@ _SHARE: Final = 0.1
 _TRIED: Final = 64
 """Poses at which links that always touch are sought."""
 _AT_ONCE: Final = 2048
+_WORTH: Final = 16
+"""Poses of two links from which on compiled code is worth its loading."""
 _SLANT: Final = 1e-3
 
 
@@ -133,6 +138,13 @@ class _Body:
     is_line: bool = False
 
     @cached_property
+    def tree(self) -> Tree | None:
+        """Boxes about its triangles; made when there are many poses to look at."""
+        from precision_pin.robot.collision_loops import Tree  # late: numba takes half a second
+
+        return None if self.triangles is None else Tree.of(self.triangles)
+
+    @cached_property
     def bounds(self) -> tuple[Array, Array]:
         return self.points.min(axis=0), self.points.max(axis=0)
 
@@ -168,7 +180,7 @@ class _Check(NamedTuple):
 
 @final
 class CollisionCheck:
-    """What an arm can hit. Made once for an arm; a check takes some 0.1 ms a pose.
+    """What an arm can hit. Made once for an arm; a check takes some 0.05 to 0.5 ms a pose.
 
     Args:
         arm: The chain.
@@ -216,7 +228,7 @@ class CollisionCheck:
             hit = np.full(len(frames[0]), -1)
             placed: dict[_Body, Array] = {}
             for number, check in enumerate(self._checks):
-                left = np.flatnonzero(hit < 0)
+                left = (hit < 0).nonzero()[0]
                 if left.size:
                     hit[left[self._hits(check, frames, placed, left)]] = number
             found += [None if number < 0 else self._checks[number] for number in hit]
@@ -228,15 +240,23 @@ class CollisionCheck:
         """Return whether a check finds a contact at some of P poses."""
         here = self._placed(check.body, frames, placed)[left]
         if isinstance(check.other, KeepOut):
-            return np.asarray(self._depth(check.body, check.other, here) > _DEEP)
+            normal, place = np.array(check.other.normal), np.array(check.other.place)
+            middle = here[:, :3, :3] @ check.body.centre + here[:, :3, 3]
+            hit = (place - middle) @ normal + check.body.radius > _DEEP
+            near = hit.nonzero()[0]
+            hit[near] = self._depth(check.body, check.other, here[near]) > _DEEP
+            return np.asarray(hit)
         there = self._placed(check.other, frames, placed)[left]
         body, other = check.body, check.other
         gap = (here[:, :3, :3] @ body.centre + here[:, :3, 3]) - (there[:, :3, :3] @ other.centre + there[:, :3, 3])
         hit = np.asarray((gap * gap).sum(axis=1) < (body.radius + other.radius) ** 2)
-        near = np.flatnonzero(hit)
-        hit[near] = _boxes_meet(body, other, here[near], there[near])
-        for k in np.flatnonzero(hit):
-            hit[k] = _touch(body, other, here[k], there[k])
+        near = hit.nonzero()[0]
+        if near.size:
+            met = _boxes_meet(body, other, here[near], there[near])
+            hit[near] = met
+            near = near[met]
+        if near.size:
+            hit[near] = _touch(body, other, here[near], there[near])
         return hit
 
     def _placed(self, body: _Body, frames: Array, placed: dict[_Body, Array]) -> Array:
@@ -419,32 +439,53 @@ def _boxes_meet(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[
     )
 
 
-def _touch(one: _Body, other: _Body, here: Array, there: Array) -> bool:
-    """Return whether two bodies at poses ``(4, 4)`` touch, or one lies in the other."""
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
-    if coal.collide(one.solid, _transform(here), other.solid, _transform(there), request, result):
-        return True
+def _touch(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
+    """Return whether two bodies touch, or one lies in the other, at P poses of both ``(P, 4, 4)``."""
+    hit, far = np.zeros((2, len(here)), dtype=bool)
+    if len(here) >= _WORTH and one.tree is not None and other.tree is not None:
+        from precision_pin.robot.collision_loops import proven_apart
+
+        far = proven_apart(one.tree, other.tree, np.linalg.inv(here) @ there)
+    request = coal.CollisionRequest()
+    for k in (~far).nonzero()[0]:
+        placed, other_placed = _transform(here[k]), _transform(there[k])
+        hit[k] = coal.collide(one.solid, placed, other.solid, other_placed, request, coal.CollisionResult()) > 0
     # surfaces that do not cross: a body may still lie within a mesh
-    return _within(one, here, other, there) or _within(other, there, one, here)
+    for inner, outer, place, other_place in ((one, other, here, there), (other, one, there, here)):
+        if outer.planes is not None and inner.radius <= outer.radius:
+            apart = (~hit).nonzero()[0]
+            hit[apart] = _within(inner, outer, place[apart], other_place[apart])
+    return hit
 
 
-def _within(inner: _Body, here: Array, outer: _Body, there: Array) -> bool:
-    if outer.triangles is None or outer.planes is None or inner.radius > outer.radius:
-        return False
-    point = (here[:3, :3] @ inner.points[0] + here[:3, 3] - there[:3, 3]) @ there[:3, :3]
-    if (outer.planes[:, :3] @ point + outer.planes[:, 3]).max() > 0:
-        return False
-    # winding number: the solid angles under which the triangles are seen (Van Oosterom and Strackee 1983)
-    a, b, c = np.moveaxis(outer.triangles - point, 1, 0)
-    sizes = [np.linalg.norm(corner, axis=1) for corner in (a, b, c)]
-    flat = np.einsum("fi,fi->f", a, np.cross(b, c))
-    round_ = (
-        sizes[0] * sizes[1] * sizes[2]
-        + np.einsum("fi,fi->f", a, b) * sizes[2]
-        + np.einsum("fi,fi->f", b, c) * sizes[0]
-        + np.einsum("fi,fi->f", c, a) * sizes[1]
-    )
-    return bool(abs(np.arctan2(flat, round_).sum()) > np.pi)
+def _within(inner: _Body, outer: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
+    """Return whether a body lies in a mesh whose surface it does not cross, at P poses of both."""
+    assert outer.triangles is not None
+    assert outer.planes is not None
+    inside = np.zeros(len(here), dtype=bool)
+    # first one point against the hull, then all: few bodies get so far
+    maybe = np.arange(len(here))
+    for points in (inner.points[:1], inner.points):
+        place, other_place = here[maybe], there[maybe]
+        own = points @ np.swapaxes(place[:, :3, :3], 1, 2) + (place[:, :3, 3] - other_place[:, :3, 3])[:, None]
+        own = own @ other_place[:, :3, :3]
+        maybe = maybe[(own @ outer.planes[:, :3].T + outer.planes[:, 3]).max(axis=(1, 2)) <= 0]
+        if not maybe.size:
+            return inside
+    for k in maybe:
+        # winding number: the solid angles under which the triangles are seen (Van Oosterom and Strackee 1983)
+        point = (here[k, :3, :3] @ inner.points[0] + here[k, :3, 3] - there[k, :3, 3]) @ there[k, :3, :3]
+        a, b, c = np.moveaxis(outer.triangles - point, 1, 0)
+        sizes = [np.linalg.norm(corner, axis=1) for corner in (a, b, c)]
+        flat = np.einsum("fi,fi->f", a, np.cross(b, c))
+        round_ = (
+            sizes[0] * sizes[1] * sizes[2]
+            + np.einsum("fi,fi->f", a, b) * sizes[2]
+            + np.einsum("fi,fi->f", b, c) * sizes[0]
+            + np.einsum("fi,fi->f", c, a) * sizes[1]
+        )
+        inside[k] = abs(np.arctan2(flat, round_).sum()) > np.pi
+    return inside
 
 
 def _hull_shape(body: _Body) -> Any:

@@ -296,8 +296,9 @@ class Measurement:
         what, limits = "the cone of a measurement", "above zero and at most a half turn"
         self._fix("cone", check_quantity(what, self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi))
         if self.visible_from is None:
-            if self.facing is not None:
-                raise InputError("facing of a measurement needs visible_from: where from the target is seen")
+            for name, is_given in (("facing", self.facing is not None), ("cone", self.cone != type(self).cone)):
+                if is_given:
+                    raise InputError(f"{name} of a measurement needs visible_from: where from the target is seen")
             return
         self._fix("visible_from", _point("visible_from of a measurement", self.visible_from))
         facing = (0.0, 0.0, 1.0) if self.facing is None else self.facing

@@ -426,6 +426,7 @@ def test_reading_is_the_product_of_matrices(measurement: pp.Measurement) -> None
         ({"kind": "plane", "plane": (1, 2, 3)}, "must be a point and a normal"),
         ({"kind": "plane", "plane": ((0, 0, 0), (0, 0, 0))}, "normal of the plane of a measurement is zero"),
         ({"facing": (1.0, 0.0, 0.0)}, "facing of a measurement needs visible_from"),
+        ({"cone": 0.5}, "cone of a measurement needs visible_from"),
         ({"visible_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 0.0)}, "facing of a measurement is zero"),
         ({"cone": 4.0}, "above zero and at most a half turn"),
         ({"load": (Payload(at="tool", mass=pp.Normal(0.1, mean=1.0)),)}, "is given by fixed numbers"),

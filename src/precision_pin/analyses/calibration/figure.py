@@ -26,6 +26,8 @@ _TOLERANCES: Final = 40
 _NAMED: Final = 6
 """Most poses that are named, and most characters of a name."""
 _NAME: Final = 14
+_NARROW: Final = 5.0
+"""Width of a figure, in inches, below which a legend has two columns."""
 _LEAST: Final = 0.05
 """Scale at which an interval that begins at zero is drawn to begin, of the smallest that is above."""
 
@@ -50,8 +52,11 @@ def _finish(made: Figure, axes: Axes, title: str, note: str) -> None:
     head = figure_style.wrapped(title, made)
     made.suptitle("\n".join(head))
     lines, entries = figure_style.wrapped(note, made), figure_style.labelled([axes])
-    figure_style.legend_below(made, entries, len(entries), lines)
-    figure_style.set_height(made, _HEIGHT + (len(head) + len(lines) + 1) * figure_style.LINE_HEIGHT)
+    is_narrow = made.get_figwidth() < _NARROW
+    columns = min(len(entries), 2) if is_narrow else len(entries)
+    figure_style.legend_below(made, entries, columns, lines)
+    rows = len(head) + len(lines) + -(-len(entries) // max(columns, 1))
+    figure_style.set_height(made, _HEIGHT + rows * figure_style.LINE_HEIGHT)
 
 
 def _draw_curve(
@@ -106,8 +111,8 @@ def plan_figure(result: CalibrationPlan) -> Figure:
     return made
 
 
-def calibration_figure(result: CalibrationResult) -> Figure:
-    """Return the residuals of the readings before and after the calibration, and of each left out, 174 mm wide."""
+def calibration_figure(result: CalibrationResult, width: float = figure_style.DOUBLE_COLUMN) -> Figure:
+    """Return the residuals of the readings before and after the calibration, and of each left out; so many mm wide."""
     rows = np.array(result.data.lines)
     sizes = {
         "before": np.linalg.norm(result.residuals_before[:, :3], axis=1),
@@ -115,7 +120,7 @@ def calibration_figure(result: CalibrationResult) -> Figure:
         "left out of the fit": np.linalg.norm(result.left_out[:, :3], axis=1),
     }
     with figure_style.style():
-        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        made = figure_style.new_figure(width)
         axes = made.subplots()
         for (label, values), colour, marker in zip(sizes.items(), (BLACK, BLUE, SKY), ("_", "o", "x"), strict=True):
             axes.plot(rows, 1e3 * np.maximum(values, 1e-12), marker, color=colour, markersize=3, label=label)
@@ -124,7 +129,7 @@ def calibration_figure(result: CalibrationResult) -> Figure:
             after = 1e3 * sizes["after"][gross]
             axes.plot(rows[gross], after, "o", ms=7, mfc="none", color=VERMILION, label="no weight")
         _log(axes, "y")
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=6 if width < figure_style.DOUBLE_COLUMN else 10, integer=True))
         axes.set_xlabel("row of the data")
         axes.set_ylabel("residual [mm]")
         title = f"{visible(result.provenance.robot, 60)}: {verdict_text(result)}; {VERDICTS[result.verdict]}"

@@ -9,6 +9,7 @@ from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.figure import calibration_figure
 from precision_pin.analyses.calibration.layer import CalibrationLayer
 from precision_pin.render.chapter import Chapter
+from precision_pin.render.figure_style import SINGLE_COLUMN
 from precision_pin.render.html import Child, Html, element, items, joined, paragraph, section, table
 from precision_pin.render.svg import figure as inline_figure
 
@@ -36,7 +37,7 @@ def _section(result: CalibrationResult) -> Html:
     of_sheet = () if sheet is None else sheet.findings
     warnings = [one.message for one in result.findings if one not in of_sheet]
     picture = inline_figure(
-        calibration_figure(result),
+        calibration_figure(result, SINGLE_COLUMN),
         "calibration",
         f"Residuals of {len(result.data):,} readings before and after the calibration: {said[0]} {said[1]}",
         "Residual of each reading: before the calibration, after it, and of a fit without that reading.",
@@ -46,7 +47,7 @@ def _section(result: CalibrationResult) -> Html:
         paragraph(*_SHOWN),
         paragraph(f"{text.measured_text(result)}.", class_="note"),
         *([] if result.has_prior else [paragraph(f"{text.NO_PRIOR.capitalize()}.", class_="note")]),
-        picture,
+        element("div", picture, class_="pair"),  # narrow enough for a small screen
         *_readings(result),
         *_poses(result),
         *_numbers(result),

@@ -6,7 +6,7 @@ lattice. Where points of it are out of reach, the border of the workspace is fou
 added to the known ones, and the search goes on. The first cube whose lattice is all within reach is the largest, as far as
 lattice and grid see. It is found with a coarse clearance first, which settles where it is, then with a fine one.
 
-Which of thousands of tool poses are within reach: one solution of each, by damped Gauss-Newton steps for all at once.
+Which of thousands of tool poses are within reach: one solution of each, by damped Gauss-Newton steps in compiled code.
 
 :mod:`precision_pin.robot.inverse_kinematics` finds all solutions of a pose, which takes a thousand times as long. The steps
 start from the nearest of many known configurations.
@@ -305,14 +305,6 @@ _NEAREST: Final = 10
 _NEIGHBOURS: Final = 6
 # points found in a call, from which its solutions are starts of later calls
 _MANY: Final = 100
-_ITERATIONS: Final = 30
-# rad, and m
-_LONGEST_STEP: Final = 0.5
-# m and rad
-_ARRIVED: Final = 1e-6
-# share of the error that is left after some steps where they lead nowhere
-_STALLED: Final = 0.9
-_PATIENCE: Final = 6
 
 
 @final
@@ -403,10 +395,6 @@ class ToolPoses:
         middle = (positions.max(axis=0) + positions.min(axis=0)) / 2
         return middle, float(np.abs(positions - middle).max()) * 1.02
 
-    @property
-    def _lever(self) -> Array:
-        return self.orientation @ self.target
-
     @cached_property
     def _scale(self) -> float:
         """Length that counts as much as a radian, m."""
@@ -442,50 +430,13 @@ class ToolPoses:
 
     def _descend(self, points: Array, begin: Array) -> Array:
         """Return joint values ``(n, P)`` after steps from some, NaN where they do not arrive."""
-        low, high = self.chain.configurations.limits
-        found = np.full(begin.shape, np.nan)
-        q, active = begin.copy(), np.arange(points.shape[1])
-        before = np.full(points.shape[1], np.inf)
-        for iteration in range(_ITERATIONS):
-            error, jacobian = self._errors(q[:, active], points[:, active])
-            size = np.sqrt((error * error).sum(axis=0))
-            arrived = size < _ARRIVED
-            found[:, active[arrived]] = q[:, active[arrived]]
-            going = ~arrived
-            if iteration % _PATIENCE == _PATIENCE - 1:
-                going &= size < _STALLED * before[active]
-                before[active] = size
-            active, error, jacobian, size = active[going], error[:, going], jacobian[..., going], size[going]
-            if not active.size:
-                break
-            step = _damped_step(jacobian, error, size)
-            # a joint that a limit stops is left out: the others reach what it does not, if they can
-            here = q[:, active]
-            stopped = ((here <= low[:, None]) & (step < 0)) | ((here >= high[:, None]) & (step > 0))
-            held = np.flatnonzero(stopped.any(axis=0))
-            if held.size:
-                step[:, held] = _damped_step(jacobian[..., held] * ~stopped[:, held], error[:, held], size[held])
-            step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(np.abs(step).max(axis=0), 1e-300))
-            q[:, active] = np.clip(q[:, active] + step, low[:, None], high[:, None])
-        return found
+        from precision_pin.analyses.iso9283.cube_loops import descend  # late: numba takes half a second
 
-    def _errors(self, q: Array, points: Array) -> tuple[Array, Array]:
-        """Return what is missing, ``(3 or 6, P)``, angles in units of length, and its slopes by the joints."""
-        many = self.chain.at_columns(q)
-        pose, jacobian = many.pose, many.joint_jacobian
-        lever = np.einsum("ijn,j->in", pose[:3, :3], self.target)
-        moved = jacobian[:3] + np.cross(jacobian[3:], lever[:, None], axis=0)
-        missing = points - pose[:3, 3] - lever
-        if not self.keeps_orientation:
-            return missing, moved
-        turn = se3.log_rotation(np.einsum("ij,kjn->ikn", self.orientation, pose[:3, :3]))
-        return np.concatenate([missing, self._scale * turn]), np.concatenate([moved, self._scale * jacobian[3:]])
+        scale = self._scale if self.keeps_orientation else 0.0
+        return descend(self._arm, self.chain.configurations.limits, self.orientation, scale, points, begin)
 
-
-def _damped_step(jacobian: Array, error: Array, size: Array) -> Array:
-    """Return Jᵀ (J Jᵀ + λ 1)⁻¹ e, ``(n, P)``, damped by the square of the error (Sugihara 2011)."""
-    slopes = np.moveaxis(jacobian, -1, 0)
-    square = slopes @ slopes.transpose(0, 2, 1)
-    square += (1e-2 * size**2 + 1e-12)[:, None, None] * np.eye(square.shape[-1])
-    weights = np.linalg.solve(square, error.T[..., None])
-    return (slopes.transpose(0, 2, 1) @ weights)[..., 0].T
+    @cached_property
+    def _arm(self) -> tuple[Array, Array, Array]:
+        """Constant poses up to the point that is to be at the points, axes, and which joints slide."""
+        end = self.chain.target_placement @ se3.translation(self.target)
+        return np.array([*self.chain.placements[:-1], end]), np.array(self.chain.axes), np.array(self.chain.prismatic)

@@ -18,7 +18,7 @@ from precision_pin.pages.view.headline import quantile, values_of
 from precision_pin.pages.view.scales import middle_of
 from precision_pin.render.html import Child, Html, element, items, joined, paragraph, section, table
 from precision_pin.render.svg import figure
-from precision_pin.render.tables import absolute, milli, symbol, unit
+from precision_pin.render.tables import absolute, milli, share_in_words, symbol, unit
 from precision_pin.statistics import Distribution, SpecificationResult, clopper_pearson, format_share
 from precision_pin.statistics.digits import format_inside
 
@@ -219,8 +219,8 @@ def _resting(results: Results) -> list[Html]:
     # in a calibrated arm a number of an assumed source may be measured
     shares = {kind: position for kind, (position, _) in results.analysis.origins.items()}
     varies = any(shares.values())
-    much = f"{_percent(shares.get('assumed', 0.0))} of the variance of d rests" if varies else "Rests"
-    return [paragraph(element("strong", f"{much} on assumptions: {counted}"))]
+    much = f"{share_in_words(shares.get('assumed', 0.0))} of the variance of d rests" if varies else "rests"
+    return [paragraph(element("strong", f"{much[0].upper()}{much[1:]} on assumptions: {counted}"))]
 
 
 def _always(results: Results) -> list[Html]:
@@ -228,10 +228,6 @@ def _always(results: Results) -> list[Html]:
     size = constant_part(results)
     text = f"{milli(size, 3)} mm is the error before anything varies, from mean values and loads."
     return [paragraph(text)] if size > 0 else []
-
-
-def _percent(share: float) -> str:
-    return "Less than 1 %" if 0 < share < 0.01 else f"{100 * share:.0f} %"
 
 
 def _by_pose(poses: Sequence[Results]) -> Html:
