@@ -17,6 +17,7 @@ from precision_pin.analyses.calibration.forecast import simulate_readings
 from precision_pin.base.errors import PrecisionPinError
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sheet import read
 from precision_pin.statistics import Specification
 from precision_pin.terms.term import JointValue
 
@@ -133,75 +134,89 @@ def named(word: str, text: str) -> bool:
     )
 
 
-WHOLE = ""
 NUMBER = "zero, one half, minus one"
 POSITIVE = "one half"
 NOT_NEGATIVE = "zero, one half"
 OPTIONAL = "nothing"
+EMPTY = "empty list, empty tuple"
+SEVERAL = "nothing, list of nothing"
+TEXT = "word, digits, empty text"
 WAY = Path(__file__).with_name("way.csv")
 UR_FILE, UR_ARM = (Path(__file__).with_name(name) for name in ("ur3.calibration.conf", "ur3.urdf"))
-FILE = "path|file|3|nonsense"
-POSE_FINE = "nothing"
-SEVERAL = "nothing, list of nothing"
-APPROACH_FINE = "nothing, empty list, empty tuple, empty mapping"
-NO_SPECIFICATION = "empty list, empty tuple"
+JOINT_OR_POSE = "joint|pose"
+WORDS = {
+    "q": JOINT_OR_POSE, "pose": JOINT_OR_POSE, "poses": JOINT_OR_POSE, "other": JOINT_OR_POSE, "relative_to": JOINT_OR_POSE,
+    "at": JOINT_OR_POSE, "candidates": JOINT_OR_POSE, "approach": "approach|joint", "approaches": "approach|joint",
+    "reference": "joint", "until": "until|target", "files": "file", "error_model": "ErrorModel", "draws": "draw|parameter",
+    "specifications": "specification", "path": "path|file|3|nonsense", "tip": "link", "base": "link", "locked": "lock",
+    "std": "standard deviation",
+}  # fmt: skip
+"""What a message calls an argument, where it is not by its name."""
+FINE = {
+    "seed": "zero", "confidence": POSITIVE, "specifications": EMPTY, "findings": EMPTY, "until": EMPTY, "threads": OPTIONAL,
+    "progress": "nothing, true, function, type", "keep_samples": "true", "reference": OPTIONAL, "relative_to": OPTIONAL,
+    "approach": "nothing, empty list, empty tuple, empty mapping", "locked": "nothing, empty mapping", "k": POSITIVE,
+    "correlations": EMPTY, "kinds": EMPTY, "mean": NUMBER, "half_width": NOT_NEGATIVE, "radius": NOT_NEGATIVE,
+}  # fmt: skip
+"""The mistakes that are none, wherever an argument has this name."""
+NOT_TRIED = {
+    # handed on to what monte_carlo tries; another word for poses; of the package's own making
+    "executor", "everywhere", "files", "journal", "processes", "resume", "tasks_under_way", "tell", "pose", "q", "only",
+    "bounds", "for_samples", "k", "names", "quantities", "value",
+}  # fmt: skip
+"""Arguments that are left at their defaults, where a call does not give them."""
 
 
-def _calibration_calls(call: Callable[..., Call]) -> Iterator[Call]:
+def call(
+    function: Callable[..., Any],
+    words: dict[str, str] | None = None,
+    label: str = "",
+    /,
+    *,
+    fine: dict[str, str] | None = None,
+    **given: Any,
+) -> Call:
+    """Return a call: an argument that is not given has its default, and is tried with mistakes as well."""
+    parameters = inspect.signature(function).parameters.values()
+    defaults = {
+        one.name: one.default for one in parameters if one.default is not one.empty and one.name not in NOT_TRIED
+    }
+    arguments = defaults | given
+    known = {name: FINE[name] for name in arguments if name in FINE}
+    return Call(label or function.__qualname__, function, arguments, known | (fine or {}), WORDS | (words or {}))
+
+
+def _calibration_calls() -> Iterator[Call]:
     arm = small_model()
     tracker = pp.Measurement(target=(0.05, 0.03, 0.02))
     poses = np.random.default_rng(0).uniform(-2, 2, (4, 5))
     tips = simulate_readings(stations_of(arm, poses, tracker), tracker, arm, seed=5)[:, :, 0]
     words = {
         "model": "ErrorModel|calibrate",
-        "at": "pose|joint",
-        "poses": "pose|joint",
-        "candidates": "pose|joint",
         "count": "number",
+        "data": "data|readings|path|file|nonsense|3|does not exist",
     }
-    words |= {"data": "data|readings|path|file|nonsense|3|does not exist"}
-    fine = {"at": "nothing", "findings": "empty list, empty tuple"}
-    given = {"measurement": tracker, "at": np.array(POSE)[:, None], "findings": []}
-    yield call("forecast_calibration", pp.forecast_calibration, {"model": arm, "poses": poses, **given}, words, **fine)
-    yield call("plan_calibration", pp.plan_calibration,
-               {"model": arm, "candidates": poses, "count": 2, **given, "criterion": "task", "seed": 3, "progress": None}, words,
-               **fine, seed="zero", progress="nothing, true, function, type")  # fmt: skip
+    words |= {"robots": "robots|data|readings|path|nonsense", "file": "path|file|3|nonsense|factory calibration"}
+    fine, at = {"at": OPTIONAL}, np.array(POSE)[:, None]
+    yield call(pp.forecast_calibration, words, model=arm, poses=poses, measurement=tracker, at=at, fine=fine)
+    yield call(pp.plan_calibration, words, model=arm, candidates=poses, count=2, measurement=tracker, at=at, fine=fine)
+    prior = {"prior": "true"}
     yield call(
-        "calibrate",
-        pp.calibrate,
-        {"model": arm, "data": (poses, tips), **given, "prior": True},
-        words,
-        **fine,
-        prior="true",
+        pp.calibrate, words, model=arm, data=(poses[:, :2], tips[:2]), measurement=tracker, at=at, fine=fine | prior
     )
-    yield call("identifiability", pp.identifiability, {"model": arm, "poses": poses, "measurement": tracker}, words)
+    yield call(pp.identifiability, words, model=arm, poses=poses, measurement=tracker)
+    yield call(pp.population, words, model=arm, robots=[(poses, tips)] * 2, measurement=tracker)
+    yield call(pp.ur_calibration, words, file=UR_FILE, robot=Chain.from_urdf(UR_ARM))
+    yield call(pp.every_frame, chain=arm.chain)
     yield call(
-        "population",
-        pp.population,
-        {"model": arm, "robots": [(poses, tips), (poses, tips)], "measurement": tracker, "means": "sheet", "confidence": 0.9,
-         "findings": [], "progress": None},
-        words | {"robots": "robots|data|readings|path|nonsense"},
-        findings="empty list, empty tuple",
-        confidence="one half",
-        progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "ur_calibration",
-        pp.ur_calibration,
-        {"file": UR_FILE, "robot": Chain.from_urdf(UR_ARM)},
-        {"file": f"{FILE}|factory calibration"},
-    )
-    yield call("every_frame", pp.every_frame, {"chain": arm.chain})
-    yield call(
-        "Measurement", pp.Measurement,
-        {
-            "kind": "pose", "std": 1e-5, "target": (0.1, 0.0, 0.0), "base": "free", "target_known": True,
-            "attitude_std": 1e-4, "anchor": (0.0, 0.0, 0.0), "plane": None, "sockets": (), "load": None,
-            "visible_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 1.0), "cone": 1.0,
+        pp.Measurement, {"base": "base"},
+        kind="pose", std=1e-5, target=(0.1, 0.0, 0.0), base="free", attitude_std=1e-4, anchor=(0.0, 0.0, 0.0),
+        visible_from=(1.0, 0.0, 0.0), facing=(0.0, 0.0, 1.0), cone=1.0,
+        fine={
+            "std": POSITIVE, "target_known": "true", "attitude_std": "nothing, one half", "cone": POSITIVE, "facing": OPTIONAL,
+            "plane": OPTIONAL, "sockets": EMPTY, "load": f"nothing, {EMPTY}", "columns": "empty text", "std_known": "true",
+            "target_name": TEXT, "base_name": TEXT,
         },
-        {"std": "standard deviation"}, std=POSITIVE, target_known="true", attitude_std="nothing, one half",
-        cone="one half", facing="nothing", plane="nothing", sockets="empty list, empty tuple",
-        load="nothing, empty list, empty tuple",
     )  # fmt: skip
 
 
@@ -223,410 +238,207 @@ def small_model() -> pp.ErrorModel:
     return pp.ErrorModel(arm.chain, space, offsets, dict(arm.poses))
 
 
-def calls() -> Iterator[Call]:
-    """Yield every public call."""
+@cache
+def calls() -> tuple[Call, ...]:
+    """Return every public call."""
+    return (
+        *_sampling_calls(),
+        *_pose_calls(),
+        *_analysis_calls(),
+        *_calibration_calls(),
+        *_model_calls(),
+        *_law_calls(),
+        *_mcpc_calls(),
+        *_result_calls(),
+    )
+
+
+TWO_POSES = np.tile(np.array(POSE)[:, None], 2)
+
+
+def _sampling_calls() -> Iterator[Call]:
+    arm = model()
+    yield call(
+        pp.monte_carlo, error_model=arm, q=POSE, samples=64, specifications=[Specification("position.x", 1e-3, 0.9)],
+        processes=None, executor=None, tasks_under_way=None, journal=None, resume=False, files={}, tell=None,
+        fine={
+            "q": OPTIONAL, "processes": OPTIONAL, "executor": OPTIONAL, "tasks_under_way": OPTIONAL,
+            "journal": "nothing, word, digits", "files": "nothing, empty mapping", "tell": "nothing, function, type",
+        },
+    )  # fmt: skip
+    yield call(pp.relative, error_model=arm, pose=POSE, other=[0.0, 0.1, 0.2, 0.3], samples=64,
+               fine={"pose": OPTIONAL, "other": OPTIONAL})  # fmt: skip
+    yield call(pp.sample_poses, error_model=arm, q=TWO_POSES, samples=64)
+    yield call(lambda pose, approach: arm.at(pp.ApproachedPose(pose, approach)), {}, "ApproachedPose",
+               pose=POSE, approach={"joint1": "+"},
+               fine={"pose": OPTIONAL, "approach": f"{EMPTY}, empty mapping"})  # fmt: skip
+    yield call(pp.sample_approaches, error_model=arm, pose=POSE, approaches=["joint1 +", "joint1 -"], robots=3, cycles=2,
+               target=(0.0, 0.0, 0.1), fine={"pose": OPTIONAL, "number": "zero", "first": "zero"})  # fmt: skip
+    yield call(pp.map_poses, error_model=arm, poses=TWO_POSES, samples=64, verify=1,
+               fine={"samples": OPTIONAL, "verify": "zero"})  # fmt: skip
+    yield call(pp.path_law, error_model=arm, poses=TWO_POSES, samples=100, fine={"probability": POSITIVE})
+    yield call(pp.compare, models=[arm, arm], poses=POSE, samples=64, fine={"poses": SEVERAL})
+
+
+def _pose_calls() -> Iterator[Call]:
+    chain = model().chain
+    yield call(pp.inverse_kinematics, {"wanted": "wanted pose"},
+               chain=chain, wanted=chain.at(POSE).pose, task="axis", reference=POSE)  # fmt: skip
+    yield call(
+        pp.joint_grid, {"values": "values|joint"}, chain=chain, values={name: [0.0, 0.5] for name in chain.joint_names}
+    )
+    yield call(
+        pp.box_places, dict.fromkeys("xyz", "values"), x=[0.3, 0.4], y=[0.0], z=0.2, fine=dict.fromkeys("xyz", NUMBER)
+    )
+    yield call(pp.plane_places,
+               {"u": "direction u", "v": "direction v", "along_u": "values of u", "along_v": "values of v"},
+               origin=[0.3, 0.0, 0.2], u=[1.0, 0.0, 0.0], v=[0.0, 0.0, 1.0], along_u=[0.0, 0.1], along_v=[0.0],
+               fine={"along_u": NUMBER, "along_v": NUMBER})  # fmt: skip
+    yield call(pp.place_grid, chain=chain, places=np.array([[0.3], [0.0], [0.2]]), orientations=pp.Orientation.free(),
+               branches="all", reference=POSE)  # fmt: skip
+    yield call(pp.random_poses, {"count": "number of poses"}, chain=chain, count=3, box=[[0, 1]] * 3,
+               fine={"box": OPTIONAL, "orientations": OPTIONAL})  # fmt: skip
+    yield call(lambda path, chain, most: pp.read_trajectory(path, chain, most), {}, "read_trajectory",
+               path=WAY, chain=chain, most=10)  # fmt: skip
+    yield call(pp.read_trajectory(WAY, chain).refined, time_step=0.5, angle_step=0.1, most=100,
+               fine={"time_step": "nothing, one half", "angle_step": "nothing, one half", "length_step": OPTIONAL})  # fmt: skip
+    yield call(
+        pp.Orientation.given, {"rotation": "orientation"}, rotation=np.eye(3), label="upright", fine={"label": TEXT}
+    )
+    yield call(pp.Orientation.along, direction=(0.0, 0.0, -1.0), angles=4, fine={"angles": OPTIONAL})
+
+
+def _analysis_calls() -> Iterator[Call]:
     arm, small = model(), small_model()
+    problem = {
+        "tolerances": [{"path": "axis_install[joint1].radius", "cost": {"reciprocal": 1.0}}], "specs": [{"rms": "1 m"}]
+    }  # fmt: skip
+    yield call(pp.allocate, {"problem": "problem|allocate", "pareto": "points of the front"},
+               error_model=arm, problem=problem, seconds=9.0, pareto=2, fine={"seconds": POSITIVE, "pareto": "zero"})  # fmt: skip
+    yield call(pp.compensate, error_model=arm, poses=np.array(POSE)[:, None], mode="pose", weights=np.ones(6))
+    yield call(pp.pose_covariance, error_model=arm, poses=TWO_POSES)
+    several = {"poses": SEVERAL}
+    yield call(pp.reliability, error_model=small, specifications="200 mm @ 99 %", poses=POSE, samples=64,
+               fine=several | {"specifications": ""})  # fmt: skip
+    yield call(pp.worst_case, error_model=small, poses=POSE, samples=64, k=3.0, fine=several)
+    yield call(pp.moments, error_model=small, poses=POSE, samples=1024, method="plain", fine=several)
+    yield call(
+        pp.budget, error_model=small, poses=POSE, samples=1024, k=3.0, fine=several | {"bound_at": "nothing, one half"}
+    )
+    yield call(pp.exact_law, error_model=small, poses=POSE, samples=100, fine=several)
+    yield call(pp.iso9283, {"robots": "robot", "cycles": "cycle"}, error_model=_visiting(arm), poses=[POSE] * 2, cycles=2,
+               robots=5, target=[0.0, 0.0, 0.1], load=1.0, specifications=["RP 1 mm"],
+               fine={"target": OPTIONAL, "load": NOT_NEGATIVE})  # fmt: skip
+    yield call(pp.iso9283_of, commanded=np.zeros(6), attained=np.zeros((2, 6)))
+    yield call(pp.iso9283_distance, {"commanded_pair": "commanded", "attained_pair": "attained"},
+               commanded_pair=np.zeros((2, 6)), attained_pair=np.zeros((2, 2, 6)))  # fmt: skip
+    yield call(pp.specification, {"text": "specification"}, text="0.5 mm @ 95 %")
+    yield call(Specification, {"required": "probability"}, quantity="position.x", limit=1e-3, required=0.9,
+               fine={"limit": POSITIVE, "required": POSITIVE})  # fmt: skip
+
+
+def _model_calls() -> Iterator[Call]:
+    arm = model()
     chain, space = arm.chain, arm.space
     at = arm.at()
-    x = space.sample(0, 0, 3)
-
-    def call(
-        label: str,
-        function: Callable[..., Any],
-        arguments: dict[str, Any],
-        words: dict[str, str] | None = None,
-        /,
-        **fine: str,
-    ) -> Call:
-        return Call(label, function, arguments, fine, words or {})
-
-    pose_words = {
-        "q": "joint|pose",
-        "poses": "pose|joint",
-        "error_model": "ErrorModel",
-        "specifications": "specification",
-    }
-    sampled = {"seed": 3, "samples": 64, "confidence": 0.9}
-    sampled_fine = {"seed": "zero", "samples": WHOLE, "confidence": POSITIVE}
+    yield call(chain.at, {"q": "joint"}, q=POSE)
+    yield call(chain.configuration, {"q": "joint"}, q=POSE)
+    yield call(chain.at_many, q=np.zeros((4, 3)))
+    yield call(chain.joint_index, {"name": "joint"}, name="joint1")
+    for find in (chain.link_frame, chain.frame_place):
+        yield call(find, {"name": "link"}, name=chain.tip)
+    for find in (chain.end, chain.seat, chain.runs_backwards):
+        yield call(find, link=4, fine={"link": "zero"})
+    for find in (chain.axis_alignment, chain.at(POSE).direction_of, chain.at(POSE).torque_on):
+        yield call(find, joint=3, fine={"joint": "zero"})
+    yield call(chain.with_payload, {"at": "link"}, mass=1.0, centre=[0.0, 0.0, 0.1], at=chain.tip,
+               fine={"mass": NOT_NEGATIVE, "at": OPTIONAL})  # fmt: skip
+    yield call(chain.with_target, {"point": "target"}, point=[0.0, 0.0, 0.1])
+    ends, optional = {"tip": chain.tip, "base": chain.base}, {"tip": OPTIONAL, "base": OPTIONAL}
+    yield call(pp.Chain.from_urdf, path=chain.robot.file, **ends, fine=optional)
+    yield call(pp.Chain.from_robot, robot=chain.robot, **ends, fine=optional)
+    yield call(pp.ErrorModel, {"sources": "source"}, chain=chain, space=space, sources=arm.sources, poses={"home": POSE},
+               fine={"sources": EMPTY, "poses": "nothing, empty mapping"})  # fmt: skip
+    yield call(pp.ErrorModel.load, {"kinds": "kind"}, path=PAPER_SHEET)
+    yield call(pp.ErrorModel.from_sheet, sheet=read(PAPER_SHEET))
+    yield call(arm.at, q=POSE, fine={"q": OPTIONAL})
+    yield call(arm.configuration, q=POSE, fine={"q": OPTIONAL})
+    yield call(arm.at_many, q=np.zeros((4, 2)))
+    for displace in (at.linear, at.exact):
+        yield call(displace, x=space.sample(0, 0, 3))
+    draws = (pp.Draw("a", pp.Uniform(1.0)), pp.Draw("b", pp.Uniform(1.0)))
     yield call(
-        "monte_carlo",
-        pp.monte_carlo,
-        {
-            "error_model": arm, "q": POSE, "approach": None, **sampled, "model": "exact",
-            "specifications": [Specification("position.x", 1e-3, 0.9)],
-            "until": [], "keep_samples": False, "findings": [], "threads": 1, "processes": None, "executor": None,
-            "tasks_under_way": None, "journal": None, "resume": False, "files": {}, "progress": None, "tell": None,
-        },
-        pose_words | {"journal": "journal", "files": "file", "until": "until|target", "approach": "approach|joint"},
-        q=POSE_FINE, approach=APPROACH_FINE, **sampled_fine, specifications=NO_SPECIFICATION, until="empty list, empty tuple",
-        keep_samples="true", findings="empty list, empty tuple", threads=OPTIONAL, processes=OPTIONAL, executor=OPTIONAL,
-        tasks_under_way=OPTIONAL, journal="nothing, word, digits", resume=WHOLE, files="nothing, empty mapping",
-        progress="nothing, true, function, type", tell="nothing, function, type",
-    )  # fmt: skip
-    yield call(
-        "relative",
-        pp.relative,
-        {
-            "error_model": arm, "pose": POSE, "other": [0.0, 0.1, 0.2, 0.3], **sampled, "model": "exact", "specifications": [],
-            "keep_samples": False, "findings": [], "threads": 1, "progress": None,
-        },
-        pose_words | {"pose": "pose|joint", "other": "pose|joint"},
-        pose=POSE_FINE, other=POSE_FINE, **sampled_fine, specifications=NO_SPECIFICATION, keep_samples="true",
-        findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "sample_poses",
-        pp.sample_poses,
-        {
-            "error_model": arm, "q": np.tile(np.array(POSE)[:, None], 2), "approach": None, **sampled, "model": "exact",
-            "specifications": [], "findings": [], "threads": 1, "progress": None,
-        },
-        pose_words | {"q": "pose|joint", "approach": "approach|joint"},
-        approach=APPROACH_FINE, **sampled_fine, specifications=NO_SPECIFICATION, findings="empty list, empty tuple",
-        threads=OPTIONAL, progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "ApproachedPose",
-        lambda pose, approach: arm.at(pp.ApproachedPose(pose, approach)),
-        {"pose": POSE, "approach": {"joint1": "+"}},
-        {"pose": "joint|pose", "approach": "approach|joint"},
-        pose=POSE_FINE, approach=APPROACH_FINE.removeprefix("nothing, "),
-    )  # fmt: skip
-    yield call(
-        "sample_approaches",
-        pp.sample_approaches,
-        {
-            "error_model": arm, "pose": POSE, "approaches": ["joint1 +", "joint1 -"], "robots": 3, "cycles": 2, "seed": 0,
-            "model": "exact", "target": (0.0, 0.0, 0.1), "number": 0, "first": 0,
-        },
-        {"error_model": "ErrorModel", "pose": "joint|pose", "approaches": "approach|joint", "number": "number"},
-        pose=POSE_FINE, robots=WHOLE, cycles=WHOLE, seed="zero", number="zero", first="zero",
-    )  # fmt: skip
-    yield call(
-        "map_poses",
-        pp.map_poses,
-        {
-            "error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2), **sampled, "relative_to": None,
-            "specifications": [], "verify": 1, "findings": [], "threads": 1, "progress": None,
-        },
-        pose_words | {"poses": "pose|joint", "relative_to": "pose|joint"},
-        **sampled_fine | {"samples": OPTIONAL}, relative_to=POSE_FINE, verify="zero", specifications=NO_SPECIFICATION,
-        findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "path_law",
-        pp.path_law,
-        {
-            "error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2), "samples": 100, "seed": 0, "probability": 0.95,
-            "model": "exact", "specifications": [], "confidence": 0.95, "findings": [], "threads": 1, "progress": None,
-        },
-        pose_words | {"poses": "pose|joint"},
-        **sampled_fine, probability="one half", specifications=NO_SPECIFICATION, findings="empty list, empty tuple",
-        threads=OPTIONAL, progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "compare",
-        pp.compare,
-        {
-            "models": [arm, arm], "poses": POSE, **sampled, "specifications": [], "findings": [], "threads": 1,
-            "progress": None,
-        },
-        pose_words | {"poses": "pose|joint"},
-        **sampled_fine, poses=SEVERAL, specifications=NO_SPECIFICATION, findings="empty list, empty tuple",
-        threads=OPTIONAL, progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "inverse_kinematics",
-        pp.inverse_kinematics,
-        {
-            "chain": chain, "wanted": at.posture.pose, "task": "axis", "tool_axis": (1.0, 0.0, 0.0), "reference": POSE,
-            "progress": None,
-        },
-        {"wanted": "wanted pose", "reference": "joint"},
-        reference=OPTIONAL, progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call("joint_grid", pp.joint_grid, {"chain": chain, "values": {name: [0.0, 0.5] for name in chain.joint_names}},
-               {"values": "values|joint"})  # fmt: skip
-    yield call("box_places", pp.box_places, {"x": [0.3, 0.4], "y": [0.0], "z": 0.2}, dict.fromkeys("xyz", "values"),
-               x=NUMBER, y=NUMBER, z=NUMBER)  # fmt: skip
-    yield call(
-        "plane_places",
-        pp.plane_places,
-        {"origin": [0.3, 0.0, 0.2], "u": [1.0, 0.0, 0.0], "v": [0.0, 0.0, 1.0], "along_u": [0.0, 0.1], "along_v": [0.0]},
-        {"u": "direction u", "v": "direction v", "along_u": "values of u", "along_v": "values of v"},
-        along_u=NUMBER, along_v=NUMBER,
-    )  # fmt: skip
-    yield call(
-        "place_grid",
-        pp.place_grid,
-        {
-            "chain": chain, "places": np.array([[0.3], [0.0], [0.2]]), "orientations": pp.Orientation.free(),
-            "branches": "all", "reference": POSE, "progress": None,
-        },
-        {"reference": "joint"},
-        reference=OPTIONAL, progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "random_poses",
-        pp.random_poses,
-        {"chain": chain, "count": 3, "seed": 1, "box": [[0, 1], [0, 1], [0, 1]], "orientations": None, "progress": None},
-        {"count": "number of poses"},
-        seed="zero", box=OPTIONAL, orientations=OPTIONAL, progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "read_trajectory", pp.read_trajectory, {"path": WAY, "chain": chain, "most": 10}, {"path": FILE, "most": "most"}
+        pp.Space, {"correlations": "correlation"}, draws=draws, correlations=(pp.Correlation.pair("a", "b", 0.5),)
     )
-    way = pp.read_trajectory(WAY, chain)
-    yield call(
-        "Trajectory.refined", way.refined, {"time_step": 0.5, "angle_step": 0.1, "length_step": None, "most": 100},
-        time_step="nothing, one half", angle_step="nothing, one half", length_step=OPTIONAL,
-    )  # fmt: skip
-    yield call("Orientation.given", pp.Orientation.given, {"rotation": np.eye(3), "label": "upright"},
-               {"rotation": "orientation"}, label="word, digits, empty text")  # fmt: skip
-    yield call("Orientation.along", pp.Orientation.along,
-               {"direction": (0.0, 0.0, -1.0), "angles": 4, "tool_axis": (1.0, 0.0, 0.0)}, angles=OPTIONAL)  # fmt: skip
-    chosen = {"path": "axis_install[joint1].radius", "cost": {"reciprocal": 1.0}}
-    yield call(
-        "allocate",
-        pp.allocate,
-        {
-            "error_model": arm,
-            "problem": {"tolerances": [chosen], "specs": [{"rms": "1 m"}]}, "seed": 0, "seconds": 9.0, "pareto": 2,
-            "findings": [], "progress": None,
-        },
-        {"error_model": "ErrorModel", "problem": "problem|allocate", "pareto": "points of the front"},
-        seed="zero", seconds="one half", pareto="zero", findings="empty list, empty tuple",
-        progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "compensate",
-        pp.compensate,
-        {
-            "error_model": arm, "poses": np.array(POSE)[:, None], "mode": "pose", "weights": np.ones(6), "findings": [],
-            "progress": None,
-        },
-        pose_words | {"poses": "pose|joint"},
-        findings="empty list, empty tuple", progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield from _calibration_calls(call)
-    yield call("pose_covariance", pp.pose_covariance, {"error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2)},
-               pose_words | {"poses": "pose|joint"})  # fmt: skip
-    yield call(
-        "reliability",
-        pp.reliability,
-        {"error_model": small, "specifications": "200 mm @ 99 %", "poses": POSE, "findings": [], "progress": None, **sampled},
-        pose_words,
-        poses=SEVERAL, **sampled_fine, findings="empty list, empty tuple", progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "worst_case",
-        pp.worst_case,
-        {"error_model": small, "poses": POSE, **sampled, "k": 3.0, "findings": [], "progress": None},
-        pose_words,
-        poses=SEVERAL, **sampled_fine, k=POSITIVE, findings="empty list, empty tuple", progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "moments",
-        pp.moments,
-        {
-            "error_model": small, "poses": POSE, "seed": 1, "samples": 1024, "method": "plain", "confidence": 0.9,
-            "findings": [], "progress": None,
-        },
-        pose_words,
-        poses=SEVERAL, **sampled_fine, findings="empty list, empty tuple", progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "budget",
-        pp.budget,
-        {
-            "error_model": small, "poses": POSE, "seed": 1, "samples": 1024, "confidence": 0.9, "k": 3.0, "bound_at": None,
-            "findings": [], "progress": None,
-        },
-        pose_words,
-        poses=SEVERAL, **sampled_fine, k=POSITIVE, bound_at="nothing, one half", findings="empty list, empty tuple",
-        progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "exact_law",
-        pp.exact_law,
-        {"error_model": small, "poses": POSE, "seed": 1, "samples": 100, "confidence": 0.9, "findings": [], "progress": None},
-        pose_words,
-        poses=SEVERAL, **sampled_fine, findings="empty list, empty tuple", progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "iso9283",
-        pp.iso9283,
-        {
-            "error_model": _visiting(arm), "poses": [POSE] * 2, "cycles": 2, "robots": 5, "seed": 3, "target": [0.0, 0.0, 0.1],
-            "load": 1.0,
-            "fit_base": False, "specifications": ["RP 1 mm"], "confidence": 0.9, "findings": [], "threads": 1, "progress": None,
-        },
-        pose_words | {"robots": "robot", "cycles": "cycle", "target": "target"},
-        seed="zero", target=OPTIONAL, load=NOT_NEGATIVE, specifications=NO_SPECIFICATION, confidence=POSITIVE,
-        findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
-    )  # fmt: skip
-    yield call(
-        "iso9283_of", pp.iso9283_of, {"commanded": np.zeros(6), "attained": np.zeros((2, 6))},
-    )  # fmt: skip
-    yield call(
-        "iso9283_distance", pp.iso9283_distance,
-        {"commanded_pair": np.zeros((2, 6)), "attained_pair": np.zeros((2, 2, 6))},
-        {"commanded_pair": "commanded", "attained_pair": "attained"},
-    )  # fmt: skip
-    yield call("specification", pp.specification, {"text": "0.5 mm @ 95 %"}, {"text": "specification"})
-    yield call(
-        "Specification", Specification, {"quantity": "position.x", "limit": 1e-3, "required": 0.9},
-        {"required": "probability"}, limit=POSITIVE, required=POSITIVE,
-    )  # fmt: skip
-    yield call("Chain.at", chain.at, {"q": POSE}, {"q": "joint"})
-    yield call("Chain.configuration", chain.configuration, {"q": POSE}, {"q": "joint"})
-    yield call("Chain.at_many", chain.at_many, {"q": np.zeros((4, 3))}, {"q": "joint|pose"})
-    yield call("Chain.joint_index", chain.joint_index, {"name": "joint1"}, {"name": "joint"})
-    yield call("Chain.link_frame", chain.link_frame, {"name": chain.tip}, {"name": "link"})
-    yield call("Chain.frame_place", chain.frame_place, {"name": chain.tip}, {"name": "link"})
-    for name in ("end", "seat", "runs_backwards"):
-        yield call(f"Chain.{name}", getattr(chain, name), {"link": 4}, link="zero")
-    yield call("Chain.axis_alignment", chain.axis_alignment, {"joint": 3}, joint="zero")
-    for name in ("direction_of", "torque_on"):
-        yield call(f"Posture.{name}", getattr(chain.at(POSE), name), {"joint": 3}, joint="zero")
-    yield call(
-        "Chain.with_payload", chain.with_payload, {"mass": 1.0, "centre": [0.0, 0.0, 0.1], "at": chain.tip},
-        {"centre": "centre", "at": "link"}, mass=NOT_NEGATIVE, at=OPTIONAL,
-    )  # fmt: skip
-    yield call("Chain.with_target", chain.with_target, {"point": [0.0, 0.0, 0.1]}, {"point": "target"})
-    urdf = chain.robot.file
-    yield call(
-        "Chain.from_urdf",
-        pp.Chain.from_urdf,
-        {"path": urdf, "tip": chain.tip, "base": chain.base, "gravity": [0, 0, -9.81], "locked": {}},
-        {"tip": "link", "base": "link", "locked": "lock", "path": FILE},
-        tip=OPTIONAL, base=OPTIONAL, locked="nothing, empty mapping",
-    )  # fmt: skip
-    yield call(
-        "Chain.from_robot",
-        pp.Chain.from_robot,
-        {"robot": chain.robot, "tip": chain.tip, "base": chain.base, "gravity": [0, 0, -9.81], "locked": {}},
-        {"tip": "link", "base": "link", "locked": "lock"},
-        tip=OPTIONAL, base=OPTIONAL, locked="nothing, empty mapping",
-    )  # fmt: skip
-    yield call(
-        "ErrorModel",
-        pp.ErrorModel,
-        {"chain": chain, "space": space, "sources": arm.sources, "poses": {"home": POSE}, "statics": "nominal"},
-        {"sources": "source", "poses": "pose|joint"},
-        sources="empty list, empty tuple", poses="nothing, empty mapping",
-    )  # fmt: skip
-    yield call("ErrorModel.load", pp.ErrorModel.load, {"path": PAPER_SHEET, "kinds": ()}, {"kinds": "kind", "path": FILE},
-               kinds="empty list, empty tuple")  # fmt: skip
-    yield call("ErrorModel.from_sheet", pp.ErrorModel.from_sheet, {"sheet": _sheet()})
-    yield call("ErrorModel.at", arm.at, {"q": POSE, "approach": None}, {"q": "joint|pose", "approach": "approach|joint"},
-               q=POSE_FINE, approach=APPROACH_FINE)  # fmt: skip
-    yield call("ErrorModel.configuration", arm.configuration, {"q": POSE}, {"q": "joint|pose"}, q=POSE_FINE)
-    yield call("ErrorModel.at_many", arm.at_many, {"q": np.zeros((4, 2))}, {"q": "joint|pose"})
-    yield call("PoseModel.linear", at.linear, {"x": x})
-    yield call("PoseModel.exact", at.exact, {"x": x})
-    yield call("Space", pp.Space, {"draws": (pp.Draw("a", pp.Uniform(1.0)), pp.Draw("b", pp.Uniform(1.0))),
-                                   "correlations": (pp.Correlation.pair("a", "b", 0.5),)},
-               {"draws": "draw|parameter", "correlations": "correlation"}, correlations="empty list, empty tuple")  # fmt: skip
-    yield call("Space.sample", space.sample, {"seed": 0, "first": 0, "count": 2, "pose": 0, "visit": 0}, None,
-               seed="zero", first="zero", count="zero", pose="zero", visit="zero")  # fmt: skip
-    yield call("Space.inverse", space.inverse, {"uniforms": np.full((space.size, 2), 0.5)})
-    yield call("Space.parameter", space.parameter, {"name": space.components[0]}, {"name": "parameter"})
-    yield call("Space.including", space.including, {"draws": [pp.Draw("new", pp.Uniform(1.0))]}, {"draws": "draw"},
-               draws="empty list, empty tuple")  # fmt: skip
-    yield call("Draw", pp.Draw, {"name": "a", "law": pp.Uniform(1.0), "scope": pp.Scope.UNIT},
-               name="word, digits, empty text")  # fmt: skip
-    yield call("Correlation", pp.Correlation, {"names": ("a", "b"), "matrix": ((1.0, 0.5), (0.5, 1.0))},
-               {"names": "correlation", "matrix": "correlation"}, names="list of words, array of text")  # fmt: skip
-    yield call("Correlation.pair", pp.Correlation.pair, {"first": "a", "second": "b", "correlation": 0.5},
-               {"first": "correlation", "second": "correlation"}, correlation="one half, zero",
-               first="word, digits, empty text", second="word, digits, empty text")  # fmt: skip
-    for law, arguments, fine in (
-        (pp.Fixed, {"mean": 1.0}, {"mean": NUMBER}),
-        (pp.Uniform, {"half_width": 1.0, "mean": 0.0}, {"half_width": NOT_NEGATIVE, "mean": NUMBER}),
-        (pp.Triangular, {"half_width": 1.0, "mean": 0.0}, {"half_width": NOT_NEGATIVE, "mean": NUMBER}),
-        (pp.Arcsine, {"half_width": 1.0, "mean": 0.0}, {"half_width": NOT_NEGATIVE, "mean": NUMBER}),
-        (pp.Normal, {"std": 1.0, "mean": 0.0}, {"std": NOT_NEGATIVE, "mean": NUMBER}),
-        (pp.Normal.from_half_width, {"half_width": 1.0, "mean": 0.0, "k": 3.0},
-         {"half_width": NOT_NEGATIVE, "mean": NUMBER, "k": POSITIVE}),
-        (pp.TruncatedNormal, {"std": 1.0, "mean": 0.0, "k": 3.0}, {"std": NOT_NEGATIVE, "mean": NUMBER, "k": POSITIVE}),
-        (pp.Lognormal, {"std": 0.5, "mean": 1.0}, {"std": NOT_NEGATIVE, "mean": POSITIVE}),
-        (pp.TwoPoint, {"half_width": 1.0, "centre": 0.0, "probability": 0.5},
-         {"half_width": NOT_NEGATIVE, "centre": NUMBER, "probability": POSITIVE}),
-        (pp.Circle, {"radius": 1.0}, {"radius": NOT_NEGATIVE}),
-        (pp.Disc, {"radius": 1.0}, {"radius": NOT_NEGATIVE}),
-        (pp.JointNormal, {"matrix": ((1.0, 0.0), (0.0, 1.0)), "centre": (0.0, 0.0)}, {"centre": "empty list, empty tuple"}),
-        (pp.Empirical, {"quantiles": ((0.0, 0.0), (1.0, 1.0))}, {}),
-        (pp.Empirical.from_samples, {"samples": [0.0, 1.0, 3.0]}, {"samples": "set"}),
-        (pp.Rows, {"table": ((0.0, 1.0), (1.0, 2.0)), "names": ("a", "b")},
-         {"names": "empty list, empty tuple, list of words, array of text"}),
-    ):  # fmt: skip
-        words = {
-            "std": "standard deviation", "matrix": "covariance", "centre": "mean" if law is pp.JointNormal else "centre",
-            "quantiles": "empirical", "samples": "sample", "table": "rows", "names": "names",
-            "mean": "fixed" if law is pp.Fixed else "mean",
-        }  # fmt: skip
-        yield call(law.__qualname__, law, arguments, words, **fine)
-    yield call("Term", pp.Term, {"target": JointValue(0), "twist": np.ones(1), "factors": (), "loaded": False},
-               {"target": "target", "factors": "factor"}, factors="empty list, empty tuple", loaded="true")  # fmt: skip
-    yield call("Term.of", pp.Term.of,
-               {"target": JointValue(0), "twist": [1.0], "values": [space.parameter("a1")], "loaded": False},
-               {"values": "factor"}, twist=NUMBER, values=f"{NUMBER}, empty list, empty tuple", loaded="true")  # fmt: skip
-    arm_mcpc = pp.mcpc.from_chain(chain)
-    yield call("mcpc.from_chain", pp.mcpc.from_chain, {"chain": chain})
-    yield call("mcpc.parameter_errors", pp.mcpc.parameter_errors,
-               {"mcpc": arm_mcpc, "displacements": np.zeros((5, 6)), "chart": "complete"})  # fmt: skip
-    yield call(
-        "mcpc.frame_displacements", pp.mcpc.frame_displacements, {"mcpc": arm_mcpc, "parameter_errors": np.zeros(26)}
-    )
-    yield call("mcpc.joint_placements", pp.mcpc.joint_placements, {"mcpc": arm_mcpc})
-    for name in ("forward_kinematics", "jacobian", "jacobian_base", "propagation"):
-        yield call(f"Mcpc.{name}", getattr(arm_mcpc, name), {"q": POSE}, {"q": "joint values"})
-    for name in ("link_pose", "joint_pose", "link_matrix"):
-        yield call(f"Mcpc.{name}", getattr(arm_mcpc, name), {"link": 4}, link="zero")
-    yield call("Mcpc.perturbed", arm_mcpc.perturbed, {"parameter_errors": np.zeros(26)})
+    numbers = ("first", "count", "pose", "visit")
+    yield call(space.sample, {"pose": "pose"}, seed=0, first=0, count=2, pose=0, fine=dict.fromkeys(numbers, "zero"))
+    yield call(space.inverse, uniforms=np.full((space.size, 2), 0.5))
+    yield call(space.parameter, {"name": "parameter"}, name=space.components[0])
+    yield call(space.including, {"draws": "draw"}, draws=[pp.Draw("new", pp.Uniform(1.0))], fine={"draws": EMPTY})
+    yield call(pp.Term, {"factors": "factor"}, target=JointValue(0), twist=np.ones(1),
+               fine={"factors": EMPTY, "loaded": "true"})  # fmt: skip
+    yield call(pp.Term.of, {"values": "factor"}, target=JointValue(0), twist=[1.0], values=[space.parameter("a1")],
+               fine={"twist": NUMBER, "values": f"{NUMBER}, {EMPTY}", "loaded": "true"})  # fmt: skip
+
+
+def _law_calls() -> Iterator[Call]:
+    names = "list of words, array of text"
+    yield call(pp.Draw, name="a", law=pp.Uniform(1.0), fine={"name": TEXT})
+    correlated = {"names": "correlation", "matrix": "correlation"}
+    yield call(pp.Correlation, correlated, names=("a", "b"), matrix=((1.0, 0.5), (0.5, 1.0)), fine={"names": names})
+    yield call(pp.Correlation.pair, {"first": "correlation", "second": "correlation"}, first="a", second="b", correlation=0.5,
+               fine={"correlation": "one half, zero", "first": TEXT, "second": TEXT})  # fmt: skip
+    yield call(pp.Fixed, {"mean": "fixed"}, mean=1.0)
+    for law in (pp.Uniform, pp.Triangular, pp.Arcsine):
+        yield call(law, half_width=1.0)
+    yield call(pp.Normal.from_half_width, half_width=1.0, k=3.0)
+    yield call(pp.Normal, std=1.0, fine={"std": NOT_NEGATIVE})
+    yield call(pp.TruncatedNormal, std=1.0, k=3.0, fine={"std": NOT_NEGATIVE})
+    yield call(pp.Lognormal, std=0.5, mean=1.0, fine={"std": NOT_NEGATIVE, "mean": POSITIVE})
+    yield call(pp.TwoPoint, half_width=1.0, probability=0.5, fine={"centre": NUMBER, "probability": POSITIVE})
+    for law in (pp.Circle, pp.Disc):
+        yield call(law, radius=1.0)
+    yield call(pp.JointNormal, {"matrix": "covariance", "centre": "mean"}, matrix=((1.0, 0.0), (0.0, 1.0)), centre=(0.0, 0.0),
+               fine={"centre": EMPTY})  # fmt: skip
+    yield call(pp.Empirical, {"quantiles": "empirical"}, quantiles=((0.0, 0.0), (1.0, 1.0)))
+    yield call(pp.Empirical.from_samples, {"samples": "sample"}, samples=[0.0, 1.0, 3.0], fine={"samples": "set"})
+    yield call(pp.Rows, {"table": "rows"}, table=((0.0, 1.0), (1.0, 2.0)), names=("a", "b"),
+               fine={"names": f"{EMPTY}, {names}"})  # fmt: skip
+
+
+def _mcpc_calls() -> Iterator[Call]:
+    arm = pp.mcpc.from_chain(model().chain)
+    errors = np.zeros(26)
+    yield call(pp.mcpc.from_chain, {}, "mcpc.from_chain", chain=model().chain)
+    yield call(pp.mcpc.parameter_errors, {}, "mcpc.parameter_errors", mcpc=arm, displacements=np.zeros((5, 6)))
+    yield call(pp.mcpc.frame_displacements, {}, "mcpc.frame_displacements", mcpc=arm, parameter_errors=errors)
+    yield call(pp.mcpc.joint_placements, {}, "mcpc.joint_placements", mcpc=arm)
+    for of_joints in (arm.forward_kinematics, arm.jacobian, arm.jacobian_base, arm.propagation):
+        yield call(of_joints, {"q": "joint values"}, q=POSE)
+    for of_link in (arm.link_pose, arm.joint_pose, arm.link_matrix):
+        yield call(of_link, link=4, fine={"link": "zero"})
+    yield call(arm.perturbed, parameter_errors=errors)
+
+
+def _result_calls() -> Iterator[Call]:
+    arm = model()
     poses = pp.sample_poses(arm, [next(iter(arm.poses)), POSE], samples=64)
-    yield call("PosesResult.between", poses.between, {"one": 0, "other": 1}, {"one": "pose", "other": "pose"},
-               one="zero", other="zero")  # fmt: skip
-    yield call("PosesResult.pose", poses.pose, {"name": "paper"}, {"name": "pose"})
+    yield call(poses.between, {"one": "pose", "other": "pose"}, one=0, other=1, fine={"one": "zero", "other": "zero"})
+    yield call(poses.pose, {"name": "pose"}, name="paper")
     analysis = pp.monte_carlo(arm, POSE, samples=1000)
     norm = analysis.position.norm
-    for method in ("quantile", "quantile_interval", "quantile_error"):
-        yield call(f"Distribution.{method}", getattr(norm, method), {"p": 0.5}, {"p": "probability"}, p=POSITIVE)
-    yield call(
-        "Distribution.tolerance_bounds",
-        norm.tolerance_bounds,
-        {"content": 0.95},
-        {"content": "probability"},
-        content=POSITIVE,
-    )
-    yield call(
-        "Distribution.interval",
-        norm.interval,
-        {"statistic": "mean"},
-        {"statistic": "quantile|statistic"},
-        statistic=POSITIVE,
-    )
-    yield call(
-        "Distribution.half_width",
-        norm.half_width,
-        {"statistic": "mean"},
-        {"statistic": "quantile|statistic"},
-        statistic=POSITIVE,
-    )
-    yield call("Distribution.cdf", norm.cdf, {"value": 0.1}, {}, value=NUMBER)
-    yield call(
-        "Distribution.cumulative",
-        norm.cumulative,
-        {"values": [0.1]},
-        {},
-        values=f"{NUMBER}, empty list, empty tuple, array of three axes",
-    )
-    yield call("Distribution.probability_inside", norm.probability_inside, {"limit": 0.1}, {}, limit=NUMBER)
-    yield call("Distribution.histogram", norm.histogram, {"bars": 3}, {}, bars=OPTIONAL)
-    yield call("Summary.distribution", analysis.summary.distribution, {"quantity": "position.x"})
-    yield call("progress", _shown, {"total": 3, "what": "sampling", "delay": 0.7, "unit": "samples"}, {},
-               total="zero", what="word, digits, empty text", delay=NOT_NEGATIVE, unit="word, digits, empty text")  # fmt: skip
+    for method in (norm.quantile, norm.quantile_interval, norm.quantile_error):
+        yield call(method, {"p": "probability"}, p=0.5, fine={"p": POSITIVE})
+    yield call(norm.tolerance_bounds, {"content": "probability"}, content=0.95, fine={"content": POSITIVE})
+    for method in (norm.interval, norm.half_width):
+        yield call(method, {"statistic": "quantile|statistic"}, statistic="mean", fine={"statistic": POSITIVE})
+    yield call(norm.cdf, value=0.1, fine={"value": NUMBER})
+    yield call(norm.cumulative, values=[0.1], fine={"values": f"{NUMBER}, {EMPTY}, array of three axes"})
+    yield call(norm.probability_inside, limit=0.1, fine={"limit": NUMBER})
+    yield call(norm.histogram, bars=3, fine={"bars": OPTIONAL})
+    yield call(analysis.summary.distribution, quantity="position.x")
+    yield call(_shown, {}, "progress", total=3, what="sampling", delay=0.7, unit="samples",
+               fine={"total": "zero", "what": TEXT, "delay": NOT_NEGATIVE, "unit": TEXT})  # fmt: skip
 
 
 def _visiting(arm: pp.ErrorModel) -> pp.ErrorModel:
@@ -634,12 +446,6 @@ def _visiting(arm: pp.ErrorModel) -> pp.ErrorModel:
     again = pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT)
     source = pp.sources.JointOffset(joint=arm.chain.joint_names[0], offset="again")
     return pp.ErrorModel(arm.chain, arm.space.including([again]), [*arm.sources, source])
-
-
-def _sheet() -> Any:
-    from precision_pin.sheet import read
-
-    return read(PAPER_SHEET)
 
 
 def _shown(total: int, what: str, delay: float, unit: str) -> None:

@@ -41,7 +41,7 @@ def test_every_mistake_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytes
                     found = outcome(call, argument, mistake)
                     wrong += [found] if found.kind != "refused" else []
     assert wrong == []
-    assert count > 4500
+    assert count > 9000
 
 
 @pytest.mark.slow

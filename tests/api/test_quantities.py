@@ -156,20 +156,15 @@ def test_none_is_forgotten() -> None:
 @pytest.mark.fast(10)
 @pytest.mark.filterwarnings("ignore:.*W_NO_VISITS")
 @pytest.mark.parametrize("name", CASES)
-def test_text_is_the_same_as_the_number(name: str) -> None:
+def test_text_is_the_same_as_the_number_and_another_unit_is_refused(name: str) -> None:
     case = CASES[name]
     np.testing.assert_allclose(case.make(case.text), case.make(case.si), rtol=1e-12, atol=1e-15)
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_another_unit_is_refused_with_the_argument_and_its_units(name: str) -> None:
     with pytest.raises(pp.InputError) as caught:
-        CASES[name].make(CASES[name].wrong)
+        case.make(case.wrong)
     (finding,) = caught.value.findings
     assert finding.code == "E_UNIT"
     assert "is not a unit of" in finding.message
     assert "a plain number is in" in finding.message
-    last = name.rpartition(".")[2]
     # what a message calls an argument where it is not by its name
     said = {
         "along_u": "of u:",
@@ -178,8 +173,9 @@ def test_another_unit_is_refused_with_the_argument_and_its_units(name: str) -> N
         "cumulative": "values:",
         "probability_inside": "limit:",
     }
-    by_joint = {"values", "configuration", "configurations of many"}
-    assert ("joint1:" if last in by_joint else said.get(last, last)) in finding.message
+    said |= dict.fromkeys(("values", "configuration", "configurations of many"), "joint1:")
+    last = name.rpartition(".")[2]
+    assert said.get(last, last) in finding.message
 
 
 def test_a_number_without_unit_in_text_is_refused() -> None:
