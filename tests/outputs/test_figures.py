@@ -1,0 +1,537 @@
+"""The pictures: text sizes and overlaps by measured extents, what is marked, and how files are written."""
+
+from __future__ import annotations
+
+import itertools
+import xml.etree.ElementTree as ElementTree
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+import precision_pin as pp
+from precision_pin.analyses.budget.budget import budget
+from precision_pin.analyses.exact_law.exact_law import exact_law
+from precision_pin.analyses.map.figure import figure as map_figure
+from precision_pin.analyses.map.figure import layout_of
+from precision_pin.analyses.moments.moments import moments
+from precision_pin.analyses.registry import declarations
+from precision_pin.analyses.reliability.reliability import reliability
+from precision_pin.analyses.worst_case.figure import explain_excess
+from precision_pin.analyses.worst_case.worst_case import worst_case
+from precision_pin.base import se3
+from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.pages.view.drawing import Cloud, draw_picture
+from precision_pin.pages.view.raster import Camera, Triangles, draw_triangles
+from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.draw_distribution import display_unit
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sampling import figures as plots
+from precision_pin.sampling import monte_carlo
+from precision_pin.sources.joint_offset import JointOffset
+from precision_pin.statistics import Plan, Specification, Summary, finish, observe, start
+from support.sheets import seven_joint_arm
+
+SPECIFICATIONS = (
+    Specification("position.norm", 38.5e-3, 0.95),
+    Specification("attitude.norm", 1e-1, 0.9973),
+    Specification("position.y", 1.5e-3, 0.95),
+    Specification("attitude.z", 5e-2, 0.95),
+)
+LONG_TITLE = "Attitude error of a_robot_with_quite_a_long_name at pose a_pose_with_quite_a_long_name, exact $ model"
+
+
+def summary_of(errors: np.ndarray) -> Summary:
+    covariance = np.cov(errors) if errors.shape[1] > 1 else np.zeros((6, 6))
+    plan = Plan.from_moments(errors.mean(axis=1), covariance, SPECIFICATIONS)
+    return finish(plan, observe(plan, start(plan), errors))
+
+
+def errors_of(case: str) -> np.ndarray:
+    generator = np.random.default_rng(5)
+    noise = generator.standard_normal((6, 5000))
+    offset = np.array([37e-3, 0, 0, 0, 0, 0])[:, None]
+    usual = noise * np.array([1, 1, 1, 0.4, 0.01, 2])[:, None] * 1e-3 + offset
+    cases = {
+        "offset": usual,
+        "five samples": usual[:, :5],
+        "one sample": usual[:, :1],
+        "no spread": np.full((6, 500), 1e-2) * np.array([1, 0, 0, 1, 1, -1])[:, None],
+        "far and narrow": noise * 1e-9 - 37e-3,
+        "unequal components": noise * 10.0 ** np.array([-2, -5, -8, -2, -6, -10])[:, None],
+        "large": noise * 1.0 + 20.0,
+        "outliers": usual * np.where(generator.random(5000) < 1e-3, 100.0, 1.0),
+    }
+    return cases[case]
+
+
+CASES = ("offset", "one sample", "no spread", "far and narrow", "unequal components", "large", "outliers")
+
+
+def figures_of(summary: Summary) -> dict[str, Figure]:
+    return {
+        "position": plots.figure_position(summary, title="Position error at pose paper", seed=0),
+        "attitude": plots.figure_attitude(summary, title=LONG_TITLE, seed=2**64 - 1),
+        "components": plots.figure_components(summary, seed=0),
+        "histogram": plots.histogram(
+            summary.position.y, title="dy", seed=1, specifications=summary.specifications
+        ).figure,
+        "cumulative": plots.cumulative(
+            summary.attitude.norm, title=LONG_TITLE, specifications=summary.specifications
+        ).figure,
+    }
+
+
+def drawn_texts(figure: Figure) -> list[Text]:
+    """Every text that ends on the page: not hidden, not empty, no tick outside its axis."""
+    outside: set[int] = set()
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            slack = 1e-9 * (high - low)
+            for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]:
+                hidden = not (low - slack <= tick.get_loc() <= high + slack)
+                outside |= {id(label) for label in (tick.label1, tick.label2) if hidden or not label.get_visible()}
+    return [
+        text
+        for text in figure.findobj(Text)
+        if text.get_visible() and text.get_text().strip() and id(text) not in outside
+    ]
+
+
+@pytest.mark.slow
+def test_a_figure_is_drawn_once_and_its_files_are_the_same_each_time(tmp_path, monkeypatch) -> None:
+    """Matplotlib draws all of it with drawing switched off, only to lay it out; the files are the same to the byte."""
+    before = dict(mpl.rcParams)
+    drawn: list[int] = []
+    files = []
+    for _ in range(2):
+        figure = figures_of(summary_of(errors_of("offset")))["position"]
+        draw = figure.patch.draw
+        figure.patch.draw = lambda renderer, draw=draw: (drawn.append(len(files)), draw(renderer))
+        paths = plots.save(figure, tmp_path / "position.error")
+        files.append([path.read_bytes() for path in paths])
+        monkeypatch.setattr(type(figure), "draw", Figure.draw)
+    assert files[0] == files[1]
+    assert (drawn.count(0), drawn.count(1)) == (2, 4)
+    assert paths == (tmp_path / "position.error.png", tmp_path / "position.error.svg")
+    assert sorted(tmp_path.iterdir()) == sorted(paths)
+    assert files[0][0][:8] == b"\x89PNG\r\n\x1a\n"
+    assert int.from_bytes(files[0][0][16:20]) == pytest.approx(85 / 25.4 * 200, abs=1)
+    root = ElementTree.fromstring(files[0][1])
+    assert float(root.attrib["width"].removesuffix("pt")) == pytest.approx(85 / 25.4 * 72, abs=0.01)
+    assert b"date" not in files[0][1].lower()
+    assert dict(mpl.rcParams) == before
+
+
+def overlaps(figure: Figure) -> list[tuple[str, str]]:
+    figure.canvas.draw()
+    boxes = [(text.get_text(), text.get_window_extent()) for text in drawn_texts(figure)]
+    return [(one[0], other[0]) for one, other in itertools.combinations(boxes, 2) if one[1].overlaps(other[1])]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_text_is_large_enough_inside_the_page_and_does_not_overlap(case: str) -> None:
+    for name, figure in figures_of(summary_of(errors_of(case))).items():
+        assert overlaps(figure) == [], name
+        page, texts = figure.bbox, drawn_texts(figure)
+        assert len(texts) > 8
+        for text in texts:
+            assert text.get_fontsize() >= 7, (name, text.get_text())
+            box = text.get_window_extent()
+            assert page.x0 <= box.x0 <= box.x1 <= page.x1, (name, text.get_text())
+            assert page.y0 <= box.y0 <= box.y1 <= page.y1, (name, text.get_text())
+    figure.text(0.5, 0.1, "a text laid across the legend, which it must not be")
+    assert overlaps(figure)
+
+
+def legend_of(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_marks_name_mean_quantiles_limits_samples_and_seed() -> None:
+    summary = summary_of(errors_of("offset"))
+    figure = plots.figure_position(summary, seed=42)
+    labels = legend_of(figure)
+    # 5000 samples of 37.03 ± 1.00 mm: the mean to 0.03 mm, the quantile to 0.06 mm
+    assert labels[0] == f"mean: {summary.position.norm.mean * 1e3:.2f} mm"
+    assert labels[1] == f"95 % quantile: {summary.position.norm.quantile(0.95) * 1e3:.1f} mm"
+    assert labels[2].startswith("99.73 % quantile: 39.") or labels[2].startswith("99.73 % quantile: 40")
+    (result, *_) = summary.specifications
+    assert labels[3].startswith("limit 38.5 mm:\n")
+    assert f"{100 * result.probability:.0f}" in labels[3]
+    assert labels[3].endswith("95 % required: not met")
+    caption = figure.legends[0].get_title().get_text()
+    assert "N = 5,000" in caption
+    assert "seed 42" in caption
+    upper, lower = figure.axes
+    assert lower.get_xlabel() == "|d| [mm]"
+    assert upper.get_ylabel() == "density [1/mm]"
+    assert lower.get_ylabel() == "cumulative probability"
+    places = [line.get_xdata()[0] for line in upper.get_lines()]
+    expected = [summary.position.norm.mean, *map(summary.position.norm.quantile, (0.95, 0.9973)), 38.5e-3]
+    np.testing.assert_allclose(places, np.array(expected) * 1e3, rtol=1e-12)
+
+
+def test_limits_beyond_the_axis_are_named_and_both_sides_of_a_component_drawn() -> None:
+    summary = summary_of(errors_of("offset"))
+    labels = legend_of(plots.figure_attitude(summary))
+    assert any(label.startswith("limit 100 mrad (beyond this axis)") for label in labels)
+    axes = plots.histogram(summary.position.y, specifications=summary.specifications)
+    places = [line.get_xdata()[0] for line in axes.get_lines()[-2:]]
+    np.testing.assert_allclose(places, [-1.5, 1.5], rtol=1e-12)
+    few = legend_of(plots.figure_position(summary_of(errors_of("five samples"))))
+    assert few[:3] == [f"{name}: not resolved" for name in ("mean", "95 % quantile", "99.73 % quantile")]
+
+
+def test_the_histogram_is_a_density_in_the_axis_unit() -> None:
+    summary = summary_of(errors_of("offset"))
+    axes = plots.histogram(summary.attitude.norm)
+    (bars,) = [patch for patch in axes.patches if hasattr(patch, "get_data")]
+    density, edges, _ = bars.get_data()
+    assert density @ np.diff(edges) == pytest.approx(1.0, abs=1e-12)
+    assert edges[0] == pytest.approx(summary.attitude.norm.min * 1e3, rel=1e-12)
+    assert axes.get_xlabel() == "|δ| [mrad]"
+    assert axes.get_xlim()[0] == 0.0
+
+
+def test_values_that_hardly_differ_are_drawn_from_a_round_number() -> None:
+    summary = summary_of(errors_of("far and narrow"))
+    axes = plots.histogram(summary.position.x)
+    # span 7 nm: rounded to 1 nm = 0.000001 mm
+    assert axes.get_xlabel() == "dx + 37.000000 mm [nm]"
+    low, high = axes.get_xlim()
+    assert low < summary.position.x.min * 1e9 + 37e6 < summary.position.x.max * 1e9 + 37e6 < high
+    assert high - low < 10
+
+
+def test_units_suit_the_size() -> None:
+    for size, position, attitude in (
+        (0.0, "mm", "mrad"), (50.0, "m", "rad"), (5.0, "mm", "mrad"), (2e-4, "mm", "mrad"), (5e-5, "µm", "µrad")
+    ):  # fmt: skip
+        summary = summary_of(np.full((6, 3), size))
+        assert (display_unit(summary.position.x).name, display_unit(summary.attitude.z).name) == (position, attitude)
+
+
+def test_a_panel_takes_a_smaller_unit_where_its_labels_would_grow_long() -> None:
+    figure = plots.figure_components(summary_of(errors_of("unequal components")))
+    labels = ["dx [mm]", "dy [mm]", "dz [nm]", "δx [mrad]", "δy [µrad]", "δz [nrad]"]
+    assert [axes.get_xlabel() for axes in figure.axes] == labels
+    assert "limit 50 mrad (beyond this axis)" in legend_of(figure)
+    assert figure.get_size_inches()[0] * 25.4 == pytest.approx(174)
+
+
+def test_given_axes_are_drawn_on_and_keep_their_figure() -> None:
+    figure = Figure()
+    left, right = figure.subplots(1, 2)
+    summary = summary_of(errors_of("offset"))
+    micrometres = WrittenUnit("µm", 1e6)
+    assert plots.histogram(summary.position.z, axes=left, unit=micrometres, title="dz") is left
+    assert plots.cumulative(summary.position.z, axes=right) is right
+    assert left.get_xlabel() == "dz [µm]"
+    assert left.get_title() == "dz"
+    assert not figure.legends
+    marks = [label.split(":")[0] for label in left.get_legend_handles_labels()[1]]
+    assert marks == ["mean", "5 % quantile", "95 % quantile"]
+
+
+def test_colours_are_okabe_and_itos() -> None:
+    palette = {"#000000", "#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7"}
+    summary = summary_of(errors_of("offset"))
+    lines = [line for axes in plots.figure_position(summary).axes for line in axes.get_lines()]
+    assert {mpl.colors.to_hex(line.get_color()) for line in lines} <= palette
+    marked = {(line.get_color(), str(line.get_linestyle())) for line in lines[:4]}
+    assert len(marked) >= 3
+
+
+# what a limit and a scale look like ----------------------------------------------------------------------------------
+
+
+def filled(axes, colour: str) -> list:
+    return [one for one in axes.patches if mpl.colors.to_hex(one.get_facecolor()) == colour]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("limit", "colour"), [(39e-3, "#009e73"), (37.5e-3, "#d55e00")])
+def test_a_missed_limit_is_red_and_the_tail_beyond_it_coloured(limit: float, colour: str) -> None:
+    errors = errors_of("offset")
+    plan = Plan.from_moments(errors.mean(axis=1), np.cov(errors), (Specification("position.norm", limit, 0.95),))
+    summary = finish(plan, observe(plan, start(plan), errors))
+    upper = plots.figure_position(summary).axes[0]
+    line = next(one for one in upper.get_lines() if str(one.get_label()).startswith("limit"))
+    assert mpl.colors.to_hex(line.get_color()) == colour
+    (tail,) = filled(upper, "#d55e00")
+    density, edges, _ = tail.get_data()
+    # the coloured area is the share of the samples beyond
+    assert float(density @ np.diff(edges)) == pytest.approx(
+        (np.linalg.norm(errors[:3], axis=0) > limit).mean(), abs=0.01
+    )
+    assert edges[0] == pytest.approx(1e3 * limit)
+
+
+def test_components_share_their_scale_and_say_where_one_does_not() -> None:
+    summary = summary_of(errors_of("offset"))
+    axes = plots.figure_components(summary).axes
+    assert len({one.get_xlim() for one in axes[:3]}) == 1
+    # the second turns a hundred times less than the others
+    assert axes[3].get_xlim() == axes[5].get_xlim() != axes[4].get_xlim()
+    assert ["own scale" in one.get_title() for one in axes] == [False, False, False, False, True, False]
+
+
+N = 1024
+
+
+@pytest.fixture(scope="module")
+def results():
+    model = ErrorModel.load(PAPER_SHEET)
+    return {
+        "budget": budget(model, samples=N, seed=7),
+        "worst-case": worst_case(model, samples=N, seed=7),
+        "exact-law": exact_law(model, samples=N, seed=7),
+        "reliability": reliability(model, ["38 mm @ 95 %"], samples=N, seed=7),
+        "moments": moments(model, samples=N, seed=7),
+    }
+
+
+def texts(figure: Figure) -> str:
+    return " ".join(text.get_text() for text in figure.findobj(Text)).replace("\n", " ")
+
+
+@pytest.mark.slow
+def test_every_result_draws_itself_or_on_given_axes_and_names_robot_pose_n_and_seed(results):
+    assert set(results) == {name for name, one in declarations().items() if one.heading}
+    for name, result in results.items():
+        figure = result.plot()
+        words = texts(figure)
+        for part in ("4dof.urdf", "at pose paper", f"N = {N:,}", "seed 7"):
+            assert part in words, name
+        assert not {"SI", "spherical triangles"} & set(words.split())
+        assert figure._repr_png_()[:4] == b"\x89PNG"
+        for quantity in ("position", "attitude"):
+            axes = Figure().subplots()
+            if (name, quantity) == ("reliability", "attitude"):
+                with pytest.raises(InputError, match="no specification limits the attitude"):
+                    result.plot(quantity=quantity, axes=axes)
+            else:
+                assert result.plot(quantity=quantity, axes=axes) is axes
+                assert axes.has_data()
+
+
+def test_wrong_arguments_get_one_line(results):
+    with pytest.raises(UnknownNameError, match="position"):
+        results["budget"].plot(quantity="speed")
+    with pytest.raises(InputError, match="pose must be a whole number from 0 to 0"):
+        results["budget"].plot(pose=1)
+
+
+@pytest.mark.slow
+def test_sampled_results_draw_themselves():
+    result = monte_carlo(ErrorModel.load(PAPER_SHEET), samples=500, seed=7)
+    for quantity in ("position", "attitude", "components", "position.x"):
+        figure = result.plot(quantity)
+        assert isinstance(figure, Figure)
+        for part in ("4dof.urdf at pose paper", "N = 500", "seed 7"):
+            assert part in texts(figure)
+    axes = Figure().subplots()
+    assert isinstance(result.plot("attitude", axes=axes), Axes)
+    assert axes.has_data()
+    with pytest.raises(UnknownNameError):
+        result.plot("speed")
+    with pytest.raises(InputError, match="a separate figure"):
+        result.plot("components", axes=axes)
+
+
+@pytest.mark.slow
+def test_a_bound_below_what_was_found_says_why():
+    chain = seven_joint_arm()
+    turning = [joint.name for joint in chain.joints if joint.kind != "prismatic"]
+
+    def found(law):
+        model = ErrorModel(chain, Space(()), [JointOffset(joint=turning[1], offset=law)])
+        result = worst_case(model, [0.1] * len(chain.joints), samples=N, seed=1)
+        return explain_excess(result.poses[0]), texts(result.plot())
+
+    lines, words = found(Normal(1e-6))
+    assert any("samples lie beyond the bound, which cuts unbounded laws" in line for line in lines)
+    assert "samples lie beyond the bound" in words
+    lines, _ = found(Uniform(1e-6))
+    assert lines == []
+
+
+PAPER = ErrorModel.load(PAPER_SHEET)
+CHAIN = PAPER.chain
+SIDEWAYS = pp.Orientation.along((0, 0, -1), tool_axis=(1, 0, 0))
+
+
+def placed(**box) -> PoseSet:
+    return pp.place_grid(CHAIN, pp.box_places(**box), SIDEWAYS)
+
+
+LINE = placed(x=np.linspace(1.0, 2.6, 30), y=0.3, z=0.3)
+PLANE = placed(x=np.linspace(0.5, 4.0, 6), y=[0.0, 0.4, 0.8, 1.2, 1.6], z=0.3)
+SPACE = placed(x=[1.0, 2.0, 3.0], y=[0.0, 0.4, 0.8], z=[0.1, 0.3, 0.5])
+TIMED = PoseSet.at(CHAIN, PAPER.poses["paper"][:, None] + np.linspace(0, 0.2, 9), times=np.linspace(0, 2, 9))
+LISTED = PoseSet.at(CHAIN, PAPER.poses["paper"][:, None] + np.linspace(0, 0.2, 3), ("one", "two", "three"))
+
+
+@pytest.mark.slow
+def test_the_layout_follows_the_places(tmp_path):
+    for poses, kind, axes in (
+        (LINE, "path", ("x [mm]",)),
+        (PLANE, "plane", ("x [mm]", "y [mm]")),
+        (SPACE, "space", ("x [mm]", "y [mm]", "z [mm]")),
+        (TIMED, "path", ("time [s]",)),
+        (LISTED, "list", ("pose, in the order given",)),
+    ):
+        layout = layout_of(poses, np.arange(len(poses)))
+        assert (layout.kind, layout.names) == (kind, axes)
+        if kind != "plane":
+            made = pp.map_poses(PAPER, poses, verify=0, relative_to="paper")
+            map_figure(made).savefig(tmp_path / "map.png", dpi=30)
+            assert (tmp_path / "map.png").stat().st_size > 3_000
+
+
+@pytest.mark.slow
+def test_a_heat_map_shows_the_value_of_each_place():
+    made = pp.map_poses(PAPER, PLANE, verify=1, specifications=["20 mm"])
+    drawn = map_figure(made)
+    (mesh,) = drawn.axes[0].collections[:1]
+    field = np.ma.filled(mesh.get_array().reshape(5, 6), np.nan)
+    x, y = np.linspace(500, 4000, 6), np.array([0, 400, 800, 1200, 1600])
+    for pose in range(len(PLANE)):
+        column, row = (
+            np.abs(x - 1e3 * PLANE.position[0, pose]).argmin(),
+            np.abs(y - 1e3 * PLANE.position[1, pose]).argmin(),
+        )
+        shown, value = field[row, column], 1e3 * made.quantile[1, 0, pose]
+        assert shown == pytest.approx(value) or (np.isnan(shown) and np.isnan(value))
+    labels = [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert labels == ["not reached", "specification not met"]
+
+
+@pytest.mark.slow
+def test_of_several_branches_the_worst_is_drawn():
+    poses = pp.place_grid(CHAIN, pp.box_places(x=[1.0, 1.5, 2.0], y=[0.2, 0.6], z=0.3), SIDEWAYS, branches="all")
+    made = pp.map_poses(PAPER, poses, verify=0)
+    drawn = np.ma.filled(map_figure(made, "attitude").axes[0].collections[0].get_array(), np.nan).ravel()
+    worst = [1e3 * made.quantile[1, 1, poses.node == node].max() for node in range(6)]
+    assert np.sort(drawn) == pytest.approx(np.sort(worst))
+
+
+RED, BLUE = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0)
+FRONT = Camera(0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def at():
+    return ErrorModel.load(PAPER_SHEET).at()
+
+
+def image_of(triangles: Triangles, half: float = 1.0, pixels: int = 80) -> np.ndarray:
+    seen = FRONT.project(triangles.corners)
+    return draw_triangles(seen, triangles.colours, np.array([-half, -half]), 2 * half / pixels, (pixels, pixels))
+
+
+def covered(image: np.ndarray) -> float:
+    """Return the area that is not transparent, as a share of the image."""
+    return float(image[:, :, 3].mean()) / 255
+
+
+def test_shapes_cover_the_area_that_geometry_gives_them():
+    ball = Triangles()
+    ball.sphere(("ball",), 0.5, RED, np.eye(4))
+    assert covered(image_of(ball)) == pytest.approx(np.pi * 0.25 / 4, rel=0.03)
+    box = Triangles()
+    box.box(("box",), (3.0, 0.8, 0.5), RED, np.eye(4))
+    assert covered(image_of(box)) == pytest.approx(0.4 / 4, rel=0.03)
+    rod = Triangles()
+    rod.rod(("rod",), (0.0, -0.5, -0.5), (0.0, 0.5, 0.5), 0.05, RED)
+    assert covered(image_of(rod)) == pytest.approx(0.1 * np.sqrt(2) / 4, rel=0.05)
+
+
+def test_what_is_nearer_hides_what_is_behind_it_whatever_the_order():
+    for order in (1, -1):
+        shapes = [(-1.0, BLUE), (1.0, RED)][::order]
+        drawn = Triangles()
+        for x, colour in shapes:  # the viewer stands at large x
+            drawn.place((colour,), se3.pose(np.eye(3), (x, 0.0, 0.0)))  # type: ignore[arg-type]
+            drawn.box((colour, "box"), (0.1, 1.0, 1.0), colour, np.eye(4))  # type: ignore[arg-type]
+        red, _, blue, seen = image_of(drawn)[40, 40].astype(int)
+        assert seen == 255
+        assert red > blue + 60
+
+
+def test_nodes_stand_on_those_above_them():
+    drawn = Triangles()
+    drawn.place(("arm",), se3.pose(se3.rotation_about((0.0, 0.0, 1.0), np.pi / 2), (1.0, 2.0, 3.0)))
+    drawn.place(("arm", "link"), se3.pose(np.eye(3), (0.5, 0.0, 0.0)))
+    drawn.box(("arm", "link", "box"), (0.2, 0.2, 0.2), RED, se3.pose(np.eye(3), (0.0, 0.0, 1.0)))
+    # x of arm is y of the root
+    assert drawn.corners.reshape(-1, 3).mean(axis=0) == pytest.approx([1.0, 2.5, 4.0])
+
+
+def test_long_thin_and_far_triangles_cost_no_more_than_they_show():
+    drawn = Triangles()
+    drawn.surface(("s",), [[0, -900.0, 0], [0, 900.0, 0.1], [0, 900.0, -0.1]], [[0, 1, 2]], RED, np.eye(4))
+    drawn.surface(("t",), [[0, 50.0, 0], [0, 60.0, 0.1], [0, 60.0, -0.1]], [[0, 1, 2]], RED, np.eye(4))
+    drawn.surface(("u",), [[0, 0.0, 0], [0, 0.0, 0], [0, 0.0, 0]], [[0, 1, 2]], RED, np.eye(4))
+    assert 0 < covered(image_of(drawn)) < 0.2
+    assert covered(image_of(Triangles())) == 0
+
+
+def test_the_camera_is_a_right_handed_frame_with_the_base_upright():
+    for azimuth in (0.3, 2.0, 5.0):
+        axes = Camera(azimuth, 0.4).axes
+        assert axes @ axes.T == pytest.approx(np.eye(3))
+        assert np.linalg.det(axes) == pytest.approx(1)
+        assert axes[0, 2] == 0
+        assert axes[1, 2] > 0
+
+
+@pytest.mark.slow
+def test_the_cloud_fills_a_fair_part_of_the_picture_and_the_limit_has_room(at):
+    generator = np.random.default_rng(3)
+    errors = 1e-3 * generator.standard_normal((3, 2000))
+    arm = 2.5  # m, about what the paper's arm is wide
+    for scale in (1e-3, 0.03, 1.0, 40.0):
+        picture = draw_picture(at.posture, Cloud(scale * errors))
+        width = picture.factor * scale * 1e-3 * 2 * 2.33  # 98 % of a normal law
+        assert picture.factor >= 1
+        if picture.factor > 1:
+            assert 0.15 * arm < width < 0.5 * arm
+    near = draw_picture(at.posture, Cloud(errors, 2.8e-3, 6e-3))
+    far = draw_picture(at.posture, Cloud(errors, 2.8e-3, 1.0))
+    assert near.shows_limit
+    assert not far.shows_limit
+    assert draw_picture(at.posture, Cloud(0 * errors)).factor == 1
+    # drawn from an error far away, the cloud is as large as it is about zero; a limit is about zero
+    moved = Cloud(errors + np.reshape([36e-3, 0.0, 0.0], (3, 1)), 2.8e-3, 42e-3, True, (36e-3, 0.0, 0.0))
+    from_mean = draw_picture(at.posture, moved)
+    assert from_mean.factor == draw_picture(at.posture, Cloud(errors, 2.8e-3)).factor
+    assert not from_mean.shows_limit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("middle", "limit"), [(36e-3, 42e-3), (36e-3, 60e-3), (0.0, 2e-3)])
+def test_the_texts_of_a_picture_do_not_overlap(at, middle, limit):
+    """A limit about a cloud far from the tip reaches down to the scale of the errors."""
+    errors = 1e-3 * np.random.default_rng(3).standard_normal((3, 500)) + [[middle], [0.0], [0.0]]
+    made = draw_picture(at.posture, Cloud(errors, middle + 2.8e-3, limit)).figure
+    assert len(made.axes[0].texts) >= 5
+    assert overlaps(made) == []
+
+
+def test_the_arm_stands_out_from_light_and_dark_paper():
+    for shade in (0.0, 1.0):
+        drawn = Triangles()
+        drawn.sphere(("ball",), 0.8, (shade, shade, shade, 1.0), np.eye(4))
+        middle = image_of(drawn)[30:50, 30:50, :3].astype(float)
+        assert 20 < middle.mean() < 235
