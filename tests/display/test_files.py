@@ -1,7 +1,8 @@
-"""Files appear whole or not at all, several of them together, and only one module writes them."""
+"""Files that are written appear whole or not at all; those that are read are regular, of bounded size, or refused."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from pathlib import Path
@@ -10,8 +11,16 @@ import pytest
 from matplotlib.figure import Figure
 
 import precision_pin
+import precision_pin as pp
+from precision_pin.base import csv_columns
 from precision_pin.base.errors import OutputError
 from precision_pin.base.files import whole_folder, write_files, write_text
+from precision_pin.base.input_files import UnreadableFileError, read_regular_file, read_text_file
+from precision_pin.render import result_io as stored
+from precision_pin.render.result_io import JsonResult
+from precision_pin.robot import urdf
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.robot.trajectory import read_trajectory
 from precision_pin.sampling.figures import save
 
 PACKAGE = Path(precision_pin.__file__).parent
@@ -45,13 +54,16 @@ def test_files_that_belong_together_appear_together(tmp_path, monkeypatch):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize("name", ["no/a", "a/", "x" * 300, "a\0b"])
-def test_what_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path, name):
+def test_what_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "a").mkdir()
-    with pytest.raises(OutputError, match="error E_OUTPUT: cannot write /") as refused:
-        write_text(os.path.join(tmp_path, name), "text")
-    assert "\n" not in str(refused.value)
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    (tmp_path / "file.txt").write_text("kept")
+    for name in ("no/a", "a/", ".", "file.txt/page.html", "x" * 300, "a\0b"):
+        for place in (name, os.path.join(tmp_path, name)):
+            with pytest.raises(OutputError, match="error E_OUTPUT: cannot write ") as refused:
+                write_text(place, "text")
+            assert "\n" not in str(refused.value)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "file.txt"]
 
 
 def test_a_device_is_written_straight_into():
@@ -90,41 +102,72 @@ def test_one_module_writes_files():
     assert found - {"cli/export.py", "sampling/journal.py", "pages/view/page.py"} == {"base/files.py"}
 
 
-def test_writing_replaces_the_file_at_once(tmp_path):
-    target = tmp_path / "page.html"
-    target.write_text("old")
-    write_text(target, "größer")
-    assert target.read_text("utf-8") == "größer"
-    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
-    write_text(str(target), "again")
-    assert target.read_text() == "again"
-
-
-@pytest.mark.parametrize("where", ["no/such/folder/page.html", ".", "file.txt/page.html", "a\0b.html"])
-def test_writing_where_it_cannot_be_done_says_so_in_one_line(tmp_path, monkeypatch, where):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file.txt").write_text("kept")
-    with pytest.raises(OutputError, match="cannot write") as caught:
-        write_text(where, "text")
-    assert "\n" not in str(caught.value)
-    assert [path.name for path in tmp_path.iterdir()] == ["file.txt"]
-
-
-def test_a_failed_write_leaves_the_old_page(tmp_path, monkeypatch):
+def test_a_failed_write_leaves_the_old_page_and_a_new_one_is_as_readable_as_any(tmp_path, monkeypatch):
     target = tmp_path / "page.html"
     target.write_text("old")
 
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(OutputError, match="No space left on device"):
-        write_text(target, "new")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", fail)
+        with pytest.raises(OutputError, match="No space left on device"):
+            write_text(target, "new")
     assert target.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+    write_text(str(tmp_path / "new.html"), "text")
+    assert (tmp_path / "new.html").stat().st_mode == target.stat().st_mode
 
 
-def test_a_page_is_as_readable_as_any_other_file(tmp_path):
-    write_text(tmp_path / "page.html", "text")
-    (tmp_path / "other.html").write_text("text")
-    assert (tmp_path / "page.html").stat().st_mode == (tmp_path / "other.html").stat().st_mode
+def make_odd_files(folder):
+    os.mkfifo(folder / "pipe")
+    (folder / "folder").mkdir()
+    (folder / "binary").write_bytes(b"\x80\x00PNG")
+    (folder / "zero").symlink_to("/dev/zero")
+    (folder / "kernel").symlink_to("/proc/version")
+    (folder / "loop").symlink_to("loop")
+
+
+SAID = {
+    "pipe": "is not a regular file but a pipe",
+    "folder": "is not a regular file but a directory",
+    "zero": "is not a regular file but a device",
+    "kernel": "is not a regular file but a file of the kernel",
+    "binary": r"is not UTF-8 text \(byte 0\)",
+    "loop": "cannot be read: Too many levels of symbolic links",
+    "none": "does not exist",
+    "a\0b": "does not exist",
+    "x" * 300: "cannot be read: File name too long",
+}
+
+
+def test_what_is_no_regular_text_is_refused_at_once_by_every_reader(tmp_path):
+    make_odd_files(tmp_path)
+    chain = pp.ErrorModel.load(PAPER_SHEET).chain
+    for name, said in SAID.items():
+        file = os.path.join(tmp_path, name)
+        for read in (JsonResult.load, csv_columns.read, lambda file: read_trajectory(file, chain, 10)):
+            with pytest.raises(pp.InputError, match=said) as refused:
+                read(file)
+            assert "\n" not in str(refused.value)
+        with pytest.raises(pp.InputError):
+            urdf.read(file)
+
+
+def test_a_result_cut_short_or_too_large_is_refused_in_one_line(tmp_path, monkeypatch):
+    for text in ("", '{"schema": "precision-pin/budget/1", "poses": [', "\0" * 100):
+        (tmp_path / "r.json").write_text(text)
+        with pytest.raises(pp.InputError, match=r"r.json is no JSON, so no result was saved there$"):
+            JsonResult.load(tmp_path / "r.json")
+    (tmp_path / "r.json").write_text(json.dumps({"schema": "precision-pin/budget/1"}))
+    monkeypatch.setattr(stored, "LARGEST_FILE", 8)
+    with pytest.raises(pp.InputError, match=r"r.json: it is larger than 8 bytes"):
+        JsonResult.load(tmp_path / "r.json")
+    (tmp_path / "large").write_bytes(b"0" * (2**20 + 1))
+    with pytest.raises(UnreadableFileError, match="is larger than 1 MiB"):
+        read_regular_file(tmp_path / "large", 2**20)
+
+
+def test_text_has_no_byte_order_mark_and_plain_line_ends(tmp_path):
+    (tmp_path / "t").write_bytes("\ufeffa\r\nb\rc\n".encode())
+    assert read_text_file(tmp_path / "t", 100) == "a\nb\nc\n"

@@ -501,7 +501,7 @@ def test_the_cloud_fills_a_fair_part_of_the_picture_and_the_limit_has_room(at):
     generator = np.random.default_rng(3)
     errors = 1e-3 * generator.standard_normal((3, 2000))
     arm = 2.5  # m, about what the paper's arm is wide
-    for scale in (1e-3, 0.03, 1.0, 40.0):
+    for scale in (0.03, 40.0):
         picture = draw_picture(at.posture, Cloud(scale * errors))
         width = picture.factor * scale * 1e-3 * 2 * 2.33  # 98 % of a normal law
         assert picture.factor >= 1

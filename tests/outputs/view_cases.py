@@ -70,6 +70,12 @@ def pages(shown: Sequence[ViewPose], **settings: object) -> str:
     return page(shown, **{"title": "a test", "seed": 1, "model_name": "exact", **settings})  # type: ignore[arg-type]
 
 
+def page_at(model: ErrorModel, pose: str = "paper", **settings: object) -> str:
+    """Return the page of 40 samples of a model at a named pose."""
+    at = model.at(pose)
+    return pages([ViewPose(at, at.exact(at.space.sample(0, 0, 40)), pose)], **settings)
+
+
 def floats(text: str) -> np.ndarray:
     """Return numbers that a page packs as base64 of float32."""
     return np.frombuffer(base64.b64decode(text), "<f4").astype(float)

@@ -1,0 +1,489 @@
+"""Results as data frames and datasets, with the numbers of the JSON; numbers, names, laws and markup in words."""
+
+from __future__ import annotations
+
+import importlib.resources
+import itertools
+import json
+import math
+import re
+import sys
+
+import numpy as np
+import pandas
+import pytest
+import xarray
+
+import precision_pin as pp
+from outputs.report_cases import (
+    Reader,
+)
+from precision_pin.analyses.exact_law.exact_law_result import LEVELS
+from precision_pin.analyses.report_cells import bracketed
+from precision_pin.base import units
+from precision_pin.base.text_escape import visible
+from precision_pin.draws.draw import Draw
+from precision_pin.draws.laws import (
+    Arcsine,
+    Circle,
+    Disc,
+    Empirical,
+    Fixed,
+    JointNormal,
+    Lognormal,
+    Normal,
+    Rows,
+    Triangular,
+    TruncatedNormal,
+    TwoPoint,
+    Uniform,
+)
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.render.html import Html, element, table
+from precision_pin.render.tables import joint_text, milli, percent, plus_minus, pose_labels, quantity_label
+from precision_pin.render.text_table import aligned, width
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sources.axis_install import AxisInstall
+from precision_pin.sources.beam import Beam
+from precision_pin.sources.clearance import Clearance
+from precision_pin.sources.covariance import Covariance
+from precision_pin.sources.encoder import Encoder
+from precision_pin.sources.frame import Frame
+from precision_pin.sources.joint_compliance import JointCompliance
+from precision_pin.sources.length import Length
+from precision_pin.sources.profiles import Segment
+from precision_pin.statistics import QUANTITIES, SpecificationResult, format_share
+from support.sheets import seven_joint_arm
+
+FOLDED = [0.0, 0.2, 1.5, 0.3]
+SPECIFICATIONS = [pp.specification("44 mm @ 99.73 %"), pp.specification("rx 17 mrad")]
+
+
+@pytest.fixture(scope="module")
+def model() -> pp.ErrorModel:
+    return pp.ErrorModel.load(PAPER_SHEET)
+
+
+@pytest.fixture(scope="module")
+def analysis(model):
+    return pp.monte_carlo(model, samples=3000, seed=5, keep_samples=True)
+
+
+@pytest.fixture(scope="module")
+def results(model) -> dict[str, object]:
+    return {
+        "budget": pp.budget(model, ["paper", FOLDED], seed=2, samples=1024),
+        "worst case": pp.worst_case(model, ["paper", FOLDED], seed=2, samples=1000),
+        "exact law": pp.exact_law(model, ["paper", FOLDED], seed=2, samples=1000),
+        "reliability": pp.reliability(model, SPECIFICATIONS, seed=2, samples=2000),
+    }
+
+
+def same(found: object, expected: object) -> bool:
+    """Whether two numbers are the same, not-a-number and none alike."""
+    if expected is None or (isinstance(expected, float) and math.isnan(expected)):
+        return isinstance(found, float) and math.isnan(found)
+    return found == expected
+
+
+# text --------------------------------------------------------------------------------------------
+
+
+def test_a_number_with_its_half_width():
+    for value, half_width, text in (
+        (36.8649, 0.0123, "36.865 ± 0.013"),
+        (36.8649, 0.12, "36.86 ± 0.13"),
+        (-5.0, 17.2, "-5 ± 18"),
+        (1234.0, 171.0, "1230 ± 180"),
+        (2.5, 0.0, "2.5"),
+        (-0.0001, 0.02, "0.000 ± 0.021"),
+        (None, None, "-"),
+        (1.0, None, "-"),
+    ):
+        assert plus_minus(value, half_width) == text
+    assert plus_minus(2.2e-5, 1.5e-7, decimals=3) == "0.000 ± 0.001"
+    assert plus_minus(25.224, 0.185, decimals=3) == "25.22 ± 0.19"
+    assert plus_minus(0.4, 0.0123, signed=True) == "+0.400 ± 0.013"
+    assert plus_minus(-0.4, 0.0123, signed=True) == "-0.400 ± 0.013"
+
+
+def test_small_texts():
+    assert milli(0.0368649) == "36.8649"
+    assert milli(3e-15) == "0"
+    assert milli(1.0 / 3) == "333.333"
+    assert milli(1.0 / 3, 4) == "333.3"
+    assert (percent(None), percent(0.123456), percent(-1e-9)) == ("-", "12.35", "0.00")
+    assert (quantity_label("position.norm"), quantity_label("attitude.x")) == ("|d| [mm]", "δx [mrad]")
+    assert milli(math.nan) == milli(None) == "-"
+    assert joint_text({"a": math.pi / 2, "b": 0.25}, ("b",)) == "a 90°, b 250 mm"
+    assert pose_labels(["", "p", "p", "pose 1"]) == ["pose 1", "p", "p (2)", "pose 1 (2)"]
+
+
+# analysis ----------------------------------------------------------------------------------------
+
+
+def test_the_frame_of_an_analysis_holds_what_the_json_does(analysis):
+    frame, data = analysis.to_pandas(), analysis.to_dict()
+    assert list(frame.index) == list(QUANTITIES)
+    for quantity in QUANTITIES:
+        vector, part = quantity.split(".")
+        entry, row = data[vector][part], frame.loc[quantity]
+        for name in ("mean", "std", "min", "max", "mode"):
+            assert same(row[name], entry[name])
+        for level, value in entry["quantiles"].items():
+            low, high = entry["quantile_interval"][level] or (None, None)
+            assert same(row[f"quantile_{level}"], value)
+            assert same(row[f"quantile_{level}_lower"], low)
+            assert same(row[f"quantile_{level}_upper"], high)
+        levels = {name.split("_")[1] for name in frame.columns if name.startswith("quantile_")}
+        for level in levels - set(entry["quantiles"]):
+            assert math.isnan(row[f"quantile_{level}"])
+    # mean ± 1.96 std/√N, computed here from the samples; Student's quantile and the skewness add less than a hundredth
+    norms = np.linalg.norm(analysis.errors[:3], axis=0)
+    half = 1.959963984540054 * norms.std(ddof=1) / math.sqrt(norms.size)
+    assert frame.loc["position.norm", "mean_upper"] - norms.mean() == pytest.approx(half, rel=0.01)
+    assert all(kind.kind == "f" for kind in frame.dtypes)
+
+
+def test_a_frame_tells_how_it_was_sampled(analysis):
+    told = analysis.to_pandas().attrs
+    assert told["seed"] == 5
+    assert told["samples"] == 3000
+    assert told["versions"]["numpy"] == np.__version__
+    assert told["units"] == {"position": "m", "attitude": "rad"}
+    assert any("W_STATICS" in line for line in told["warnings"])
+    json.dumps(told)  # plain enough for a parquet file
+    told["units"]["position"] = "ft"
+    assert analysis.to_pandas().attrs["units"]["position"] == "m"
+
+
+def test_a_frame_of_one_sample_has_no_numbers_it_cannot_have_and_is_put_beside_another(analysis, model):
+    frame = pp.monte_carlo(model, samples=1).to_pandas()
+    assert frame[["std", "mean_lower", "quantile_0.95"]].isna().all(axis=None)
+    assert frame["mean"].notna().all()
+    both = pandas.concat({"one": analysis.to_pandas(), "other": frame})
+    assert both.loc[("one", "position.norm"), "mean"] == analysis.position.norm.mean
+
+
+def test_the_frame_of_the_samples_is_a_copy_of_them(analysis, model):
+    frame = analysis.samples_to_pandas()
+    assert list(frame.columns) == ["dx", "dy", "dz", "rx", "ry", "rz"]
+    assert frame.index.name == "sample"
+    np.testing.assert_array_equal(frame.to_numpy(), analysis.errors.T)
+    before = analysis.errors[0, 0]
+    frame.loc[0, "dx"] = 1.0
+    assert analysis.errors[0, 0] == before
+    with pytest.raises(pp.InputError, match="keep_samples=True"):
+        pp.monte_carlo(model, samples=10).samples_to_pandas()
+
+
+# analyses ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_frame_of_a_budget_holds_what_the_json_does(results):
+    result = results["budget"]
+    frame = result.to_pandas()
+    assert frame.index.names == ["pose", "draw", "quantity"]
+    assert list(frame.index.unique("pose")) == ["paper", "pose 2"]
+    assert len(frame) == 2 * 18 * 10
+    rows = frame.to_dict("index")
+    for label, pose in zip(("paper", "pose 2"), result.to_dict()["poses"], strict=True):
+        for draw in pose["draws"]:
+            (group,) = [one for one in pose["groups"] if draw["name"] in one["draws"]]
+            for quantity in ("position", "attitude", *QUANTITIES):
+                row = rows[label, draw["name"], quantity]
+                assert same(row["share"], draw["share"].get(quantity))
+                assert same(row["reach"], draw["reach"].get(quantity))
+                assert same(row["worst_case"], draw["worst_case"].get(quantity))
+                assert same(row["halved_std"], draw["halved"]["std"].get(quantity))
+                for name, estimates in (
+                    ("first", group["first"]),
+                    ("total", group["total"]),
+                    ("halved_quantile", draw["halved"]["quantile"]),
+                    ("halved_change", draw["halved"]["change"]),
+                ):
+                    estimate = estimates.get(quantity) or {"value": None, "interval": (None, None)}
+                    assert same(row[name], estimate["value"])
+                    assert same(row[f"{name}_lower"], estimate["interval"][0])
+                    assert same(row[f"{name}_upper"], estimate["interval"][1])
+    for lines, level in (("sources", "source"), ("places", "place")):
+        shares = result.to_pandas(lines)["share"]
+        assert shares.index.names == ["pose", level, "quantity"]
+        # the shares of what causes the spread add up to one
+        np.testing.assert_allclose(shares.xs("position", level="quantity").groupby("pose").sum(), 1.0, rtol=1e-12)
+    assert frame.attrs["poses"]["pose 2"] == dict(zip(("joint1", "joint2", "joint3", "joint4"), FOLDED, strict=True))
+
+
+@pytest.mark.slow
+def test_draws_that_are_correlated_have_no_index_of_their_own(model):
+    correlated = pp.Space(model.space.draws[:6], (pp.Correlation(("a2", "a4"), ((1.0, 0.5), (0.5, 1.0))),))
+    result = pp.budget(pp.ErrorModel(model.chain, correlated, model.sources, model.poses), samples=1024)
+    frame = result.to_pandas().xs("position", level="quantity").loc["paper"]
+    assert frame["first"].isna().sum() == 2
+    assert frame.loc[["a2", "a4"], "first"].isna().all()
+    assert frame["share"].notna().all()
+
+
+@pytest.mark.slow
+def test_the_frame_of_a_worst_case_holds_what_the_json_does(results):
+    frame = results["worst case"].to_pandas()
+    for label, pose in zip(("paper", "pose 2"), results["worst case"].to_dict()["poses"], strict=True):
+        for quantity, entry in pose["components"].items():
+            row = frame.loc[(label, quantity)]
+            assert [row["low"], row["high"]] == entry["first_order"]
+            assert [row["seen_min"], row["seen_max"]] == entry["seen"]
+        for vector in ("position", "attitude"):
+            row, entry = frame.loc[(label, f"{vector}.norm")], pose[vector]
+            assert [row["attained"], row["high"]] == [entry["first_order"]["lower"], entry["first_order"]["upper"]]
+            assert row["exact_there"] == entry["exact_there"]["norm"]
+            assert row["exact_found"] == entry["exact_found"]["norm"]
+            assert row["seen_max"] == entry["seen"]["max"]
+    assert frame.attrs["k"] == 3.0
+
+
+@pytest.mark.slow
+def test_the_frame_of_exact_laws_holds_what_the_json_does(results):
+    frame = results["exact law"].to_pandas()
+    for label, pose in zip(("paper", "pose 2"), results["exact law"].to_dict()["poses"], strict=True):
+        for quantity, entry in pose["laws"].items():
+            row = frame.loc[(label, quantity)]
+            assert same(row["mean"], entry["mean"])
+            assert same(row["std"], entry["std"])
+            assert same(row["cumulative_error"], entry.get("cumulative_error"))
+            assert same(row["distance"], entry.get("agreement", {}).get("distance"))
+            for level in LEVELS:
+                assert same(row[f"quantile_{level}"], entry.get("quantiles", {}).get(f"{level:g}"))
+                assert same(row[f"quantile_{level}_error"], entry.get("quantile_error", {}).get(f"{level:g}"))
+
+
+@pytest.mark.slow
+def test_the_frame_of_a_reliability_analysis_holds_what_the_json_does(results):
+    result = results["reliability"]
+    frame, methods = result.to_pandas(), result.to_pandas("methods")
+    (pose,) = result.to_dict()["poses"]
+    assert list(frame.index.unique("specification")) == ["position.norm 44 mm @ 99.73 %", "attitude.x 17 mrad @ 95 %"]
+    for (_, row), entry in zip(frame.iterrows(), pose["spec"], strict=True):
+        for name in ("quantity", "limit", "required", "probability", "met", "resolved"):
+            assert row[name] == entry[name]
+        assert [row["probability_lower"], row["probability_upper"]] == entry["interval"]
+        assert [row["failure_lower"], row["failure_upper"]] == entry["failure"]["interval"]
+        assert row["form"] == entry["form"]["probability"]
+        assert row["beta"] == entry["form"]["points"][0]["beta"]
+    told = list(itertools.chain.from_iterable(entry["methods"] for entry in pose["spec"]))
+    assert list(methods.index.get_level_values("method")) == [one["method"] for one in told]
+    assert methods["failure"].tolist() == [one["probability"] for one in told]
+    assert methods["evaluations"].tolist() == [one["evaluations"] for one in told]
+    # what its index says can be read back
+    for text, meant in zip(frame.index.unique("specification"), SPECIFICATIONS, strict=True):
+        read = pp.specification(text)
+        assert (read.quantity, read.limit) == (meant.quantity, pytest.approx(meant.limit, rel=1e-12))
+        assert read.required == pytest.approx(meant.required, rel=1e-12)
+
+
+# datasets ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["analysis", "budget", "worst case"])
+def test_datasets_come_back_from_a_file_as_they_were_and_hold_what_the_frames_do(name, analysis, results):
+    result = analysis if name == "analysis" else results[name]
+    frame, dataset = result.to_pandas(), result.to_xarray()
+    assert all(isinstance(value, str) for value in dataset.attrs.values())
+    again = xarray.load_dataset(bytes(dataset.to_netcdf()))
+    xarray.testing.assert_identical(again, dataset)
+    assert json.loads(again.attrs["versions"])["numpy"] == np.__version__
+    assert json.loads(again.attrs["seed"]) in (2, 5)
+    if name != "analysis":
+        assert [*dataset.sizes] == list(frame.index.names)
+        for level in frame.index.names:
+            assert dataset[level].to_numpy().tolist() == frame.index.unique(level).tolist()
+        for column in frame.columns:
+            np.testing.assert_array_equal(dataset[column].to_numpy().ravel(), frame[column].to_numpy())
+
+
+@pytest.mark.slow
+def test_a_table_or_package_that_is_missing_is_one_line(monkeypatch, analysis, results):
+    for name, table_name, known in (("budget", "joints", "places"), ("reliability", "form", "methods")):
+        with pytest.raises(pp.InputError, match=known):
+            results[name].to_pandas(table_name)
+    frames = [analysis.to_pandas, analysis.samples_to_pandas, *(result.to_pandas for result in results.values())]
+    datasets = [one.to_xarray for one in (analysis, results["budget"], results["worst case"])]
+    for package, calls in (("pandas", frames), ("xarray", datasets)):
+        with monkeypatch.context() as patch:
+            patch.setitem(sys.modules, package, None)
+            for call in calls:
+                with pytest.raises(pp.InputError, match=rf"pip install 'precision-pin\[{package}\]'"):
+                    call()
+
+
+NAMES = (
+    "joint1", "関節1", "관절", "é", "e\u0301", "ｱｲｳ", "ｅ", "ไทย", "ที่", "नमस्ते", "שָׁלוֹם", "\u1112\u1161\u11ab", "δ µ °", "🤖",
+    "a\u200bb",
+)  # fmt: skip
+
+
+def test_columns_of_names_of_any_script_begin_alike_as_wcwidth_has_them():
+    wcwidth = pytest.importorskip("wcwidth")
+    for name in NAMES:
+        assert width(visible(name)) == wcwidth.wcswidth(visible(name))
+    lines = aligned([[name, "|"] for name in NAMES])
+    assert len({wcwidth.wcswidth(line) for line in lines}) == 1
+
+
+LAWS = (
+    (Fixed(2e-3), units.LENGTH, "fixed at 2 mm"),
+    (Uniform(5e-5), units.LENGTH, "uniform within ±0.05 mm"),
+    (Uniform(1e-6, mean=2e-5), units.LENGTH, "uniform within ±0.001 mm about 0.02 mm"),
+    (Triangular(1e-4, mean=0.5), units.LENGTH, "triangular within ±0.1 mm about 500 mm"),
+    (Arcsine(2e-3), units.ANGLE, "arcsine (a sine wave at a random phase) within ±2 mrad"),
+    (Normal(3e-4), units.ANGLE, "normal, standard deviation 0.3 mrad"),
+    (Normal(2e-5, mean=-1e-3), units.ANGLE, "normal, standard deviation 20 µrad, mean -1 mrad"),
+    (Normal(0.02, mean=1.0), units.MASS, "normal, standard deviation 0.02 kg, mean 1 kg"),
+    (TruncatedNormal(1e-3, k=2.0), units.LENGTH, "normal, standard deviation 1 mm, cut off at ±2 mm"),
+    (Lognormal(1e3, mean=1e4), units.ANGULAR_STIFFNESS, "lognormal, mean 10000 N·m/rad, standard deviation 1000 N·m/rad"),
+    (TwoPoint(1e-4, probability=0.25), units.LENGTH, "-0.1 mm or 0.1 mm, the latter with probability 25 %"),
+    (
+        Empirical(((0.0, 0.0), (1.0, 6e-3))), units.LENGTH,
+        "measured: 2 quantiles from 0 mm to 6 mm, mean 3 mm, standard deviation 1.73205 mm",
+    ),
+    (Uniform(2.0), None, "uniform within ±2 SI"),
+    (Uniform(5.0, mean=5.0), units.TEMPERATURE_DIFFERENCE, "uniform within ±5 K about 5 K"),
+    (Normal(1e-6, mean=23e-6), units.THERMAL_EXPANSION, "normal, standard deviation 1 ppm/K, mean 23 ppm/K"),
+    (Uniform(1e9, mean=7e10), units.PRESSURE, "uniform within ±1 GPa about 70 GPa"),
+)  # fmt: skip
+
+
+def test_laws_in_words():
+    for law, quantity, words in LAWS:
+        assert law.describe([quantity]) == words
+    mixed = [units.LENGTH, units.ANGLE]
+    assert Disc(1e-4).describe([units.LENGTH] * 2) == "a point uniform over a disc of radius 0.1 mm"
+    assert Circle(1.0).describe([units.RATIO] * 2) == "a point uniform on a circle of radius 1"
+    assert JointNormal(((4e-8, 3e-8), (3e-8, 9e-8))).describe(mixed) == (
+        "2 numbers jointly normal, standard deviations 0 0.2 mm, 1 0.3 mrad, correlations up to 0.5"
+    )
+    assert Rows(((0.0, 0.0), (2e-3, 4e-3)), ("x", "rx")).describe(mixed) == (
+        "2 measured rows, all equally likely, standard deviations x 1 mm, rx 2 mrad"
+    )
+
+
+def test_quantities_are_read_off_the_settings():
+    chain = seven_joint_arm()
+    turning, sliding = (
+        next(j for j in chain.joints if (j.kind == "prismatic") is slides).name for slides in (False, True)
+    )
+    link = chain.joints[1].child
+    model = ErrorModel(
+        chain,
+        Space((Draw("shared", Uniform(1e-4)), Draw("lonely", Uniform(1.0)))),
+        [
+            Length(joint=turning, parameters=("shared", Uniform(1e-4))),
+            Frame(joint=turning, x=Uniform(1e-4), rz=Draw("", Normal(1e-4))),
+            JointCompliance(joint=turning, compliance=Uniform(1e-6, mean=1e-5)),
+            JointCompliance(joint=sliding, compliance=Uniform(1e-8, mean=1e-7)),
+            AxisInstall(joint=turning, radius=1e-4, span=0.1),
+            Encoder(joint=turning, resolution=1e-4, amplitude=Normal(1e-5)),
+            Encoder(joint=sliding, resolution=1e-6),
+            Covariance(joint=turning, std=(1e-4,) * 3 + (1e-3,) * 3),
+            Clearance(joint=turning, diametral=(1e-5,), span=0.1, direction="random"),
+            Beam(link=link, segments=(Segment(EI=Uniform(10.0, mean=1e4), fraction=0.5), Segment(EI=1e4))),
+        ],
+    )
+    known = {
+        name: quantity
+        for draw in model.space.draws
+        for name, quantity in zip(draw.components, draw.quantities, strict=bool(draw.quantities))
+        if quantity is not None
+    }
+    expected = {
+        "shared": units.LENGTH,
+        f"length[{turning}].parameters[1]": units.LENGTH,
+        f"frame[{turning}].x": units.LENGTH,
+        f"frame[{turning}].rz": units.ANGLE,
+        f"joint_compliance[{turning}].compliance": units.ANGULAR_COMPLIANCE,
+        f"joint_compliance[{sliding}].compliance": units.LINEAR_COMPLIANCE,
+        f"axis_install[{turning}].A.x": units.LENGTH,
+        f"encoder[{turning}].quantisation": units.ANGLE,
+        f"encoder[{turning}].amplitude": units.ANGLE,
+        f"encoder[{turning}].phase.x": units.RATIO,
+        f"encoder[{sliding}].quantisation": units.LENGTH,
+        f"covariance[{turning}].error.2": units.LENGTH,
+        f"covariance[{turning}].error.3": units.ANGLE,
+        f"clearance[{turning}].A.y": units.RATIO,
+        f"beam[{link}].segments[0].EI": units.BENDING_RIGIDITY,
+    }
+    for name, quantity in expected.items():
+        assert known[name] is quantity, name
+    assert set(model.space.components) - set(known) == {"lonely"}
+
+
+def test_intervals_are_rounded_outwards():
+    assert bracketed(1.23456e-3, 1.24e-3) == "[1.2345, 1.2400]"
+    assert bracketed(-1.2345e-3, 9.9991e-3) == "[-2, 10]"
+    assert bracketed(0.0, 0.0) == "[0, 0]"
+    assert bracketed(2e-3, 2e-3).count("2.0000") == 2
+    generator = np.random.default_rng(8)
+    for low, span in zip(generator.normal(size=200), 10.0 ** generator.uniform(-9, 1, size=200), strict=True):
+        below, above = (float(end) / 1e3 for end in bracketed(low, low + span)[1:-1].split(", "))
+        assert low - 0.11 * span <= below <= low * (1 + 1e-15 * np.sign(low))
+        assert above >= (low + span) * (1 - 1e-15 * np.sign(low + span))
+        assert above <= low + 1.11 * span
+
+
+def test_a_share_that_just_misses_is_not_printed_as_what_is_required():
+    result = SpecificationResult("position.norm", 1e-3, 0.9973, 0.99729, (0.997299, 0.99740))
+    assert format_share(result.probability, result.interval, result.required) == ("99.729", "99.729", "99.740")
+    low = float(format_share(result.probability, result.interval, result.required)[1])
+    assert low < 99.73
+
+
+def test_text_is_never_markup():
+    assert element("p", "<b>", Html("<i></i>"), class_='"x"').text == '<p class="&quot;x&quot;">&lt;b&gt;<i></i></p>'
+    assert element("td", "a\x00b").text == "<td>a\N{REPLACEMENT CHARACTER}b</td>"
+    made = Reader(table("<c>", ["<h>", "n"], [["<r>", "<d>"]]).text).tables[0]
+    assert (made.caption, made.rows) == ("<c>", [["<h>", "n"], ["<r>", "<d>"]])
+
+
+# colours -------------------------------------------------------------------------------------------------------------
+
+TEXT_ON = {
+    "ink": ("paper", "panel"),
+    "muted": ("paper", "panel"),
+    "link": ("paper",),
+    "good": ("paper", "good-paper"),
+    "bad": ("paper", "bad-paper"),
+}
+
+
+def schemes() -> dict[str, dict[str, str]]:
+    """Return the colours of the page's style by scheme."""
+    css = importlib.resources.files("precision_pin.pages.report").joinpath("style.css").read_text("utf-8")
+    blocks = re.findall(r":root \{(.*?)\}", css, re.DOTALL)
+    found = [dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", block)) for block in blocks]
+    return dict(zip(("light", "dark", "print"), found, strict=True))
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of WCAG 2.2."""
+    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(first: str, second: str) -> float:
+    high, low = sorted((luminance(first), luminance(second)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_text_and_lines_stand_out_from_their_ground_in_every_scheme():
+    assert contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.005)  # as WCAG has it
+    found = schemes()
+    assert len({frozenset(colours) for colours in found.values()}) == 1
+    for scheme, colours in found.items():
+        for text, grounds in TEXT_ON.items():
+            for ground in grounds:
+                assert contrast(colours[text], colours[ground]) >= 4.5, (scheme, text, ground)
+    for name in ("blue", "sky", "vermilion", "green", "purple"):
+        assert contrast(found["dark"][name], found["dark"]["paper"]) >= 3
