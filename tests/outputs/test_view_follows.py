@@ -1,33 +1,55 @@
-"""The page follows its sliders and the pointer, in a real browser: against runs of changed sheets."""
+"""The page in a real browser: its console, its requests, and the state of the scene."""
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
+from PIL import Image
 from playwright.sync_api import BrowserContext
 
-from outputs.test_view_browser import opened, picture, set_slider, state
-from outputs.view_cases import arm_text, matrix, pages, simple_page
+from outputs.view_cases import (
+    HOSTILE,
+    arm_text,
+    composed,
+    data_block,
+    enlarged,
+    floats,
+    likeness,
+    made_up_errors,
+    matrix,
+    pages,
+    pose_model,
+    simple_page,
+)
+from precision_pin.base import se3
+from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import ViewPose
 from precision_pin.pages.view.headline import answers
 from precision_pin.pages.view.poses import ellipsoids
+from precision_pin.pages.view.tolerances import link_shares
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.statistics.plan import specification
-from support.browser import Visit, chromium, complaints, needs_chromium
+from support.browser import Visit, chromium, complaints, needs_chromium, outside_requests, visited
+from support.sheets import SEVEN_Q, everything, seven_joint_arm
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
-LIMITS = [specification("0.8 mm @ 95 %"), specification("attitude 2 mrad @ 90 %")]
-SAMPLES = 4000
+ZERO = "#about=zero"
+KINDS = ("cloud", "mean", "inner", "outer", "tip", "frames", "arm", "ghosts", "deflected", "mcpc", "base", "grid")
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[BrowserContext]:
-    with chromium(viewport={"width": 900, "height": 560}) as context:
+    # small, since software draws
+    with chromium(viewport={"width": 800, "height": 480}) as context:
         yield context
 
 
@@ -36,6 +58,358 @@ def context(browser: BrowserContext) -> Iterator[BrowserContext]:
     yield browser
     for page in browser.pages:
         page.close()
+
+
+@pytest.fixture(scope="module")
+def paper():
+    model = ErrorModel.load(PAPER_SHEET)
+    at = model.at()
+    return at, at.exact(model.space.sample(1, 0, 2000))
+
+
+@pytest.fixture(scope="module")
+def three_poses():
+    """Every kind of source, three poses, draws of pose scope anew at each."""
+    model = everything(seven_joint_arm())
+    poses = [SEVEN_Q, tuple(-0.5 * value for value in SEVEN_Q), (0.1,) * 7]
+    return [
+        ViewPose(at, at.exact(model.space.sample(1, 0, 60, pose=number)), f"pose {number}", number)
+        for number, at in enumerate(map(model.at, poses))
+    ]
+
+
+def opened(context: BrowserContext, folder: Path, text: str, fragment: str = "") -> Visit:
+    path = folder / "page.html"
+    path.write_text(text, "utf-8")
+    visit = visited(context, path.as_uri() + fragment)
+    visit.page.wait_for_selector("body[data-ready=yes]", state="attached")
+    visit.page.evaluate("document.getElementById('more').open = true")
+    return visit
+
+
+def state(visit: Visit) -> dict:
+    return visit.page.evaluate("precisionPin.state()")
+
+
+def set_slider(visit: Visit, factor: float) -> None:
+    visit.page.locator("#factor").evaluate(
+        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input')); }", np.log10(factor)
+    )
+
+
+def picture(visit: Visit) -> np.ndarray:
+    """Return what the browser shows, ``(height, width, 3)``, once the scene is drawn."""
+    visit.page.wait_for_timeout(300)
+    return np.asarray(Image.open(io.BytesIO(visit.page.screenshot())).convert("RGB"), dtype=int)
+
+
+def displacements_of(at, x: np.ndarray) -> np.ndarray:
+    return at.table.displacements(at.table.products(at.table.program.evaluate(x)))
+
+
+def test_the_page_opens_without_complaint_or_request(context, tmp_path, paper):
+    visit = opened(context, tmp_path, simple_page(*paper))
+    found = state(visit)
+    assert (found["factor"], found["pose"], found["playing"]) == (100, 1, False)
+    assert {name for name, seen in found["seen"].items() if not seen} == {"ghosts", "deflected", "mcpc", "limit"}
+    assert set(found["seen"]) == {*KINDS, "limit"}
+    words = visit.page.inner_text("#panel")
+    for text in ("Position error |d|, mm", "Whole arm", "End effector", "N = 2,000", "% of the samples inside"):
+        assert text in words
+    assert not visit.page.is_visible("#pose")
+    for name in KINDS:
+        visit.page.check(f"#show-{name}")
+    # without a limit there is none to show
+    assert {name for name, seen in state(visit)["seen"].items() if not seen} == {"limit"}
+    visit.page.wait_for_timeout(300)
+    assert complaints(visit) == []
+    assert outside_requests(visit) == []
+
+
+def test_the_address_can_say_how_to_open_the_page(context, tmp_path, paper):
+    for fragment, expected in (
+        ("#factor=50&look=tip&pose=7", ["50", "tip", "1"]),
+        ("#factor=1e9&look=nonsense&pose=x", ["1500", "arm", "1"]),
+    ):
+        body = opened(context, tmp_path, simple_page(*paper), fragment).page.locator("body")
+        assert [body.get_attribute(f"data-{name}") for name in ("factor", "look", "pose")] == expected
+
+
+def test_the_slider_enlarges_everything_together(context, tmp_path, three_poses):
+    shown = three_poses[0]
+    at, errors = shown.pose_model, shown.errors
+    tip = at.table.pose
+    x = at.space.sample(1, 0, 3)
+    built, mean = displacements_of(at, x), displacements_of(at, at.space.mean[:, None])[:, :, 0]
+    visit = opened(context, tmp_path, pages([shown], factor=10), ZERO)
+    visit.page.check("#show-ghosts")
+    visit.page.check("#show-deflected")
+    for factor in (1.0, 10.0, 100.0):
+        set_slider(visit, factor)
+        found = state(visit)
+        cloud = matrix(found["cloud"])
+        points = np.array(found["points"]).reshape(-1, 3)
+        # three.js keeps positions in single precision
+        np.testing.assert_allclose(
+            points @ cloud[:3, :3].T + cloud[:3, 3], tip[:3, 3] + factor * errors[:3, :10].T, atol=1e-6 * factor
+        )
+        np.testing.assert_allclose(matrix(found["mean"]), cloud, atol=1e-12)
+        for numbers, one in zip(found["ellipsoids"], ellipsoids(errors[:3]), strict=True):
+            expected = se3.translation(tip[:3, 3]) @ np.diag([factor, factor, factor, 1]) @ one.matrix
+            np.testing.assert_allclose(matrix(numbers), expected, atol=1e-12)
+        for unit, numbers in enumerate(found["frames"]):
+            moved = enlarged(errors[:, unit], factor)
+            expected = se3.pose(moved[:3, :3] @ tip[:3, :3], tip[:3, 3] + moved[:3, 3])
+            np.testing.assert_allclose(matrix(numbers), expected, atol=1e-12)
+        for unit, ghost in enumerate(found["ghosts"]):
+            np.testing.assert_allclose(
+                matrix(ghost["tip"]), composed(at.table.frames, built[:, :, unit], factor)[-1] @ tip, atol=1e-6 * factor
+            )
+        np.testing.assert_allclose(
+            matrix(found["deflected"]["tip"]), composed(at.table.frames, mean, factor)[-1] @ tip, atol=1e-6 * factor
+        )
+        np.testing.assert_allclose(matrix(found["tip"]), tip, atol=1e-12)
+        assert visit.page.inner_text("#factor-text") == visit.page.inner_text("#caption-factor") == f"{factor:g}"
+        assert f"drawn {factor:g} mm long" in visit.page.inner_text("#example")
+
+
+def test_errors_stand_about_the_tip_from_their_mean_and_beside_it_from_zero(context, tmp_path, paper):
+    at, errors = paper
+    tip, mean = at.table.pose, errors.mean(axis=1)
+    x = at.space.sample(1, 0, 1)
+    built, middle = displacements_of(at, x)[:, :, 0], displacements_of(at, at.space.mean[:, None])[:, :, 0]
+    visit = opened(context, tmp_path, simple_page(at, errors))
+    visit.page.check("#show-ghosts")
+
+    def stands(factor: float, from_mean: float, words: str) -> None:
+        found = state(visit)
+        assert found["factor"] == factor
+        expected = tip[:3, 3] + factor * (errors[:3, :10].T - from_mean * mean[:3])
+        cloud = matrix(found["cloud"])
+        points = np.array(found["points"]).reshape(-1, 3)
+        np.testing.assert_allclose(points @ cloud[:3, :3].T + cloud[:3, 3], expected, atol=1e-6 * factor)
+        moved = enlarged(errors[:, 0] - from_mean * mean, factor)
+        np.testing.assert_allclose(matrix(found["frames"][0])[:3, 3], tip[:3, 3] + moved[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(matrix(found["frames"][0])[:3, :3], moved[:3, :3] @ tip[:3, :3], atol=1e-9)
+        ghost = composed(at.table.frames, built - from_mean * middle, factor)[-1] @ tip
+        np.testing.assert_allclose(matrix(found["ghosts"][0]["tip"]), ghost, atol=1e-5 * factor)
+        assert visit.page.inner_text("#caption-about") == words
+
+    from_mean = "from the mean error, which is 36.8 mm"
+    stands(100, 1, from_mean)
+    # the headline anew for a change that is none, and as it was
+    before = visit.page.locator("#headline p").all_inner_texts()
+    assert before[2].startswith("Mean error 36.8 mm")
+    visit.page.evaluate("knob = document.getElementById('tolerance0'); knob.step = 'any'; knob.value = 1 + 1e-9")
+    visit.page.evaluate("knob.dispatchEvent(new Event('input'))")
+    assert visit.page.is_visible("#changed")
+    assert visit.page.locator("#headline p").all_inner_texts() == before
+    visit.page.click("#reset")
+    visit.page.select_option("#about", "zero")
+    stands(150, 0, "from zero error")
+    assert visit.page.locator("body").get_attribute("data-about") == "zero"
+    visit.page.select_option("#about", "mean")
+    stands(100, 1, from_mean)
+    assert complaints(visit) == []
+    visit = opened(context, tmp_path, simple_page(at, errors), ZERO)
+    assert not state(visit)["aboutMean"]
+
+
+def test_the_pose_slider_switches_arm_cloud_ellipsoids_and_caption(context, tmp_path, three_poses):
+    text = pages(three_poses)
+    visit = opened(context, tmp_path, text, ZERO)
+    for name in ("ghosts", "deflected", "mcpc"):
+        visit.page.check(f"#show-{name}")
+    settings = data_block(text, "settings")
+    for number in (2, 0, 1):
+        visit.page.fill("#pose", str(number))
+        found, shown, pose = state(visit), three_poses[number], settings["poses"][number]
+        posture = shown.pose_model.posture
+        assert found["pose"] == number + 1
+        np.testing.assert_allclose(matrix(found["tip"]), posture.pose, atol=1e-12)
+        np.testing.assert_array_equal(found["points"], floats(pose["points"])[:30])
+        np.testing.assert_allclose(matrix(found["cloud"])[:3, 3], posture.pose[:3, 3], atol=1e-12)
+        first = ellipsoids(shown.errors[:3])[0]
+        np.testing.assert_allclose(
+            matrix(found["ellipsoids"][0])[:3, :3], found["factor"] * first.matrix[:3, :3], atol=1e-12
+        )
+        built = floats(pose["ghosts"][0]).reshape(-1, 6)
+        parts, _ = likeness(settings, number, built, found["factor"])
+        for part, numbers, ghost in zip(settings["parts"], found["arm"], found["ghosts"][0]["parts"], strict=True):
+            np.testing.assert_allclose(
+                matrix(numbers), posture.link_poses[part["link"]] @ matrix(part["frame"]), atol=1e-12
+            )
+            np.testing.assert_allclose(matrix(ghost), parts[part["name"]], atol=1e-6)
+        np.testing.assert_allclose(matrix(found["mcpc"][-1]), posture.pose, atol=1e-12)
+        words = visit.page.inner_text("#panel")
+        assert f"Pose pose {number} ({number + 1} of 3)" in words
+        assert f"{100 * first.inside:.2f} % of the samples inside" in words
+        assert f"{posture.chain.joints[0].name} {np.degrees(posture.q[0]):.5g}°" in words
+    assert complaints(visit) == []
+
+
+def test_play_goes_round_and_stops(context, tmp_path, three_poses):
+    visit = opened(context, tmp_path, pages(three_poses))
+    visit.page.click("#play")
+    assert visit.page.inner_text("#play") == "Pause"
+    for number in (2, 3, 1):
+        visit.page.wait_for_selector(f"body[data-pose='{number}']", state="attached", timeout=5000)
+    visit.page.click("#play")
+    stopped = state(visit)
+    visit.page.wait_for_timeout(1300)
+    assert (stopped["playing"], state(visit)["pose"]) == (False, stopped["pose"])
+
+
+def test_everything_can_be_reached_and_used_by_keyboard(context, tmp_path, three_poses):
+    visit = opened(context, tmp_path, pages(three_poses))
+    reached = []
+    for _ in range(40):
+        visit.page.keyboard.press("Tab")
+        control = visit.page.evaluate(
+            "((at) => [at.id || at.parentElement.id, at.labels?.[0]?.innerText || at.innerText])(document.activeElement)"
+        )
+        if control[0] in reached:
+            break
+        reached.append(control[0])
+        assert control[1].strip() or control[0] == "", control
+        if control[0] == "show-ghosts":
+            visit.page.keyboard.press("Space")
+        if control[0] in ("pose", "factor"):
+            visit.page.keyboard.press("ArrowRight")
+    expected = {
+        "factor",
+        "about",
+        "pose",
+        "play",
+        "look-arm",
+        "look-tip",
+        "true-scale",
+        "see-through",
+        "shares",
+        "more",
+    }
+    expected |= {"robot", "tolerance0", "reset", *(f"show-{name}" for name in KINDS)}
+    assert expected <= set(reached)
+    found = state(visit)
+    assert found["seen"]["ghosts"]
+    assert found["pose"] == 2
+
+
+def test_buttons_and_boxes_do_what_they_say(context, tmp_path, paper):
+    visit = opened(context, tmp_path, simple_page(*paper, factor=20))
+
+    def far() -> float:
+        return visit.page.evaluate(
+            "precisionPin.viewer.camera.position.distanceTo(precisionPin.viewer.controls.target)"
+        )
+
+    def opacity() -> float:
+        path = "['meshcat', 'arm', 'link2', 'shape0', '<object>']"
+        return visit.page.evaluate(f"precisionPin.viewer.scene_tree.find({path}).object.material.opacity")
+
+    arm = far()
+    visit.page.click("#look-tip")
+    assert far() < 0.5 * arm
+    visit.page.click("#look-arm")
+    assert far() == pytest.approx(arm, rel=1e-9)
+    for name in KINDS:
+        before = state(visit)["seen"][name]
+        visit.page.click(f"#show-{name}")
+        assert state(visit)["seen"][name] is not before
+    visit.page.check("#see-through")
+    assert opacity() == 0.25
+    visit.page.uncheck("#see-through")
+    assert opacity() == 1
+
+
+def test_points_have_the_colours_of_the_bar(context, tmp_path, paper):
+    at, errors = paper
+    found = state(opened(context, tmp_path, simple_page(at, errors)))
+    sizes = np.linalg.norm(errors[:3], axis=0)
+    shares = (sizes[:10] - sizes.min()) / np.ptp(sizes)
+    # lightest for the smallest, without the lightest tenth of viridis
+    expected = colormaps["viridis"](0.9 * (1 - shares))[:, :3]
+    np.testing.assert_allclose(np.reshape(found["colours"], (-1, 3)), expected, atol=0.01)
+
+
+def test_the_screen_shows_the_colour_that_the_bar_says(context, tmp_path):
+    # all samples in one place: one dot in the first colour of the bar
+    errors = np.tile([[1e-4], [2e-4], [3e-4], [0], [0], [0]], 9)
+    text = simple_page(pose_model(tmp_path, arm_text()), errors)
+    visit = opened(context, tmp_path, text)
+    for name in ("arm", "tip", "frames", "mean", "grid"):
+        visit.page.uncheck(f"#show-{name}")
+    stop = data_block(text, "settings")["stops"][0]
+    colour = [int(stop[k : k + 2], 16) for k in (1, 3, 5)]
+    pane = picture(visit)[:, 345:]
+    assert (np.abs(pane - colour).max(axis=-1) <= 2).any()
+
+
+def test_hostile_text_stays_text(context, tmp_path, paper):
+    shown = [ViewPose(*paper, HOSTILE), ViewPose(*paper, f"{HOSTILE}2")]
+    text = pages(shown, title=HOSTILE, model_name=HOSTILE, caption=[(HOSTILE, HOSTILE)])
+    visit = opened(context, tmp_path, text)
+    visit.page.fill("#pose", "1")
+    assert visit.page.inner_text("#pose-text") == f"{HOSTILE}2 (2 of 2)"
+    assert visit.page.evaluate("[document.images.length, document.scripts.length]") == [0, 4]
+    assert (visit.page.title(), visit.page.inner_text("h1")) == (HOSTILE, HOSTILE)
+    assert complaints(visit) == []
+
+
+def test_the_panel_stands_beside_or_below_the_pane_and_is_as_wide_as_its_words(context, tmp_path, three_poses):
+    visit = opened(context, tmp_path, pages(three_poses))
+    for width in (1280, 600):
+        visit.page.set_viewport_size({"width": width, "height": 800})
+        if width == 600:
+            assert not visit.page.is_visible("#panel")
+            visit.page.click("#open")
+        pane, panel, canvas = (visit.page.locator(name).bounding_box() for name in ("#pane", "#panel", "#pane canvas"))
+        if width == 600:
+            assert pane["y"] + pane["height"] <= panel["y"] + 1
+            assert panel["width"] == pane["width"] == width
+        else:
+            assert panel["x"] + panel["width"] <= pane["x"] + 1
+        wide, room = visit.page.evaluate("[panel.scrollWidth, panel.clientWidth]")
+        assert wide <= room
+        assert canvas["width"] == pytest.approx(pane["width"], abs=1)
+
+
+@pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
+@pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
+@pytest.mark.parametrize(("name", "tip"), [("panda", "panda_hand_tcp"), ("kinova", "j2s6s200_end_effector")])
+def test_known_arms_are_drawn_complete(context, tmp_path, name, tip):
+    chain = Chain.from_urdf(example_urdfs()[name], tip=tip)
+    at = ErrorModel(chain, Space(), []).at(np.linspace(0.5, -0.5, len(chain.joints)))
+    visit = opened(context, tmp_path, simple_page(at, made_up_errors(200)))
+    found = visit.page.evaluate("""() => {
+      const arm = precisionPin.viewer.scene_tree.find(["meshcat", "arm"]).object;
+      let meshes = 0;
+      arm.traverse((object) => {
+        if (object.isMesh && object.geometry.attributes.position.count > 0) meshes += 1;
+      });
+      const box = new MeshCat.THREE.Box3().setFromObject(arm);
+      return { meshes, min: box.min.toArray(), max: box.max.toArray() };
+    }""")
+    assert complaints(visit) == []
+    assert outside_requests(visit) == []
+    assert found["meshes"] >= sum(len(link.visuals) for link in chain.robot.links)
+    lowest, highest = np.array(found["min"]), np.array(found["max"])
+    joints = at.posture.link_poses[:, :3, 3] @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    assert (joints >= lowest - 0.02).all()
+    assert (joints <= highest + 0.02).all()
+    assert (highest - lowest).max() < 2.0
+
+
+pytestmark = [pytest.mark.slow, needs_chromium]
+
+LIMITS = [specification("0.8 mm @ 95 %"), specification("attitude 2 mrad @ 90 %")]
+SAMPLES = 4000
+
+
+@pytest.fixture
+def shown(tmp_path: Path) -> ViewPose:
+    """Return the samples of the sheet as it stands."""
+    return sampled(tmp_path, 1, 1, 1, 1)
 
 
 def sampled(folder: Path, *scales: float) -> ViewPose:
@@ -80,7 +454,7 @@ def numbers(text: str) -> list[float]:
     return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", text.replace(",", ""))]
 
 
-@pytest.mark.parametrize("scales", [(2.0, 1.0, 1.0, 1.0), (1.0, 3.0, 0.5, 2.0), (0.2, 0.5, 1.5, 0.5)])
+@pytest.mark.parametrize("scales", [(1.0, 3.0, 0.5, 2.0), (0.2, 0.5, 1.5, 0.5)])
 def test_moved_tolerances_are_those_of_a_changed_sheet(context, tmp_path, scales):
     visit = opened(context, tmp_path, pages([sampled(tmp_path, 1, 1, 1, 1)], specifications=LIMITS))
     before = headline(visit)
@@ -116,8 +490,7 @@ def test_moved_tolerances_are_those_of_a_changed_sheet(context, tmp_path, scales
     assert complaints(visit) == []
 
 
-def test_the_script_answers_as_python_does(context, tmp_path):
-    shown = sampled(tmp_path, 1, 1, 1, 1)
+def test_the_script_answers_as_python_does(context, tmp_path, shown):
     visit = opened(context, tmp_path, pages([shown], specifications=LIMITS))
     before = headline(visit)
     # a change that is none: the script computes all anew
@@ -159,8 +532,7 @@ def test_a_pose_keeps_what_was_chosen(context, tmp_path):
     np.testing.assert_allclose(target - start, way, atol=1e-9)
 
 
-def test_the_limit_is_a_ball_as_large_as_it_says_and_what_is_outside_is_red(context, tmp_path):
-    shown = sampled(tmp_path, 1, 1, 1, 1)
+def test_the_limit_is_a_ball_as_large_as_it_says_and_what_is_outside_is_red(context, tmp_path, shown):
     visit = opened(context, tmp_path, pages([shown], specifications=LIMITS[:1]))
     found = state(visit)
     (ball,) = found["limits"]
@@ -173,8 +545,7 @@ def test_the_limit_is_a_ball_as_large_as_it_says_and_what_is_outside_is_red(cont
     np.testing.assert_array_equal(red, outside[:10])
 
 
-def test_pointing_at_a_sample_tells_its_error_and_at_a_joint_its_name(context, tmp_path):
-    shown = sampled(tmp_path, 1, 1, 1, 1)
+def test_pointing_at_a_sample_tells_its_error_and_at_a_joint_its_name(context, tmp_path, shown):
     visit = opened(context, tmp_path, simple_page(shown.pose_model, shown.errors, factor=200))
     place = """(at) => { const { viewer } = precisionPin; const THREE = MeshCat.THREE;
       const frame = document.getElementById("scene-pane").getBoundingClientRect();
@@ -203,8 +574,7 @@ def test_pointing_at_a_sample_tells_its_error_and_at_a_joint_its_name(context, t
     visit.page.wait_for_function("document.getElementById('hover').innerText.startsWith('Joint turn')")
 
 
-def test_the_rulers_are_as_long_as_they_say(context, tmp_path):
-    shown = sampled(tmp_path, 1, 1, 1, 1)
+def test_the_rulers_are_as_long_as_they_say(context, tmp_path, shown):
     visit = opened(context, tmp_path, simple_page(shown.pose_model, shown.errors, factor=100))
     visit.page.wait_for_timeout(200)
     lengths = visit.page.evaluate(
@@ -224,8 +594,7 @@ def test_the_rulers_are_as_long_as_they_say(context, tmp_path):
     assert all(40 <= length <= 121 for length in lengths)
 
 
-def test_links_take_the_colour_of_their_share_and_give_it_back(context, tmp_path):
-    shown = sampled(tmp_path, 1, 1, 1, 1)
+def test_links_take_the_colour_of_their_share_and_give_it_back(context, tmp_path, shown):
     visit = opened(context, tmp_path, simple_page(shown.pose_model, shown.errors))
     colours = """() => [0, 1, 2].map((link) => { let colour = null;
       precisionPin.viewer.scene_tree.find(["meshcat", "arm", "chain" + link]).object.traverse(
@@ -234,8 +603,6 @@ def test_links_take_the_colour_of_their_share_and_give_it_back(context, tmp_path
     before = visit.page.evaluate(colours)
     visit.page.check("#shares")
     during = np.array(visit.page.evaluate(colours))
-    from precision_pin.pages.view.tolerances import link_shares
-
     shares = link_shares(shown.pose_model)
     # stronger is less blue
     assert list(np.argsort(-during[:, 2])) == list(np.argsort(shares))
@@ -259,8 +626,7 @@ def test_the_cloud_is_seen_through_the_arm(context, tmp_path):
     assert (np.abs(with_cloud - without).max(axis=-1) > 30)[:, 345:].sum() > 300
 
 
-def test_on_a_phone_nothing_is_off_the_screen_and_the_settings_unfold(browser, tmp_path):
-    shown = sampled(tmp_path, 1, 1, 1, 1)
+def test_on_a_phone_nothing_is_off_the_screen_and_the_settings_unfold(browser, tmp_path, shown):
     with browser.browser.new_context(viewport={"width": 390, "height": 844}, is_mobile=True, has_touch=True) as phone:
         visit = opened(phone, tmp_path, pages([shown], specifications=LIMITS))
         assert visit.page.evaluate("[document.documentElement.scrollWidth, innerWidth]") == [390, 390]
@@ -274,8 +640,7 @@ def test_on_a_phone_nothing_is_off_the_screen_and_the_settings_unfold(browser, t
         assert visit.page.get_attribute("#open", "aria-expanded") == "true"
 
 
-def test_without_webgl_there_are_a_line_and_a_picture(context, tmp_path):
-    shown = sampled(tmp_path, 1, 1, 1, 1)
+def test_without_webgl_there_are_a_line_and_a_picture(context, tmp_path, shown):
     path = tmp_path / "page.html"
     path.write_text(simple_page(shown.pose_model, shown.errors), "utf-8")
     page = context.new_page()
@@ -286,8 +651,7 @@ def test_without_webgl_there_are_a_line_and_a_picture(context, tmp_path):
     assert "95 % of robots within" in page.inner_text("header")
 
 
-def test_in_the_dark_the_scene_is_dark_and_large_errors_are_light(browser, tmp_path):
-    shown = sampled(tmp_path, 1, 1, 1, 1)
+def test_in_the_dark_the_scene_is_dark_and_large_errors_are_light(browser, tmp_path, shown):
     seen = {}
     for scheme in ("light", "dark"):
         with browser.browser.new_context(viewport={"width": 900, "height": 560}, color_scheme=scheme) as other:
@@ -307,24 +671,24 @@ def luminance(colour: list[int]) -> float:
     return float(np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722])
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_words_stand_out_from_their_ground(context, tmp_path, scheme):
-    shown = sampled(tmp_path, 1, 1, 1, 1)
+def test_words_stand_out_from_their_ground(context, tmp_path, shown):
     visit = opened(context, tmp_path, pages([shown], specifications=LIMITS))
     set_tolerances(visit, 2, 1, 1, 1)
-    visit.page.emulate_media(color_scheme=scheme)
-    found = visit.page.evaluate("""() => {
-      const parts = (text) => text.match(/\\d+/g).map(Number);
-      const ground = parts(getComputedStyle(document.querySelector("header")).backgroundColor);
-      const answer = document.querySelector(".answer");
-      const colours = ["met", "not met", "undecided", "nothing to judge", ""].map((verdict) => {
-        answer.dataset.verdict = verdict;
-        return parts(getComputedStyle(answer).color);
-      });
-      const others = ["#changed", "#outside", ".fine", ".x", ".y", ".z", "h1", "summary", "output"];
-      return [ground, [...colours, ...others.map((one) => parts(getComputedStyle(document.querySelector(one)).color))]];
-    }""")
-    ground, colours = found
-    for colour in colours:
-        low, high = sorted([luminance(ground), luminance(colour)])
-        assert (high + 0.05) / (low + 0.05) >= 4.5, colour
+    for scheme in ("light", "dark"):
+        visit.page.emulate_media(color_scheme=scheme)
+        pairs = visit.page.evaluate("""() => {
+          const look = (one, name) => getComputedStyle(document.querySelector(one))[name].match(/\\d+/g).map(Number);
+          const [ground, panel] = ["header", "#panel"].map((one) => look(one, "backgroundColor"));
+          const answer = document.querySelector(".answer");
+          const colours = ["met", "not met", "undecided", "nothing to judge", ""].map((verdict) => {
+            answer.dataset.verdict = verdict;
+            return look(".answer", "color");
+          });
+          const others = ["#changed", "#outside", ".fine", ".x", ".y", ".z", "h1", "summary", "output"];
+          const all = [...colours, ...others.map((one) => look(one, "color"))].map((colour) => [ground, colour]);
+          return [[panel, look("#panel", "color")], ...all];
+        }""")
+        assert (luminance(pairs[0][0]) < 0.05) == (scheme == "dark")
+        for ground, colour in pairs:
+            low, high = sorted([luminance(ground), luminance(colour)])
+            assert (high + 0.05) / (low + 0.05) >= 4.5, (scheme, colour)
