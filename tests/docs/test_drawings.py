@@ -1,24 +1,28 @@
-"""The drawings of the pages: in step with the code that draws them, and with the formulas of the sources that they explain."""
+"""Drawings and the table of verdicts: in step with the code that draws, computes and says what they show."""
 
 from __future__ import annotations
 
+import ast
 import re
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from docs.drawings import budgets, measured_arms, results, sources
 from docs.drawings.canvas import IMAGES
 
+import precision_pin
 import precision_pin as pp
 from precision_pin.robot.examples import example_urdfs, shipped_sheets
 
 PAGES = IMAGES.parent
 
 
-@pytest.mark.parametrize("name", sources.DRAWINGS)
-def test_a_drawing_is_in_step(name):
-    assert (IMAGES / name).read_text(encoding="utf-8") == sources.DRAWINGS[name](), "run: python -m docs.drawings"
+def test_a_drawing_is_in_step():
+    for name, drawn in sources.DRAWINGS.items():
+        assert (IMAGES / name).read_text(encoding="utf-8") == drawn(), "run: python -m docs.drawings"
 
 
 @pytest.mark.slow
@@ -57,12 +61,8 @@ def test_every_drawing_is_shown_and_every_picture_has_its_page():
     for name in (*sources.DRAWINGS, "ur5-measured.svg", *budgets.BUDGETS, *results.PICTURES):
         assert (IMAGES / name).exists(), name
         assert f"(images/{name})" in shown, name
-
-
-@pytest.mark.parametrize("name", results.PICTURES)
-def test_a_picture_is_of_a_command_that_stands_on_its_page(name):
-    page, command, _ = results.PICTURES[name]
-    assert f"$ precision-pin {command}" in (PAGES / page).read_text(encoding="utf-8")
+    for page, command, _ in results.PICTURES.values():
+        assert f"$ precision-pin {command}" in (PAGES / page).read_text(encoding="utf-8")
 
 
 def points(name: str, look: str) -> list[tuple[float, float]]:
@@ -95,3 +95,90 @@ def test_the_drawn_axis_meets_the_origins_plane_where_the_source_puts_the_seat(t
     assert model.at([0.0]).linear(drawn)[0, 0] == pytest.approx(
         (tip - x) * 1e-5, abs=1e-6
     )  # drawn to a tenth of a pixel
+
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = Path(precision_pin.__file__).parent
+FOLDERS = ("analyses", "cli", "export", "model", "pages", "render", "sampling", "statistics")
+WORDS = re.compile(
+    r"\{VERDICT\}|\b(MET|NOT MET|[Mm]et|holds?|at least|at most|bounds?|certified|agrees?|AGREES|DISAGREES?|worst|never|always"
+    r"|no allocation)\b(?!-case)"
+)
+
+
+def rows() -> list[list[str]]:
+    """Return the cells of both tables."""
+    text = (ROOT / "docs" / "verdicts.md").read_text(encoding="utf-8")
+    lines = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| `")]
+    assert len(lines) > 30
+    return lines
+
+
+def quoted(cell: str) -> list[str]:
+    return re.findall(r"`([^`]+)`", cell)
+
+
+def sentences(tree: ast.Module) -> Iterator[str]:
+    """Yield the texts of a module that it may print, {} for what is filled in; neither docstrings, refusals nor keys."""
+    left_out: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise):
+            left_out |= {id(one) for one in ast.walk(node)}
+        elif isinstance(node, ast.Expr):
+            left_out.add(id(node.value))
+        elif isinstance(node, ast.JoinedStr):
+            left_out |= {id(one) for one in ast.walk(node) if isinstance(one, ast.Constant)}
+    for node in ast.walk(tree):
+        if id(node) in left_out:
+            continue
+        if isinstance(node, ast.JoinedStr):
+            yield "".join(one.value if isinstance(one, ast.Constant) else filled_in(one) for one in node.values)
+        elif (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and not re.fullmatch(r"[a-z_.=*]+", node.value)
+        ):
+            yield node.value
+
+
+def filled_in(node: ast.expr) -> str:
+    """Return {VERDICT} for a verdict in capitals: its own word, or what is said of it with its grounds."""
+    return "{VERDICT}" if re.search(r"verdict.*\.upper\(\)|\.said\b", ast.unparse(node)) else "{}"
+
+
+@pytest.mark.slow
+def test_every_sentence_has_a_row() -> None:
+    known: dict[str, list[str]] = {}
+    for row in rows():
+        for file in quoted(row[1]):
+            assert (PACKAGE / file).exists(), file
+            known.setdefault(file, []).extend(quoted(row[0]))
+    missing = []
+    for folder in FOLDERS:
+        for path in sorted((PACKAGE / folder).rglob("*.py")):
+            file = path.relative_to(PACKAGE).as_posix()
+            for text in sentences(ast.parse(path.read_text(encoding="utf-8"))):
+                if WORDS.search(text) and not any(part in text for part in known.get(file, [])):
+                    missing.append(f"{file}: {text}")
+    assert missing == []
+
+
+@pytest.mark.slow
+def test_every_sentence_of_the_table_is_printed() -> None:
+    stale = []
+    for row in rows():
+        texts = [text for file in quoted(row[1]) for text in sentences(ast.parse((PACKAGE / file).read_text("utf-8")))]
+        stale += [part for part in quoted(row[0]) if not any(part in text for text in texts)]
+    assert stale == []
+
+
+@pytest.mark.slow
+def test_every_test_of_the_table_exists() -> None:
+    named = [name for row in rows() for name in re.findall(r"`(tests/\S+\.py::\w+)`", " ".join(row[2:]))]
+    assert len(named) > 25
+    for name in named:
+        file, _, function = name.partition("::")
+        tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+        assert function in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}, name
+    promised = [row for row in rows() if len(row) == 4]
+    assert [row[0] for row in promised if "::" not in row[3]] == []
