@@ -22,7 +22,6 @@ from precision_pin.analyses.exact_law.exact_law_result import LEVELS
 from precision_pin.analyses.report_cells import bracketed
 from precision_pin.base import units
 from precision_pin.base.text_escape import visible
-from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import (
     Arcsine,
     Circle,
@@ -38,23 +37,11 @@ from precision_pin.draws.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel
 from precision_pin.render.html import Html, element, table
 from precision_pin.render.tables import joint_text, milli, percent, plus_minus, pose_labels, quantity_label
 from precision_pin.render.text_table import aligned, width
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.sources.axis_install import AxisInstall
-from precision_pin.sources.beam import Beam
-from precision_pin.sources.clearance import Clearance
-from precision_pin.sources.covariance import Covariance
-from precision_pin.sources.encoder import Encoder
-from precision_pin.sources.frame import Frame
-from precision_pin.sources.joint_compliance import JointCompliance
-from precision_pin.sources.length import Length
-from precision_pin.sources.profiles import Segment
 from precision_pin.statistics import QUANTITIES, SpecificationResult, format_share
-from support.sheets import seven_joint_arm
 
 FOLDED = [0.0, 0.2, 1.5, 0.3]
 SPECIFICATIONS = [pp.specification("44 mm @ 99.73 %"), pp.specification("rx 17 mrad")]
@@ -186,28 +173,23 @@ def test_the_frame_of_a_budget_holds_what_the_json_does(results):
     result = results["budget"]
     frame = result.to_pandas()
     assert frame.index.names == ["pose", "draw", "quantity"]
-    assert list(frame.index.unique("pose")) == ["paper", "pose 2"]
     assert len(frame) == 2 * 18 * 10
-    rows = frame.to_dict("index")
+    rows, nothing = frame.to_dict("index"), {"value": None, "interval": (None, None)}
     for label, pose in zip(("paper", "pose 2"), result.to_dict()["poses"], strict=True):
         for draw in pose["draws"]:
             (group,) = [one for one in pose["groups"] if draw["name"] in one["draws"]]
+            halved = draw["halved"]
+            numbers = {name: draw[name] for name in ("share", "reach", "worst_case")} | {"halved_std": halved["std"]}
+            estimates = {"first": group["first"], "total": group["total"]}
+            estimates |= {"halved_quantile": halved["quantile"], "halved_change": halved["change"]}
             for quantity in ("position", "attitude", *QUANTITIES):
                 row = rows[label, draw["name"], quantity]
-                assert same(row["share"], draw["share"].get(quantity))
-                assert same(row["reach"], draw["reach"].get(quantity))
-                assert same(row["worst_case"], draw["worst_case"].get(quantity))
-                assert same(row["halved_std"], draw["halved"]["std"].get(quantity))
-                for name, estimates in (
-                    ("first", group["first"]),
-                    ("total", group["total"]),
-                    ("halved_quantile", draw["halved"]["quantile"]),
-                    ("halved_change", draw["halved"]["change"]),
-                ):
-                    estimate = estimates.get(quantity) or {"value": None, "interval": (None, None)}
-                    assert same(row[name], estimate["value"])
-                    assert same(row[f"{name}_lower"], estimate["interval"][0])
-                    assert same(row[f"{name}_upper"], estimate["interval"][1])
+                for name, value in numbers.items():
+                    assert same(row[name], value.get(quantity))
+                for name, one in estimates.items():
+                    estimate = one.get(quantity) or nothing
+                    found = (row[name], row[f"{name}_lower"], row[f"{name}_upper"])
+                    assert all(map(same, found, (estimate["value"], *estimate["interval"])))
     for lines, level in (("sources", "source"), ("places", "place")):
         shares = result.to_pandas(lines)["share"]
         assert shares.index.names == ["pose", level, "quantity"]
@@ -227,32 +209,26 @@ def test_draws_that_are_correlated_have_no_index_of_their_own(model):
 
 
 @pytest.mark.slow
-def test_the_frame_of_a_worst_case_holds_what_the_json_does(results):
+def test_the_frames_of_a_worst_case_and_of_exact_laws_hold_what_the_json_does(results):
+    labels = ("paper", "pose 2")
     frame = results["worst case"].to_pandas()
-    for label, pose in zip(("paper", "pose 2"), results["worst case"].to_dict()["poses"], strict=True):
+    assert frame.attrs["k"] == 3.0
+    for label, pose in zip(labels, results["worst case"].to_dict()["poses"], strict=True):
         for quantity, entry in pose["components"].items():
             row = frame.loc[(label, quantity)]
-            assert [row["low"], row["high"]] == entry["first_order"]
-            assert [row["seen_min"], row["seen_max"]] == entry["seen"]
+            assert [*row[["low", "high", "seen_min", "seen_max"]]] == [*entry["first_order"], *entry["seen"]]
         for vector in ("position", "attitude"):
             row, entry = frame.loc[(label, f"{vector}.norm")], pose[vector]
-            assert [row["attained"], row["high"]] == [entry["first_order"]["lower"], entry["first_order"]["upper"]]
-            assert row["exact_there"] == entry["exact_there"]["norm"]
-            assert row["exact_found"] == entry["exact_found"]["norm"]
-            assert row["seen_max"] == entry["seen"]["max"]
-    assert frame.attrs["k"] == 3.0
-
-
-@pytest.mark.slow
-def test_the_frame_of_exact_laws_holds_what_the_json_does(results):
+            bound, norms = entry["first_order"], (entry["exact_there"]["norm"], entry["exact_found"]["norm"])
+            found = [*row[["attained", "high", "exact_there", "exact_found", "seen_max"]]]
+            assert found == [bound["lower"], bound["upper"], *norms, entry["seen"]["max"]]
     frame = results["exact law"].to_pandas()
-    for label, pose in zip(("paper", "pose 2"), results["exact law"].to_dict()["poses"], strict=True):
+    for label, pose in zip(labels, results["exact law"].to_dict()["poses"], strict=True):
         for quantity, entry in pose["laws"].items():
             row = frame.loc[(label, quantity)]
-            assert same(row["mean"], entry["mean"])
-            assert same(row["std"], entry["std"])
-            assert same(row["cumulative_error"], entry.get("cumulative_error"))
             assert same(row["distance"], entry.get("agreement", {}).get("distance"))
+            for name in ("mean", "std", "cumulative_error"):
+                assert same(row[name], entry.get(name))
             for level in LEVELS:
                 assert same(row[f"quantile_{level}"], entry.get("quantiles", {}).get(f"{level:g}"))
                 assert same(row[f"quantile_{level}_error"], entry.get("quantile_error", {}).get(f"{level:g}"))
@@ -367,56 +343,6 @@ def test_laws_in_words():
     assert Rows(((0.0, 0.0), (2e-3, 4e-3)), ("x", "rx")).describe(mixed) == (
         "2 measured rows, all equally likely, standard deviations x 1 mm, rx 2 mrad"
     )
-
-
-def test_quantities_are_read_off_the_settings():
-    chain = seven_joint_arm()
-    turning, sliding = (
-        next(j for j in chain.joints if (j.kind == "prismatic") is slides).name for slides in (False, True)
-    )
-    link = chain.joints[1].child
-    model = ErrorModel(
-        chain,
-        Space((Draw("shared", Uniform(1e-4)), Draw("lonely", Uniform(1.0)))),
-        [
-            Length(joint=turning, parameters=("shared", Uniform(1e-4))),
-            Frame(joint=turning, x=Uniform(1e-4), rz=Draw("", Normal(1e-4))),
-            JointCompliance(joint=turning, compliance=Uniform(1e-6, mean=1e-5)),
-            JointCompliance(joint=sliding, compliance=Uniform(1e-8, mean=1e-7)),
-            AxisInstall(joint=turning, radius=1e-4, span=0.1),
-            Encoder(joint=turning, resolution=1e-4, amplitude=Normal(1e-5)),
-            Encoder(joint=sliding, resolution=1e-6),
-            Covariance(joint=turning, std=(1e-4,) * 3 + (1e-3,) * 3),
-            Clearance(joint=turning, diametral=(1e-5,), span=0.1, direction="random"),
-            Beam(link=link, segments=(Segment(EI=Uniform(10.0, mean=1e4), fraction=0.5), Segment(EI=1e4))),
-        ],
-    )
-    known = {
-        name: quantity
-        for draw in model.space.draws
-        for name, quantity in zip(draw.components, draw.quantities, strict=bool(draw.quantities))
-        if quantity is not None
-    }
-    expected = {
-        "shared": units.LENGTH,
-        f"length[{turning}].parameters[1]": units.LENGTH,
-        f"frame[{turning}].x": units.LENGTH,
-        f"frame[{turning}].rz": units.ANGLE,
-        f"joint_compliance[{turning}].compliance": units.ANGULAR_COMPLIANCE,
-        f"joint_compliance[{sliding}].compliance": units.LINEAR_COMPLIANCE,
-        f"axis_install[{turning}].A.x": units.LENGTH,
-        f"encoder[{turning}].quantisation": units.ANGLE,
-        f"encoder[{turning}].amplitude": units.ANGLE,
-        f"encoder[{turning}].phase.x": units.RATIO,
-        f"encoder[{sliding}].quantisation": units.LENGTH,
-        f"covariance[{turning}].error.2": units.LENGTH,
-        f"covariance[{turning}].error.3": units.ANGLE,
-        f"clearance[{turning}].A.y": units.RATIO,
-        f"beam[{link}].segments[0].EI": units.BENDING_RIGIDITY,
-    }
-    for name, quantity in expected.items():
-        assert known[name] is quantity, name
-    assert set(model.space.components) - set(known) == {"lonely"}
 
 
 def test_intervals_are_rounded_outwards():

@@ -260,14 +260,6 @@ def test_poses_stay_within_odd_limits(tmp_path: Path) -> None:
             assert model.at(pose).findings("exact") == (), limits
 
 
-@pytest.mark.slow
-def test_turning_and_sliding_joints_get_their_own_units(tmp_path: Path) -> None:
-    text = text_of("tiago")
-    assert re.search(r"^    torso_lift_joint: [\d.]+ m$", text, re.MULTILINE)
-    assert re.search(r"^    arm_1_joint: -?\d+ deg$", text, re.MULTILINE)
-    assert "joint: torso_lift_joint, offset: {normal: 0.05 mm}" in text
-
-
 def test_locked_joints_mimics_and_another_base(tmp_path: Path) -> None:
     body = link("root") + link("a", 1.0) + link("b", 1.0) + link("f1", 0.1) + link("f2", 0.1) + link("f3", 0.1)
     body += joint("j1", "root", "a", axis="0 1 0", origin="0 0 0.1")

@@ -205,17 +205,6 @@ def test_mcpc_frames_are_those_of_the_paper_at_every_pose():
             np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_every_pose_has_its_texts(tmp_path):
-    at = pose_model(tmp_path, arm_text())
-    shown = [ViewPose(at, made_up_errors(50), name) for name in ("first", None)]
-    first, second = (pose["texts"] for pose in data_block(pages(shown), "settings")["poses"])
-    assert (first["caption-pose"], second["caption-pose"]) == ("first (1 of 2)", "(2 of 2)")
-    assert first["caption-joints"] == "turn 22.918°, bend -40.107°"
-    assert first["caption-samples"] == "N = 50"
-    alone = data_block(pages(shown[1:]), "settings")["poses"][0]["texts"]
-    assert alone["caption-pose"] == "without a name"
-
-
 MOVING = np.full(6, 1e-4)
 
 
