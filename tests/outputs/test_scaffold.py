@@ -332,6 +332,30 @@ def loaded(text: str, version: str) -> object:
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), max_size=30) | st.text(string.printable, max_size=12)
 
 
+def test_words_and_marks_of_yaml_are_quoted() -> None:
+    for name in (
+        "null",
+        "no",
+        "Y",
+        "~",
+        "d #e",
+        "- f",
+        "1e-3",
+        "0x1F",
+        "...",
+        "---",
+        "a, b",
+        "{x}",
+        "[y]",
+        "*z",
+        "!v",
+        "%u",
+        "@t",
+        "s:",
+    ):
+        assert [loaded(f"tip: {quoted(name)}", version) for version in ("1.1", "1.2")] == 2 * [{"tip": name}]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("version", ["1.1", "1.2"])
 @given(name=NAMES)
