@@ -98,30 +98,17 @@ class Call:
         return list(made) if inspect.isgenerator(made) else made
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a mistake."""
-
-    call: str
-    argument: str
-    mistake: str
-    kind: str
-    text: str
-
-
-def outcome(call: Call, argument: str, mistake: str) -> Outcome:
-    """Make a mistake and see."""
+def outcome(call: Call, argument: str, mistake: str) -> tuple[str, str]:
+    """Make a mistake and see: what became of it, and the message."""
     try:
         made = call.run(**{argument: MISTAKES[mistake]})
     except PrecisionPinError as error:
         text = str(error)
         word = call.words.get(argument, argument)
-        kind = "several lines" if "\n" in text else "refused" if named(word, text) else "not named"
-        return Outcome(call.name, argument, mistake, kind, text)
+        return "several lines" if "\n" in text else "refused" if named(word, text) else "not named", text
     except Exception as error:  # noqa: BLE001 - that is what is looked for
-        return Outcome(call.name, argument, mistake, type(error).__name__, str(error))
-    fine = mistake in call.fine.get(argument, "").split(", ")
-    return Outcome(call.name, argument, mistake, "fine" if fine else "accepted", repr(made)[:100])
+        return type(error).__name__, str(error)
+    return "fine" if mistake in call.fine.get(argument, "").split(", ") else "accepted", repr(made)[:100]
 
 
 def named(word: str, text: str) -> bool:
