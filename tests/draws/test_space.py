@@ -294,38 +294,49 @@ def kept(seed: int, first: int, count: int) -> Array:
     return x
 
 
-def altered(row: int, change: Callable[[Array], Array]) -> Sampler:
-    """Return the true sampler with one row changed, from what all rows are."""
+def altered(**faults: Callable[[Array], Array]) -> Sampler:
+    """Return the true sampler with some rows changed, each from what all rows are."""
 
     def sampler(seed: int, first: int, count: int) -> Array:
-        x = kept(seed, first, count).copy()
-        x[row] = change(x)
+        true = kept(seed, first, count)
+        x = true.copy()
+        for name, fault in faults.items():
+            x[FEW.index[name]] = fault(true)
         return x
 
     return sampler
 
 
+FAULTS: list[dict[str, tuple[Callable[[Array], Array], str]]] = [
+    {
+        "right": (lambda x: 1.01 * x[1], "right: the variance"),
+        "left": (lambda x: np.where(x[0] > 3 - 2e-3, x[0] - 1, x[0]), "left: .* upper tail"),
+        "l": (lambda x: 1 + 0.3 * (np.log(x[2]) + 0.043) / 0.2936, "l: Kolmogorov"),  # normal instead
+        "t": (lambda x: np.where(x[3] > 0, 1.001, x[3]), "t: .* none of its values"),
+        "e": (lambda x: np.where(x[4] > 1.9, 1.9, x[4]), "e: .* twice"),
+        "f": (lambda x: x[5] + 1e-9 * x[1], "f: a fixed number varies"),
+    },
+    {
+        # of a half-width of 3 sigma: z = 6 at 1e6 draws, the limit is 4.9
+        "right": (lambda x: x[1] + 0.002 * 1.5, "right: the mean"),
+        "t": (lambda x: np.where((x[3] < 0) & (np.arange(len(x[3])) % 200 == 0), 1.0, x[3]), "t: .* times"),
+    },
+    {"right": (lambda x: np.where(x[1] > 2.0, -x[1], x[1]), "right: .* upper tail")},
+    # nearly the right laws, but a correlation of 0.01
+    {"right": (lambda x: 0.5 * (0.01 * (x[0] - 2) * math.sqrt(3) + SHARE * x[1] / 0.5), "correlation")},
+    # mean and variance as they should be
+    {"right": (lambda x: (x[1] + 0.01 * (x[1] ** 2 / 0.25 - 1)) / math.sqrt(1 + 2 * 0.02**2), "right: Kolmogorov")},
+]
+"""Faults of different rows that are looked for together, and what is to be said of each."""
+
+
 @pytest.mark.slow
 def test_a_true_sampler_passes_and_planted_faults_are_found_at_1e6_draws() -> None:
     assert sampling_failures(kept, FEW) == []
-    for row, fault, found in (
-        (1, lambda x: 1.01 * x[1], "right: the variance"),
-        # of a half-width of 3 sigma: z = 6 at 1e6 draws, the limit is 4.9
-        (1, lambda x: x[1] + 0.002 * 1.5, "right: the mean"),
-        (1, lambda x: np.where(x[1] > 2.0, -x[1], x[1]), "right: .* upper tail"),
-        (0, lambda x: np.where(x[0] > 3 - 2e-3, x[0] - 1, x[0]), "left: .* upper tail"),
-        # nearly the right laws, but a correlation of 0.01
-        (1, lambda x: 0.5 * (0.01 * (x[0] - 2) * math.sqrt(3) + SHARE * x[1] / 0.5), "correlation"),
-        # mean and variance as they should be
-        (1, lambda x: (x[1] + 0.01 * (x[1] ** 2 / 0.25 - 1)) / math.sqrt(1 + 2 * 0.02**2), "right: Kolmogorov"),
-        (2, lambda x: 1 + 0.3 * (np.log(x[2]) + 0.043) / 0.2936, "l: Kolmogorov"),  # normal instead
-        (3, lambda x: np.where(x[3] > 0, 1.001, x[3]), "t: .* none of its values"),
-        (3, lambda x: np.where((x[3] < 0) & (np.arange(len(x[3])) % 200 == 0), 1.0, x[3]), "t: .* times"),
-        (4, lambda x: np.where(x[4] > 1.9, 1.9, x[4]), "e: .* twice"),
-        (5, lambda x: x[5] + 1e-9 * x[1], "f: a fixed number varies"),
-    ):
-        failures = sampling_failures(altered(row, fault), FEW)
-        assert any(re.search(found, failure) for failure in failures), (found, failures)
+    for faults in FAULTS:
+        failures = sampling_failures(altered(**{name: fault for name, (fault, _) in faults.items()}), FEW)
+        for _, found in faults.values():
+            assert any(re.search(found, failure) for failure in failures), (found, failures)
 
 
 @pytest.mark.slow
@@ -346,5 +357,9 @@ def test_repeated_blocks_and_numbers_that_depend_on_where_a_call_begins_are_foun
 
 
 def test_the_exact_check_finds_faults_in_a_few_units() -> None:
-    for row, fault in ((0, lambda x: 2 + 1.01 * (x[0] - 2)), (1, lambda x: x[1] + 1e-9), (3, lambda x: -x[3])):
-        assert exact_failures(altered(row, fault), FEW, seed=1, units=range(10))
+    for name, fault in (
+        ("left", lambda x: 2 + 1.01 * (x[0] - 2)),
+        ("right", lambda x: x[1] + 1e-9),
+        ("t", lambda x: -x[3]),
+    ):
+        assert exact_failures(altered(**{name: fault}), FEW, seed=1, units=range(10))

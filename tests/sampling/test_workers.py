@@ -509,7 +509,7 @@ def test_ctrl_c_once_saves_and_says_how_to_go_on(started: Any, tmp_path: Path) -
 def test_ctrl_c_twice_stops_at_once(started: Any, tmp_path: Path) -> None:
     process = started(*MUCH, "--journal", "run.journal", "--json", "result.json")
     wait_until(lambda: (tmp_path / "run.journal").exists(), 60)
-    time.sleep(2.2)  # so that a first record is there
+    time.sleep(3.0)  # so that a first record is there
     for _ in range(2):
         process.send_signal(signal.SIGINT)
         time.sleep(0.002)

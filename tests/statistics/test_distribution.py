@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import gammaincinv
 
 from precision_pin.analyses.monte_carlo.table import statistic, tolerance_bounds
 from precision_pin.base.errors import UnknownNameError
@@ -48,6 +49,23 @@ def test_quantiles_moments_and_mode_of_the_isotropic_norm() -> None:
         assert low < math.sqrt(2) < high
         assert high - low < 0.6 * deviation
         assert norm.mode_bandwidth == pytest.approx((4 / 5) ** (1 / 7) * deviation * samples ** (-1 / 7), rel=0.02)
+
+
+@pytest.mark.slow
+def test_an_evenly_spaced_grid_of_the_law_gives_its_quantiles_without_chance() -> None:
+    samples = 200_000
+    grid = (np.arange(samples) + 0.5) / samples
+    errors = np.zeros((6, samples))
+    errors[2] = np.sqrt(2 * gammaincinv(1.5, grid))
+    plan = Plan(np.full(8, NORM_MEAN), np.full(8, 0.67))
+    norm = finish(plan, observe(plan, start(plan), errors)).position.norm
+    for p, expected in NORM_QUANTILES.items():
+        # rank 1 + (N − 1) p of this grid lies at probability p + (1/2 − p)/N
+        # and placing samples by their rank in a bin is good to half their spacing
+        spacing = 1 / (samples * chi_density(expected))
+        assert norm.quantile(p) == pytest.approx(expected + (0.5 - p) * spacing, abs=0.5 * spacing + 1e-5)
+    # the smoothing shifts it by less than h²/2·|f‴/f″| = 0.35 h²
+    assert abs(norm.mode - math.sqrt(2)) < 0.36 * norm.mode_bandwidth**2 + 1e-3
 
 
 def summary_of(values: np.ndarray):
