@@ -34,7 +34,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import examples
 from precision_pin.sources.joint_offset import JointOffset
 from support.plain_robot import chain_of
-from support.sliding import slides
+from support.sheets import slides
 
 MM = 1e-3
 

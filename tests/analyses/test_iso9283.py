@@ -13,7 +13,9 @@ from scipy.spatial.transform import Rotation
 import precision_pin as pp
 from precision_pin.analyses.iso9283.cube import (
     Cube,
+    ToolPoses,
     largest_cube,
+    lattice_of,
     paths_of_approach,
     standard_poses,
 )

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.base import memory
+from precision_pin.base import arguments
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.ur_kinematics import read_ur_calibration
 from precision_pin.sheet.changes import matches
@@ -50,7 +50,7 @@ REQUESTS: dict[str, Callable[[int], object]] = {
 
 @pytest.mark.parametrize("what", REQUESTS)
 def test_what_no_machine_can_hold_is_refused_at_once(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "available_memory", lambda: 64 * 10**9)
+    monkeypatch.setattr(arguments, "available_memory", lambda: 64 * 10**9)
     for count in (10**10, 10**15):
         begun = time.perf_counter()
         with pytest.raises(pp.InputError) as refused:
@@ -61,7 +61,7 @@ def test_what_no_machine_can_hold_is_refused_at_once(what: str, monkeypatch: pyt
 
 
 def test_a_refusal_says_how_much_it_takes_and_how_much_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "available_memory", lambda: 64 * 10**9)
+    monkeypatch.setattr(arguments, "available_memory", lambda: 64 * 10**9)
     with pytest.raises(
         pp.InputError, match=r"sampling 100,000,000 poses takes 1\d\d\.\d GB, 64\.0 GB of memory are free"
     ):
@@ -81,7 +81,7 @@ def test_the_estimate_for_many_poses_is_what_the_result_holds() -> None:
 
 def test_postures_are_refused_when_their_arrays_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     postures = CHAIN.at_many(zeros(JOINTS, 1_000_000))
-    monkeypatch.setattr(memory, "available_memory", lambda: 10**8)
+    monkeypatch.setattr(arguments, "available_memory", lambda: 10**8)
     for name in ("pose", "joint_jacobian"):
         with pytest.raises(pp.InputError, match="1,000,000 configurations takes"):
             getattr(postures, name)
@@ -153,11 +153,11 @@ def machine(tmp_path, monkeypatch):
             place = tmp_path.joinpath(*path.split("__"))
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(text)
-        return memory.available_memory()
+        return arguments.available_memory()
 
-    monkeypatch.setattr(memory, "_MEMORY", tmp_path / "meminfo")
-    monkeypatch.setattr(memory, "_GROUPS", tmp_path / "groups")
-    monkeypatch.setattr(memory, "_OWN_GROUPS", tmp_path / "own")
+    monkeypatch.setattr(arguments, "_MEMORY", tmp_path / "meminfo")
+    monkeypatch.setattr(arguments, "_GROUPS", tmp_path / "groups")
+    monkeypatch.setattr(arguments, "_OWN_GROUPS", tmp_path / "own")
     return write
 
 

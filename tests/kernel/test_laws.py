@@ -23,7 +23,7 @@ from precision_pin.draws.space import Space
 from precision_pin.kernel import loops as loops
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.statistics import sketch
+from precision_pin.statistics import accumulate
 from precision_pin.statistics.accumulate import LARGEST
 from support.sampling_checks import LAW_SPACE, SLOPES, exact_failures, sampling_failures
 
@@ -46,7 +46,7 @@ LAYOUT = layout_of(SPACE)
 
 def test_numbers_repeated_in_the_compiled_file_are_those_of_their_owners() -> None:
     assert loops.LARGEST == LARGEST
-    assert (loops._SHIFT, loops._OFFSET, loops._BINS) == (sketch.SHIFT, sketch.OFFSET, sketch.BINS)
+    assert (loops._SHIFT, loops._OFFSET, loops._BINS) == (accumulate.SHIFT, accumulate.OFFSET, accumulate.BINS)
     assert loops._FARTHEST == laws.FARTHEST_NORMAL
     named = {name: getattr(loops, f"_{name}") for name in Operator.__members__ if name != "SIGN"}
     assert {**named, "SIGN": loops._SIGNUM} == {operator.name: int(operator) for operator in Operator}

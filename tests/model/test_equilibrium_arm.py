@@ -11,8 +11,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.exact_rods import rods_error
-from support.settled import settled_errors
 
 from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw
@@ -33,6 +31,7 @@ from precision_pin.sources.profiles import Segment
 from precision_pin.terms.source import Source
 from support.checks.beam import integrals
 from support.checks.common import one_link
+from support.oracles import rods_error, settled_errors
 from support.plain_robot import chain_of, inserted, joint, link, motion, pose_error, robot
 from support.sheets import PAPER_Q
 

@@ -18,9 +18,12 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from outputs.view_cases import Node, arm_text, data_block, nodes_of, page_at
 from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.calibration.figure import calibration_figure
-from precision_pin.analyses.calibration.layer import MOST_DRAWN, CalibrationLayer
-from precision_pin.analyses.calibration.section import calibration_chapter
+from precision_pin.analyses.calibration.figure import (
+    MOST_DRAWN,
+    CalibrationLayer,
+    calibration_chapter,
+    calibration_figure,
+)
 from precision_pin.analyses.calibration.table import calibration_table
 from precision_pin.analyses.compensation.figure import CompensationLayer, _displaced, _joints, compensation_chapter
 from precision_pin.analyses.map.figure import PlacesData

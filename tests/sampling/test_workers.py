@@ -247,21 +247,21 @@ def test_wrong_numbers_of_samples_and_more_than_memory_are_refused() -> None:
 
 
 def test_free_memory_is_what_the_system_says(monkeypatch, tmp_path) -> None:
-    from precision_pin.base import memory
+    from precision_pin.base import arguments
 
     (tmp_path / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    4800 kB\n")
     (tmp_path / "memory.max").write_text("max\n")
     (tmp_path / "memory.current").write_text("1000\n")
     (tmp_path / "own").write_text("0::/\n")
     for name, place in (("_MEMORY", tmp_path / "meminfo"), ("_GROUPS", tmp_path), ("_OWN_GROUPS", tmp_path / "own")):
-        monkeypatch.setattr(memory, name, place)
-    monkeypatch.setattr(memory, "_UNCHECKED", 0)
-    assert memory.available_memory() == 4800 * 1024
-    memory.check_kept(102_400)  # 48 bytes each: exactly that
+        monkeypatch.setattr(arguments, name, place)
+    monkeypatch.setattr(arguments, "_UNCHECKED", 0)
+    assert arguments.available_memory() == 4800 * 1024
+    arguments.check_kept(102_400)  # 48 bytes each: exactly that
     with pytest.raises(InputError, match=r"at most 102,400 can be kept"):
-        memory.check_kept(102_401)
+        arguments.check_kept(102_401)
     (tmp_path / "memory.max").write_text("49000\n")
-    assert memory.available_memory() == 48_000
+    assert arguments.available_memory() == 48_000
 
 
 def test_a_bar_is_shown_if_asked_for(monkeypatch) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
-from support.beam_elements import torsion_constant
 
 from precision_pin.base.errors import SheetError
 from precision_pin.draws.draw import Draw
@@ -22,6 +21,7 @@ from precision_pin.sources.beam import Beam, point_flexibility, stretch_flexibil
 from precision_pin.sources.payload import Payload
 from precision_pin.sources.profiles import MATERIALS, Section, Segment, box, rod, tube
 from support.checks.common import evaluated, one_link
+from support.oracles import torsion_constant
 
 L = 1.7
 GRAVITY = (3.0, -4.0, -8.0)

@@ -82,7 +82,7 @@ def command(samples: int, seed: int, specs: tuple[str, ...], is_allocated: bool,
         _check_allocation(sheet)
     from precision_pin.analyses.allocation.allocate import allocate
     from precision_pin.analyses.allocation.figure import allocation_chapter
-    from precision_pin.analyses.calibration.section import calibration_chapter
+    from precision_pin.analyses.calibration.figure import calibration_chapter
     from precision_pin.analyses.collect import collect_poses, count_steps
     from precision_pin.analyses.compensation.figure import compensation_chapter
     from precision_pin.analyses.iso9283.figure import iso9283_chapter

@@ -130,7 +130,7 @@ def command(
 
 
 def _layers(sheet: Sheet, arm: shared.Options) -> list[Layer]:
-    from precision_pin.analyses.calibration.layer import CalibrationLayer
+    from precision_pin.analyses.calibration.figure import CalibrationLayer
     from precision_pin.analyses.compensation.figure import CompensationLayer
     from precision_pin.analyses.map.figure import PlacesData
     from precision_pin.analyses.path.figure import PathLayer

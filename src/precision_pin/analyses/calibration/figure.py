@@ -3,21 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final, final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from precision_pin.analyses.calibration.calibrate import CalibrationResult
+from precision_pin.analyses.calibration import table as text
+from precision_pin.analyses.calibration.calibrate import CalibrationResult, WorstReadings
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
-from precision_pin.analyses.calibration.table import VERDICTS, describe_measurement, measured_text, verdict_text
+from precision_pin.analyses.calibration.table import (
+    MOST_READINGS,
+    VERDICTS,
+    describe_measurement,
+    deviations_text,
+    headline,
+    measured_text,
+    verdict_text,
+)
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import visible
 from precision_pin.render import figure_style
+from precision_pin.render.chapter import Chapter
+from precision_pin.render.colour_scale import ColourScale, round_number
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY, VERMILION
+from precision_pin.render.figure_style import SINGLE_COLUMN
+from precision_pin.render.html import Child, Html, element, escaped, items, joined, paragraph, section, table
+from precision_pin.render.scene import Scene
+from precision_pin.render.svg import figure as inline_figure
+from precision_pin.render.tables import milli
 
 _HEIGHT: Final = 70.0
 _ROW: Final = 4.5
@@ -163,3 +181,196 @@ def population_figure(result: Population) -> Figure:
         figure_style.legend_below(made, {}, 1, lines)
         figure_style.set_height(made, 30 + _ROW * len(shown) + len(lines) * figure_style.LINE_HEIGHT)
     return made
+
+
+MOST_DRAWN: Final = 200
+"""The most readings of one page, the worst ones."""
+_LARGEST: Final = 0.12
+"""Largest residual of a reading with weight at first, in lengths of the arm."""
+_LONGEST: Final = 0.2
+"""Longest line, in lengths of the arm."""
+_FEW: Final = 60
+"""The most readings whose residuals before the calibration are shown at first."""
+_ROUNDING: Final = 1e-12
+"""Residuals (m) below which a reading is where it is predicted."""
+_PER_METRE: Final = 1e3
+_LIMITED: Final = {
+    "distance": "Only the part along the line of sight is measured, and drawn; that line is shown for the marked reading.",
+    "plane": "Only the height over the plane is measured: lines are along its normal.",
+}
+"""What lines show of readings that have not three lengths."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CalibrationLayer:
+    """A calibration, its worst readings, which are drawn, and colours for residuals of readings that have weight."""
+
+    result: CalibrationResult
+    worst: WorstReadings
+    scale: ColourScale
+
+    @classmethod
+    def of(cls, result: CalibrationResult) -> CalibrationLayer:
+        """Return the layer of a calibration."""
+        worst = WorstReadings.of(result, MOST_DRAWN)
+        counted = worst.sizes[~worst.is_gross & (worst.sizes > _ROUNDING)]
+        return cls(result, worst, ColourScale.of(np.append(counted, 0.0)))
+
+    @property
+    def name(self) -> str:
+        """Name of the layer."""
+        return "calibration"
+
+    def draw(self, scene: Scene, length: float) -> None:
+        """Add the predicted places as crosses; the scripts add the residuals."""
+        half = 0.004 * length
+        ends = [
+            point + sign * half * axis for point in self.worst.points.T for axis in np.eye(3) for sign in (-1.0, 1.0)
+        ]
+        scene.segments((self.name, "predicted"), np.array(ends).T, (0.1, 0.1, 0.1, 1.0))
+
+    def settings(self, length: float) -> dict[str, Any]:
+        """Return places and residuals by x, y, z in m, worst first, and how many times too large they are drawn at first."""
+        worst = self.worst
+        return {
+            "times": round_number(_LARGEST * length / self.scale.largest) if self.scale.largest > 0 else 1.0,
+            "longest": _LONGEST * length,
+            "points": _rounded(worst.points),
+            "after": _rounded(worst.after),
+            "before": _rounded(worst.before),
+            "gross": np.flatnonzero(worst.is_gross).tolist(),
+            "rows": list(worst.lines),
+            "largest": self.scale.largest,
+            "anchor": None if worst.anchor is None else worst.anchor.tolist(),
+        }
+
+    def legend(self) -> str:
+        """Return the section of the legend: the answer, the worst readings, the colours, and how large all is drawn."""
+        result, worst = self.result, self.worst
+        said = "".join(f"<p>{escaped(line)}</p>" for line in headline(result))
+        count, drawn = len(result.data), len(worst.lines)
+        which = f"the worst {drawn:,} of {count:,} readings" if drawn < count else _counted(count)
+        before = " checked" if drawn <= _FEW else ""
+        limited = " ".join(dict.fromkeys(_LIMITED.get(one.kind, "") for one in result.data.measurements))
+        return (
+            f'<section aria-label="Calibration"><h2>Calibration: readings against predictions</h2>{said}'
+            '<div class="controls"><p>The worst readings first, in mm and in standard deviations (std); press one to mark it:</p>'
+            f'<ol class="readings">{self._buttons()}</ol></div>'
+            f'<div id="calibration-bar"><h2>Residual after calibration, mm</h2>{self.scale.bar(_PER_METRE)}</div>'
+            '<ul class="legend controls">'
+            '<li><label><input type="checkbox" id="show-calibration" checked><i class="line measured"></i>'
+            f"<span>{escaped(which)}: line from the predicted place (cross) to the measured one (ball)</span></label></li>"
+            f"{self._gross()}"
+            f'<li><label><input type="checkbox" id="calibration-before"{before}><i class="line thin"></i>'
+            "<span>thin line: the same before calibration</span></label></li></ul>"
+            '<p class="fine">Residuals are drawn at <span id="calibration-times"></span> times their size. Lines that would be '
+            f"longer than a fifth of the arm are cut; a thick one then has no ball. {escaped(limited)} The arm and the sampled "
+            "robots are those of the sheet, before calibration.</p></section>"
+        )
+
+    def _buttons(self) -> str:
+        """Return a button for each of the worst readings; the first is pressed."""
+        worst = self.worst
+        entries = []
+        for k in range(min(MOST_READINGS, len(worst.lines))):
+            unweighted = ", no weight" if worst.is_gross[k] else ""
+            size, deviations = milli(float(worst.sizes[k]), 3), deviations_text(worst.deviations[k])
+            text = f"{worst.labels[k]}: {size} mm, {deviations} std{unweighted}"
+            pressed = "false" if k else "true"
+            entries.append(
+                f'<li><button type="button" data-reading="{k}" aria-pressed="{pressed}">{escaped(text)}</button></li>'
+            )
+        return "".join(entries)
+
+    def _gross(self) -> str:
+        """Return the line of the legend about gross errors, if there are any."""
+        if not self.worst.is_gross.any():
+            return ""
+        words = "red: readings that fit no other and were given no weight"
+        return f'<li class="row"><i class="line gross"></i><span>{escaped(words)}</span></li>'
+
+
+def _counted(count: int) -> str:
+    return "the reading" if count == 1 else f"all {count:,} readings"
+
+
+def _rounded(values: Array) -> list[float]:
+    """Return vectors ``(3, K)`` by x, y, z with the digits that a picture can show."""
+    return [float(f"{value:.7g}") for value in values.T.ravel()]
+
+
+_NUMBERS: Final = 60
+"""Most numbers of the table of what is learned."""
+_SHOWN: Final = (
+    "The arm in all other sections and in the 3-D view is that of the sheet, before this calibration. A report of the "
+    "calibrated arm is made from the sheet that this command writes: ",
+    element("code", "precision-pin calibrate --sheet"),
+    ".",
+)
+
+
+def calibration_chapter(result: CalibrationResult) -> Chapter:
+    """Return a calibration as a chapter; at its head whether it helps, whether the model fits, what is left, and gross errors."""
+    said = text.headline(result)
+    answers = [*said[:2], *said[3:]]
+    lines = tuple(f"Calibration: {line[:1].lower()}{line[1:]}" for line in answers)
+    return Chapter("calibration", "Calibration", _section(result), lines, CalibrationLayer.of(result))
+
+
+def _section(result: CalibrationResult) -> Html:
+    said = text.headline(result)
+    sheet = result.original.sheet
+    of_sheet = () if sheet is None else sheet.findings
+    warnings = [one.message for one in result.findings if one not in of_sheet]
+    picture = inline_figure(
+        calibration_figure(result, SINGLE_COLUMN),
+        "calibration",
+        f"Residuals of {len(result.data):,} readings before and after the calibration: {said[0]} {said[1]}",
+        "Residual of each reading: before the calibration, after it, and of a fit without that reading.",
+    )
+    parts: list[Child] = [
+        items(said),
+        paragraph(*_SHOWN),
+        paragraph(f"{text.measured_text(result)}.", class_="note"),
+        *([] if result.has_prior else [paragraph(f"{text.NO_PRIOR.capitalize()}.", class_="note")]),
+        element("div", picture, class_="pair"),  # narrow enough for a small screen
+        *_readings(result),
+        *_poses(result),
+        *_numbers(result),
+        *_list("What the readings determine", text.identifiability_lines(result.identifiability)),
+        *_list("Set-up as estimated", text.set_up_lines(result.set_ups)),
+        *_list("Warnings of the calibration", warnings),
+    ]
+    return section("calibration", "Calibration", *parts)
+
+
+def _readings(result: CalibrationResult) -> list[Child]:
+    rows, gross = text.reading_rows(result), text.gross_rows(result)
+    parts: list[Child] = [table("The worst readings, worst first; residuals in mm", rows[0], rows[1:])]
+    if len(gross) > 1:
+        parts.append(table("Readings that fit no other and were given no weight", gross[0], gross[1:]))
+    return [*parts, paragraph(f"{text.LEFT_OUT}.", class_="note")]
+
+
+def _poses(result: CalibrationResult) -> list[Child]:
+    rows = text.pose_rows(result.poses, result.measurement)
+    notes = [*text.poses_with_less(len(result.poses)), text.explanation(result.poses)]
+    notes += [text.SEEN] if result.measurement.displaces_base else []
+    return [
+        table("Position error of the tip, before and after, mm", rows[0], rows[1:]),
+        paragraph(f"{'; '.join(notes)}.", class_="note"),
+    ]
+
+
+def _numbers(result: CalibrationResult) -> list[Child]:
+    rows, count = text.estimate_rows(result, _NUMBERS), len(result.posterior.names)
+    which = "The numbers" if count <= _NUMBERS else f"The {_NUMBERS} of {count:,} numbers of which most is learned"
+    body = joined(
+        [table(f"{which}, most learned first", rows[0], rows[1:]), paragraph(f"{text.LEARNED}.", class_="note")]
+    )
+    return [element("details", element("summary", f"What was learned of {count:,} numbers"), body)]
+
+
+def _list(title: str, lines: list[str]) -> list[Child]:
+    return [paragraph(title, class_="lead"), items(lines)] if lines else []
