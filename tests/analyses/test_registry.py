@@ -87,6 +87,7 @@ def table(result):
 """,
     "figure.py": """
 from precision_pin.render.figure_style import DOUBLE_COLUMN, new_figure, style
+from precision_pin.render.html import paragraph
 
 
 def figure(result, which=0):
@@ -94,9 +95,6 @@ def figure(result, which=0):
         drawn = new_figure(DOUBLE_COLUMN)
         drawn.subplots().bar(range(6), result.poses[which].error)
     return drawn
-""",
-    "section.py": """
-from precision_pin.render.html import paragraph
 
 
 def content(result, results):
@@ -168,7 +166,7 @@ def test_a_declaration_names_what_there_is(name: str) -> None:
     kind = load(one.result)
     assert kind.schema.startswith("precision-pin/")
     assert (one.prepare is None) == bool(one.heading) == issubclass(kind, Result)
-    for place in ["section:content", "figure:draw", "table:table", "figure:figure"] * bool(one.heading):
+    for place in ["figure:content", "figure:draw", "table:table", "figure:figure"] * bool(one.heading):
         assert callable(load(f"{one.outputs}.{place}"))
     for place in (one.steps, *(option.check for option in one.own_options)):
         assert not place or callable(load(place))

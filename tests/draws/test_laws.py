@@ -88,7 +88,7 @@ def expectation(law: Law, function: Any) -> complex:
 # ---- quantiles ----
 
 
-@pytest.mark.parametrize(("law", "frozen"), SYMMETRIC, ids=repr)
+@pytest.mark.parametrize(("law", "frozen"), SYMMETRIC, ids=[repr(law) for law, _ in SYMMETRIC])
 def test_quantiles_equal_scipy_rise_and_are_symmetric_to_the_bit(law: Law, frozen: Any) -> None:
     u = grid()
     seen = law.inverse(u[None])[0]
@@ -105,7 +105,7 @@ def test_quantiles_equal_scipy_rise_and_are_symmetric_to_the_bit(law: Law, froze
     assert seen[-1] <= high + slack
 
 
-@pytest.mark.parametrize(("law", "frozen"), LOGNORMAL, ids=repr)
+@pytest.mark.parametrize(("law", "frozen"), LOGNORMAL, ids=[repr(law) for law, _ in LOGNORMAL])
 def test_lognormal_quantiles_equal_scipy(law: Lognormal, frozen: Any) -> None:
     u = grid()
     seen = law.inverse(u[None])[0]
