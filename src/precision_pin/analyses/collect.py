@@ -1,4 +1,4 @@
-"""All results that a report shows, computed for one pose."""
+"""All results that a report shows, computed for one pose, and its numbers as text."""
 
 from __future__ import annotations
 

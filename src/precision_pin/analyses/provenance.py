@@ -1,4 +1,4 @@
-"""Provenance of an analysis, and its poses."""
+"""Provenance of an analysis, its poses, and the checks of arguments that all analyses share."""
 
 from __future__ import annotations
 

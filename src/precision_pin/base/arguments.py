@@ -1,4 +1,4 @@
-"""Checks of the arguments of public functions.
+"""Checks of the arguments of public functions, quantities and sizes included.
 
 A wrong argument (type, shape, value, name) raises an :class:`~precision_pin.base.errors.InputError` of one line with
 the argument, the allowed values and the given value. Checks return the value in the package's type; arrays as read-only

@@ -1,4 +1,4 @@
-"""Every exception and warning of the package.
+"""Every exception and warning of the package, and the user's names in messages, on one line of limited length.
 
 The tree::
 

@@ -1,4 +1,4 @@
-"""Writing files and folders, whole or not at all.
+"""Reading files that users name, and writing files and folders, whole or not at all.
 
 Until complete, a file has a temporary name ending in ``.part``; an error or a signal that ends the program removes it.
 """

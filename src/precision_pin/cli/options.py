@@ -1,4 +1,4 @@
-"""Options of several commands, and checks of all commands."""
+"""Options of several commands, checks of all commands, compiling and progress."""
 
 from __future__ import annotations
 

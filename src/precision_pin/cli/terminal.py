@@ -1,4 +1,4 @@
-"""Results on a terminal: sentences and tables folded to its width and cut to its height, verdicts in colour."""
+"""Results on a terminal: sentences and tables folded to its width and cut to its height, verdicts in colour; notes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of a report besides its poses."""
+"""Parts of a report and layers of the view besides the poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""HTML as values: text put into an element is always escaped, so no name of a URDF or sheet acts as markup."""
+"""HTML of pages and notebooks as values: text is always escaped, so no name of a URDF or sheet acts as markup."""
 
 from __future__ import annotations
 

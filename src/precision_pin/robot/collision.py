@@ -237,7 +237,6 @@ class CollisionCheck:
     def _hits(
         self, check: _Check, frames: Array, placed: dict[_Body, Array], left: NDArray[np.intp]
     ) -> NDArray[np.bool_]:
-        """Return whether a check finds a contact at some of P poses."""
         here = self._placed(check.body, frames, placed)[left]
         if isinstance(check.other, KeepOut):
             normal, place = np.array(check.other.normal), np.array(check.other.place)
@@ -260,7 +259,6 @@ class CollisionCheck:
         return hit
 
     def _placed(self, body: _Body, frames: Array, placed: dict[_Body, Array]) -> Array:
-        """Return the poses of a body in the base, ``(P, 4, 4)``."""
         if body not in placed:
             placed[body] = np.asarray(frames[body.link] @ body.placement)
         return placed[body]
@@ -349,7 +347,6 @@ class CollisionCheck:
         self.notes.append(f"the arm is kept above {words}; keep_out: says otherwise")
 
     def _add_pairs(self, bodies: Sequence[_Body], at_zero: Array) -> None:
-        """Add the pairs of links that can hit each other."""
         low, high = self._arm.configurations.limits
         ends = np.isfinite(low) & np.isfinite(high)
         low, high = np.where(ends, low, -np.pi), np.where(ends, high, np.pi)
@@ -440,7 +437,6 @@ def _boxes_meet(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[
 
 
 def _touch(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
-    """Return whether two bodies touch, or one lies in the other, at P poses of both ``(P, 4, 4)``."""
     hit, far = np.zeros((2, len(here)), dtype=bool)
     if len(here) >= _WORTH and one.tree is not None and other.tree is not None:
         from precision_pin.robot.collision_loops import proven_apart

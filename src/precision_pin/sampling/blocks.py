@@ -1,4 +1,4 @@
-"""The work of a run, in a form that can be sent to another process or machine."""
+"""The work of a run and its histograms' centres and bins, in a form that can be sent to another process or machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Accumulators of the sampled errors, filled block by block."""
+"""Accumulators of the sampled errors and their histograms, filled block by block."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figure of an allocation: the error's sources before and after, and cost against accuracy."""
+"""An allocation in pictures and in the report: the error's sources before and after, and cost against accuracy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bar chart of a budget."""
+"""A budget as a bar chart, and in the report."""
 
 from __future__ import annotations
 

@@ -39,7 +39,6 @@ def check(options: dict[str, Any]) -> None:
 
 
 def _misuse(options: dict[str, Any], data: list[str]) -> str | None:
-    """Return what is wrong with the options together."""
     count, is_given = options["count"], _gives_poses(options)
     ahead = ["--forecast"] * options["forecast"] + ["--plan"] * (count is not None)
     has_poses = is_given or options["random"] is not None
@@ -99,7 +98,6 @@ def prepare(asked: Asked) -> Job:
 
 
 def _job(run: Callable[..., Any], use: str, **settings: Any) -> Job:
-    """Return the run of one use, whose table and figure are named after it."""
     stem, name = f"calibration{use and f'-{use}'}", use or "calibration"
     return Job(run, **{
         "stem": stem,
@@ -112,7 +110,6 @@ def _job(run: Callable[..., Any], use: str, **settings: Any) -> Job:
 
 
 def _writer(path: str | None, write: Callable[[Any], object]) -> Callable[[Any], tuple[str, ...]]:
-    """Return the function that writes a file of a result, if there is a path, and says so."""
 
     def run(result: Any) -> tuple[str, ...]:
         if path is None:

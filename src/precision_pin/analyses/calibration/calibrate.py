@@ -80,15 +80,12 @@ class CalibrationResult(PosesOutcome):
         has_prior: Whether the sheet was the prior.
         posterior, without_bounds: The numbers drawn once for each robot, and their estimates where no law had bounds,
             ``(U,)``.
-        set_ups: The set-up of each measurement of ``data.measurements`` as estimated; ``measurement`` and ``set_up``
-            are the first.
-        chi_square, degrees_of_freedom: Sum of squares of whitened residuals (with a prior, of the numbers' deviations
-            too), and its expectation.
+        set_ups: The estimated set-up of each of ``data.measurements``; ``measurement`` and ``set_up`` are the first.
+        chi_square, degrees_of_freedom: Sum of squares of whitened residuals (with a prior, and of z), its expectation.
         residuals, residuals_before: Reading less prediction of the calibrated arm, in base axes, ``(P, m)``; of the
-            sheet's means, with the set-up that fits them best. Zeros beyond the numbers of a reading that has fewer
-            than others.
-        left_out: Reading less the prediction of a fit without the readings at its pose, or without its group where the
-            data have groups, ``(P, m)``, first order.
+            sheet's means with the set-up that fits them best. Readings of fewer numbers end in zeros.
+        left_out: Reading less the prediction of a fit without its pose (its group, where the data have groups),
+            ``(P, m)``, first order.
         std_left_out, std_predicted: Standard deviation of ``left_out``, and of a new reading at the pose from the
             calibrated arm's prediction: what is left of arm and set-up, repeatability and instrument, ``(P, m)``.
         improvement: Whether the calibration helps at poses left out of it; ``None`` where none can be predicted.
@@ -430,8 +427,7 @@ def without_gross_errors(
 ) -> tuple[fitting.Problem, fitting.Fit, dict[int, float]]:
     """Return the problem and fit without gross errors, and the squared size of each of these by its row.
 
-    One reading after another is left out, that with the largest residual of a fit without it, where that is too large for
-    the spread of the others.
+    Readings are left out one at a time: the one with the largest residual in a fit without it, if too large for the rest.
     """
     best = fitting.fit(whole, has_prior=has_prior, steps=_FEW_STEPS)
     used, found = whole, dict[int, float]()
@@ -483,10 +479,8 @@ class WorstReadings(NamedTuple):
         after, before, sizes: Residual after and before, m, ``(3, K)``: of a distance along the line of sight, of a
             height along the normal; before in the axes of the first guess of a free base. Lengths of ``after``,
             ``(K,)``.
-        deviations, is_gross: Size of the whole residual in standard deviations of instrument and repeatability, of a
-            gross error in the fit without it, ``(K,)``; whether it was given no weight.
-        anchor: Where distances are measured from, m, ``(3,)``; ``None`` for other readings, and of several
-            measurements.
+        deviations, is_gross: Residual in standard deviations (gross: in a fit without it); whether it has no weight.
+        anchor: Where distances are measured from, m, ``(3,)``; ``None`` for other readings and several measurements.
     """
 
     rows: NDArray[np.intp]

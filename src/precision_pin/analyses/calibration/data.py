@@ -211,7 +211,6 @@ def _missing(what: str, is_missing: NDArray[np.bool_], lines: Sequence[int], pat
 
 
 def _without_copies(rows: Sequence[object], lines: Sequence[int], path: str) -> tuple[list[int], list[Finding]]:
-    """Return the rows that repeat no earlier one, and a warning if others do."""
     first: dict[object, int] = {}
     copies = []
     for k, row in enumerate(rows):
@@ -297,7 +296,6 @@ _Target = tuple[Measurement, tuple[str, ...]]
 def _targets(
     table: csv_columns.Measured, joints: Sequence[str], measurement: Measurement, path: str, is_alone: bool
 ) -> list[_Target]:
-    """Return the targets of a measurement whose columns a file has."""
     wanted, own = COLUMNS[measurement.kind], measurement.target_name
     free = [name for name in table.names if name not in joints]
 
@@ -529,7 +527,6 @@ def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, sig
 
 
 def _aligned(points: Array, readings: Array) -> Array:
-    """Return points ``(P, 3)`` turned and shifted to fit readings best."""
     centre, other = points.mean(axis=0), readings.mean(axis=0)
     rotation = se3.nearest_rotation((readings - other).T @ (points - centre))
     return np.asarray((points - centre) @ rotation.T + other)

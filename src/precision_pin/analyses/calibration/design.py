@@ -265,7 +265,6 @@ def project_out(by_z: Array, by_nuisance: Array) -> tuple[Array, int]:
 
 
 def _lengths(columns: Array) -> Array:
-    """Return the lengths of columns; 1 for a zero column."""
     lengths = np.linalg.norm(columns, axis=0)
     return np.where(lengths > 0, lengths, 1.0)
 

@@ -175,12 +175,10 @@ def _remarks(file: str, kind: str, found: UrKinematics, q: Array) -> tuple[Findi
 
 
 def _seats(chain: Chain) -> Array:
-    """Return the seats of the joints and the tip at zero in the base, ``(n + 1, 4, 4)``."""
     return np.array(list(accumulate(chain.placements, np.matmul, initial=np.eye(4)))[1:])
 
 
 def _model_of(chain: Chain) -> tuple[str, Array]:
-    """Return the model of a robot, and the base of its Denavit-Hartenberg frames in the chain's base, ``(4, 4)``."""
     if len(chain.joints) == 6 and not chain.prismatic.any():
         seats = _seats(chain)[:6]
         directions = np.einsum("kij,kj->ki", seats[:, :3, :3], chain.axes)

@@ -1,4 +1,4 @@
-"""A calibration as pictures: accuracy against effort, and residuals."""
+"""A calibration in pictures, report and view: accuracy against effort, residuals, what was learned."""
 
 from __future__ import annotations
 
@@ -66,7 +66,6 @@ def forecast_figure(result: CalibrationForecast) -> Figure:
 
 
 def _finish(made: Figure, axes: Axes, title: str, note: str) -> None:
-    """Add the title, and below it the legend of one panel and a note; set the height."""
     head = figure_style.wrapped(title, made)
     made.suptitle("\n".join(head))
     lines, entries = figure_style.wrapped(note, made), figure_style.labelled([axes])
@@ -270,7 +269,6 @@ class CalibrationLayer:
         )
 
     def _buttons(self) -> str:
-        """Return a button for each of the worst readings; the first is pressed."""
         worst = self.worst
         entries = []
         for k in range(min(MOST_READINGS, len(worst.lines))):
@@ -284,7 +282,6 @@ class CalibrationLayer:
         return "".join(entries)
 
     def _gross(self) -> str:
-        """Return the line of the legend about gross errors, if there are any."""
         if not self.worst.is_gross.any():
             return ""
         words = "red: readings that fit no other and were given no weight"

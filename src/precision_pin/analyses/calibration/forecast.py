@@ -1,13 +1,8 @@
-"""What a calibration will buy, before anything is measured.
+"""Accuracy after a calibration, predicted before it is made; and calibrations of simulated robots, which check it.
 
-First order, at the numbers' means: the covariance of the unit-scope numbers after measuring is
-
-    C = (Σ Hᵀ R⁻¹ H + Σ₀⁻¹)⁻¹
-
-with the nuisances of the set-up free, and the error that is left at a pose has the covariance ``J C Jᵀ + K Σ Kᵀ``. The second
-part comes from pose- and visit-scope numbers. No calibration removes it: it is the floor.
-
-Complete calibrations of simulated robots with the exact model check it.
+First order, at the numbers' means: after measuring, the unit-scope numbers have the covariance
+``C = (Σ Hᵀ R⁻¹ H + Σ₀⁻¹)⁻¹`` with the nuisances of the set-up free, and the error left at a pose ``J C Jᵀ + K Σ Kᵀ``. The
+second part, of pose- and visit-scope numbers, is the floor that no calibration removes.
 """
 
 from __future__ import annotations
@@ -52,15 +47,10 @@ _FAR: Final = 0.05
 def contact_poses(chain: Chain, measurement: Measurement, count: int, *, seed: int = 0) -> PoseSet:
     """Return random poses in which the target touches the plane, or is in one of the sockets.
 
-    From random joint values within their limits the nearest contact is found by steps of least norm; those that end outside the
-    limits, or where the arm hits something, are drawn again.
-
-    Args:
-        chain, measurement: The arm, and a measurement of kind ``"plane"`` or ``"socket"``.
-        count, seed: Number of poses, and 64-bit seed.
+    Least-norm steps lead from random joint values to the nearest contact; poses beyond limits or in collision are redrawn.
 
     Raises:
-        InputError: Another kind of measurement, or too few poses are found.
+        InputError: The measurement is not of kind ``"plane"`` or ``"socket"``, or too few poses are found.
     """
     place = measurement.place
     if place is None or measurement.kind not in ("plane", "socket"):
@@ -153,11 +143,10 @@ class CurvePoint(Record):
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CalibrationForecast(PosesOutcome):
-    """What a calibration will buy, beside what :class:`PosesOutcome` has.
+    """Accuracy after a calibration, beside what :class:`PosesOutcome` has.
 
     Attributes:
-        readings, posterior: Number of readings, and the numbers of the arm after the calibration; their means are those
-            before.
+        readings, posterior: Number of readings, and the arm's numbers after the calibration, with the means before.
         by_count, by_instrument: Accuracy against the number of measured poses and against the instrument's deviation.
         model: The arm as it will be left: every other analysis runs on it. Its means are those of the sheet.
     """
@@ -243,7 +232,6 @@ def _rms(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> float:
 
 
 def _by_count(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> tuple[CurvePoint, ...]:
-    """Return the accuracy with fewer poses, averaged over random orders, and with more of the same kind."""
     count = len(by_z)
     generator = np.random.default_rng(_ORDER_SEED)
     orders = [generator.permutation(count) for _ in range(_ORDERS)]
@@ -323,14 +311,9 @@ class SimulatedCalibrations:
 def simulate_calibrations(
     model: ErrorModel, poses: object, measurement: Measurement, *, at: object = None, robots: int = 1000, seed: int = 0
 ) -> SimulatedCalibrations:
-    """Build robots, measure each at all poses and fit each with the exact model.
+    """Simulate robots, measure each at all poses, and fit each with the exact model; arguments as of the forecast.
 
-    Every robot's estimate is iterated until its residuals, by the exact model, satisfy the normal equations of the first
-    order at the means. Bounds of laws are not heeded.
-
-    Args:
-        model, poses, measurement, at: As for :func:`precision_pin.forecast_calibration`.
-        robots, seed: Number of robots, and 64-bit seed.
+    Estimates satisfy the first-order normal equations at the means, with exact residuals. Bounds of laws are ignored.
     """
     measurement = design.measurement_of(model, measurement)
     check_whole("the number of robots", robots, 1, 10**6)
@@ -389,9 +372,8 @@ def simulate_readings(
 ) -> Array:
     """Return readings ``(P, m, N)`` of robots by the exact model, with the set-up at its nominal values.
 
-    They are the robots ``first … first + robots - 1`` of those that `precision_pin.monte_carlo` samples with the seed, which is
-    that of the noise too; the stations are the poses in the order of the random streams. Each kind has its own noise and visits,
-    so that readings of one robot by several instruments do not share them.
+    Robots ``first … first + robots - 1`` are those of `precision_pin.monte_carlo` with this seed, which the noise uses too;
+    stations are the poses in the order of the random streams. Each kind of measurement has its own noise and visits.
     """
     x = model.space.sample(seed, first, robots)
     count, kind = sum(len(station.rows) for station in stations), KINDS.index(measurement.kind)

@@ -103,7 +103,6 @@ class ErrorLeft(Record):
     sampled: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
     def _normal(self, which: str, attitude: bool) -> tuple[Array, Array]:
-        """Return mean ``(3,)`` and covariance ``(3, 3)`` of the position's error, or the attitude's."""
         covariance = self.floor if which == "floor" else getattr(self, f"covariance_{which}")
         rows = slice(3, 6) if attitude else slice(0, 3)
         return self.before[rows] if which == "before" else np.zeros(3), covariance[rows, rows]

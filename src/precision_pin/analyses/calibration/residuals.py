@@ -116,10 +116,7 @@ class Likelihood:
 
 
 def largest_likelihood(likelihood: Likelihood, most: float) -> tuple[Array, list[tuple[float, float]]]:
-    """Return the logarithms of the factors of largest likelihood, and the ends of their profile intervals.
-
-    The search begins at ``most``, the logarithm of the largest factor; -inf is zero.
-    """
+    """Return the logarithms of the likeliest factors, at most ``most``, and the ends of their profile intervals; -inf is zero."""
     grid = np.linspace(most - _DECADES * np.log(10), most, _STEPS)
     step = float(grid[1] - grid[0])
 
@@ -165,10 +162,7 @@ def largest_likelihood(likelihood: Likelihood, most: float) -> tuple[Array, list
 def estimate_std(
     problem: Problem, z: Array, nuisances: Array, kinds: Mapping[str, NDArray[np.bool_]], *, has_prior: bool
 ) -> dict[str, tuple[float, EstimatedStd]]:
-    """Return for each kind of deviation its factor on that stated, and the estimate; linear about z and the nuisances.
-
-    ``kinds`` name masks ``(P, m)`` of numbers; those of no kind keep their deviations.
-    """
+    """Return the factor on the stated deviation, and the estimate, of each kind; ``kinds`` name masks ``(P, m)`` of numbers."""
     blocks, random = _blocks(problem, z, nuisances, list(kinds.values()), has_prior=has_prior)
     repeats = [block for block in map(_differences, blocks, problem.labels) if block is not None]
     most = _largest(blocks, random)
@@ -300,10 +294,9 @@ _TOLD: Final = 1.5
 class LeftOutShare(Record):
     """How far off left-out readings are against their own covariance, and the share of them within its 95 % ellipsoid.
 
-    ``ratio`` is the root mean square of their sizes in standard deviations, 1 where these are right. Its interval is that of
-    chi-square, that of the share Clopper's and Pearson's, both for as many trials as the groups are worth: readings of one group,
-    and groups that share what a fit without them errs by, are no independent trials. The ratio gives the verdict, since it tells
-    deviations that are too small sooner: ``honest`` where its interval holds 1, ``undecided`` where it goes beyond 1.5 too.
+    ``ratio`` is the root mean square of their sizes in standard deviations, 1 where these are right, with the chi-square
+    interval; the share has that of Clopper and Pearson; both for as many independent trials as the groups are worth. The
+    ratio gives the verdict: ``honest`` where its interval holds 1, ``undecided`` where it passes 1.5 too.
     """
 
     KEYS: ClassVar[Keys] = ("verdict", "ratio", "ratio_interval", "within", "interval", "probability")
@@ -475,10 +468,9 @@ def doubt_improvement(found: Improvement | None) -> Iterator[Finding]:
 def gain_interval(before: Array, after: Array, weights: Array, taken: float) -> tuple[float, float]:
     """Return the interval of ``sqrt(weights @ before) - sqrt(weights @ after)`` over groups with mean squares ``(G,)``.
 
-    By t from what each group adds, first order, on as many degrees of freedom as there are groups less the share ``taken`` that
-    the fit takes of them. Groups left out one after another share the rest: the deviation is a tenth larger than that of
-    independent groups, as coverage asks for (measured). Where little is gained both fits follow the same noise, and every pair of
-    groups adds twice: it is then up to twice as large.
+    Student's t from what each group adds, first order, with as many degrees of freedom as groups less the fraction ``taken``
+    by the fit. Groups left out in turn share the rest, so the deviation is a tenth larger (measured by coverage); where
+    little is gained both fits follow the same noise, and it is up to twice as large.
     """
     mean, left, count = float(weights @ before), float(weights @ after), len(weights)
     adds = weights * ((before - mean) / (2 * np.sqrt(mean)) - (after - left) / (2 * np.sqrt(left)))

@@ -197,7 +197,6 @@ def _arm(of: Provenance) -> str:
 
 
 def _sizes(result: PosesOutcome) -> str:
-    """Return the position error at the user's poses before and after, rms over all of them."""
     before, after, floor = (milli(result.rms_position[which], 3) for which in ("before", "after", "floor"))
     return f"{before} mm before, {after} mm after; floor {floor} mm"
 
@@ -274,7 +273,6 @@ def chi_square_text(result: CalibrationResult) -> str:
 
 
 def _std_text(name: str, found: EstimatedStd) -> str:
-    """Return an estimated std, and what it rests on."""
     unit = "mm" if name == "std" else "mrad"
     low, high = (milli(end, 3) for end in found.interval)
     return (
@@ -301,7 +299,6 @@ def pose_rows(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[li
 
 
 def _quantile_text(entry: ErrorLeft, which: str) -> str:
-    """Return a quantile of |d| in mm; of a sampled one the digits that its interval supports."""
     value, ends = entry.quantile(which), entry.quantile_interval(which)
     return milli(value, 3) if ends is None else format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=3)
 
@@ -423,7 +420,6 @@ def _set_up_lines(found: SetUp) -> list[str]:
 
 
 def _point(values: Iterable[float]) -> str:
-    """Return a place in mm, without the unit."""
     return " ".join(f"{1e3 * x:.6g}" for x in values)
 
 

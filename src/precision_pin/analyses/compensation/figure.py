@@ -1,4 +1,4 @@
-"""Figure of a compensation: the error over the poses, before and after."""
+"""A compensation in pictures, report and view: the error over the poses, before and after."""
 
 from __future__ import annotations
 

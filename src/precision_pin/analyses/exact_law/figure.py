@@ -1,4 +1,4 @@
-"""Figures of the exact laws."""
+"""The exact laws in pictures and in the report."""
 
 from __future__ import annotations
 

@@ -119,7 +119,6 @@ def lattice_of(edge: float, centre: Array) -> Array:
 
 
 def _faces(edge: float, centre: Array) -> Array:
-    """Return the points of a finer lattice that lie on the faces of a cube, ``(3, P)``."""
     points = _grid(np.full(3, -1.0), np.ones(3), _ON_FACE)
     return centre[:, None] + edge / 2 * points[:, np.abs(points).max(axis=0) == 1]
 
@@ -276,7 +275,6 @@ def _poses_in_cube(tool: ToolPoses) -> tuple[Cube, Array]:
 
 
 def _follow(tool: ToolPoses, cube: Cube) -> Array:
-    """Return joint values ``(n, 5)`` of the poses in a cube, by the branch of the first where it leads there."""
     points = cube.points()
     first = tool.solve(points[:, :1])
     q = tool.solve(points, np.repeat(first, 5, axis=1))
@@ -366,7 +364,6 @@ class ToolPoses:
         return np.where(np.isnan(chosen[:1]), found, chosen)
 
     def _allowed(self, q: Array) -> Array:
-        """Return joint values ``(n, P)``, NaN where the arm hits something that it must avoid."""
         known = np.flatnonzero(np.isfinite(q[0]))
         if self.avoids and self.chain.collision_check is not None and known.size:
             free = self.chain.collision_check.free(np.ascontiguousarray(q[:, known]))

@@ -1,4 +1,4 @@
-"""Figure of the ISO 9283 forecast: the laws of AP and RP at every pose, with measured figures."""
+"""The ISO 9283 forecast in pictures and report: laws of AP and RP at every pose, with measured figures."""
 
 from __future__ import annotations
 

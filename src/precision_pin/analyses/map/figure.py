@@ -1,4 +1,4 @@
-"""Figure of a map: a heat map over a plane, points in space, a curve along a path, a list of poses."""
+"""A map in pictures, report and view: over a plane, in space, along a path or over a list of poses."""
 
 from __future__ import annotations
 

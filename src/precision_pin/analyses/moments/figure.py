@@ -1,4 +1,4 @@
-"""Figure of the moments."""
+"""The moments in pictures and in the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figure of the error along a path: the quantile at each pose, and the band that holds whole error curves."""
+"""The error along a path in pictures, report and view: quantile at each pose, band of whole curves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figure of the reliability."""
+"""The reliability in pictures and in the report."""
 
 from __future__ import annotations
 

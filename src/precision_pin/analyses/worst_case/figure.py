@@ -1,4 +1,4 @@
-"""Figure of the worst case."""
+"""The worst case in pictures and in the report."""
 
 from __future__ import annotations
 

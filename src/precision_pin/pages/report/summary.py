@@ -1,4 +1,4 @@
-"""The first screen of the report: picture of the arm with its cloud, verdict, largest causes, assumptions."""
+"""The first screen of the report: the arm with its cloud, verdict, largest causes, what to change, assumptions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parser of XML text into a tree with line numbers: no DTD, no entities, limits on every size."""
+"""Parser of XML text into a tree with line numbers: no DTD, no entities, all sizes limited; the list of findings."""
 
 from __future__ import annotations
 
