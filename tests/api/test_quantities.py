@@ -53,7 +53,7 @@ CASES = {
         "400 0 20 mm", (0.4, 0, 0.02), "0 0 3 kg",
     ),
     "Measurement.visible_from": Case(measured("visible_from", facing=(0, 0, 1)), "3 0 1 m", (3, 0, 1), "0 0 3 kg"),
-    "Measurement.cone": Case(measured("cone"), "45 deg", np.pi / 4, "3 mm"),
+    "Measurement.cone": Case(measured("cone", visible_from=(1, 0, 0)), "40 deg", np.pi / 4.5, "3 mm"),
     "iso9283.target": Case(
         lambda given: pp.iso9283(MODEL, [[0.1, 0.2, 0.3, 0.4]], robots=20, cycles=3, target=given).target,
         "0 0 100 mm", (0, 0, 0.1), "0 0 3 deg",

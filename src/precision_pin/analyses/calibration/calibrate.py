@@ -291,6 +291,7 @@ def calibrate(
     check_flag("prior", prior)
     fitted, held = _held(model, only)
     given, bases, whole = measured_problem(fitted, data, measurements)
+    tasks = design.task_poses(fitted, at, given.q)
     noise: dict[str, judgement.EstimatedStd] = {}
     if whole.unknown_deviations:
         given, (whole, used, best, distances), noise = _with_std(whole, given, has_prior=prior)
@@ -313,7 +314,6 @@ def calibrate(
     design.refuse_where_nothing_is_seen(seen)
     mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
     variances = np.diag(estimator.nuisance_covariance())
-    tasks = design.task_poses(fitted, at, given.q)
     gross = tuple(
         GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])), row)
         for row in sorted(distances)
