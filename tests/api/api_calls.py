@@ -245,17 +245,20 @@ TWO_POSES = np.tile(np.array(POSE)[:, None], 2)
 
 def _sampling_calls() -> Iterator[Call]:
     arm = model()
+    saving = {"resume": False, "files": {}, "tell": None}
+    fine = {"files": "nothing, empty mapping", "tell": "nothing, function, type"}
     yield call(
         pp.monte_carlo, error_model=arm, q=POSE, samples=64, specifications=[Specification("position.x", 1e-3, 0.9)],
-        processes=None, executor=None, tasks_under_way=None, journal=None, resume=False, files={}, tell=None,
+        processes=None, executor=None, tasks_under_way=None, journal=None, **saving,
         fine={
             "q": OPTIONAL, "processes": OPTIONAL, "executor": OPTIONAL, "tasks_under_way": OPTIONAL,
-            "journal": "nothing, word, digits", "files": "nothing, empty mapping", "tell": "nothing, function, type",
+            "journal": "nothing, word, digits", **fine,
         },
     )  # fmt: skip
     yield call(pp.relative, error_model=arm, pose=POSE, other=[0.0, 0.1, 0.2, 0.3], samples=64,
                fine={"pose": OPTIONAL, "other": OPTIONAL})  # fmt: skip
-    yield call(pp.sample_poses, error_model=arm, q=TWO_POSES, samples=64)
+    yield call(pp.sample_poses, error_model=arm, q=TWO_POSES, samples=64, everywhere=False, **saving,
+               fine={"everywhere": "true", **fine})  # fmt: skip
     yield call(lambda pose, approach: arm.at(pp.ApproachedPose(pose, approach)), {}, "ApproachedPose",
                pose=POSE, approach={"joint1": "+"},
                fine={"pose": OPTIONAL, "approach": f"{EMPTY}, empty mapping"})  # fmt: skip
@@ -370,7 +373,7 @@ def _model_calls() -> Iterator[Call]:
 
 def _law_calls() -> Iterator[Call]:
     names = "list of words, array of text"
-    yield call(pp.Draw, name="a", law=pp.Uniform(1.0), fine={"name": TEXT})
+    yield call(pp.Draw, name="a", law=pp.Uniform(1.0), names=(), fine={"name": TEXT, "names": EMPTY})
     correlated = {"names": "correlation", "matrix": "correlation"}
     yield call(pp.Correlation, correlated, names=("a", "b"), matrix=((1.0, 0.5), (0.5, 1.0)), fine={"names": names})
     yield call(pp.Correlation.pair, {"first": "correlation", "second": "correlation"}, first="a", second="b", correlation=0.5,
@@ -379,7 +382,7 @@ def _law_calls() -> Iterator[Call]:
     for law in (pp.Uniform, pp.Triangular, pp.Arcsine):
         yield call(law, half_width=1.0)
     yield call(pp.Normal.from_half_width, half_width=1.0, k=3.0)
-    yield call(pp.Normal, std=1.0, fine={"std": NOT_NEGATIVE})
+    yield call(pp.Normal, std=1.0, k=None, fine={"std": NOT_NEGATIVE, "k": f"nothing, {POSITIVE}"})
     yield call(pp.TruncatedNormal, std=1.0, k=3.0, fine={"std": NOT_NEGATIVE})
     yield call(pp.Lognormal, std=0.5, mean=1.0, fine={"std": NOT_NEGATIVE, "mean": POSITIVE})
     yield call(pp.TwoPoint, half_width=1.0, probability=0.5, fine={"centre": NUMBER, "probability": POSITIVE})
@@ -404,6 +407,7 @@ def _mcpc_calls() -> Iterator[Call]:
         yield call(of_joints, {"q": "joint values"}, q=POSE)
     for of_link in (arm.link_pose, arm.joint_pose, arm.link_matrix):
         yield call(of_link, link=4, fine={"link": "zero"})
+    yield call(arm.joint_pose, link=4, value=0.1, fine={"link": "zero", "value": NUMBER})
     yield call(arm.perturbed, parameter_errors=errors)
 
 

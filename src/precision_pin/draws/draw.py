@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from precision_pin.base.arguments import check_instance, check_text, check_whole
+from precision_pin.base.arguments import check_instance, check_items, check_text, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import PerJoint, Quantity
@@ -62,6 +62,7 @@ class Draw:
         check_text("the name of a draw", self.name)
         check_instance(f"the law of the draw {self.name!r}", self.law, Law, "such as Normal(0.1e-3)")  # type: ignore[type-abstract]
         check_instance(f"the scope of the draw {self.name!r}", self.scope, Scope, "such as Scope.UNIT")
+        object.__setattr__(self, "names", check_items(f"the names of the draw {self.name!r}", self.names, str))
         if self.quantities and len(self.quantities) != self.law.size:
             raise InputError(
                 f"the draw {self.name!r} has {len(self.quantities)} quantities for {self.law.size} numbers"

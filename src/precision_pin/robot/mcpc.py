@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.arguments import check_choice, check_instance, check_numbers, check_whole, shown
+from precision_pin.base.arguments import check_choice, check_instance, check_number, check_numbers, check_whole, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.render.html import Table, rendered
@@ -193,6 +193,7 @@ class Mcpc:
     def joint_pose(self, link: int, value: float = 0.0) -> Array:
         """Return ``Q_i`` ``(4, 4)`` at a joint value (rad or m); the identity for link 0."""
         self._check_link(link)
+        value = check_number("the joint value", value)
         if link == 0:
             return np.eye(4)
         turn, shift = self.joint_offset[link - 1], self.joint_shift[link - 1]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import units
-from precision_pin.base.arguments import check_instance, check_number, check_path, check_whole
+from precision_pin.base.arguments import check_callable, check_instance, check_number, check_path, check_whole
 from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.csv_columns import NUMBER, numbers
 from precision_pin.base.errors import InputError, UnitError, nearest, shown
@@ -157,6 +157,7 @@ def read_trajectory(
         InputError: The file cannot be read, is larger than 256 MiB, names other joints, has a wrong unit, or holds a
             value that is not finite; one line that says where.
     """
+    check_callable("progress", progress)
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_whole("the most poses", most, 1, MOST_POSES)
     file = os.fspath(check_path("the path of the trajectory", path))

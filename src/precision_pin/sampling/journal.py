@@ -30,6 +30,7 @@ import numpy as np
 from numba.core.registry import cpu_target
 from numpy.typing import NDArray
 
+from precision_pin.base.arguments import check_callable, check_flag, check_mapping, check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError, OutputError
 from precision_pin.base.versions import versions
@@ -46,6 +47,19 @@ if TYPE_CHECKING:
 
 
 _PLAN: Final = "the planned centres and scales"
+
+
+def check_saving(journal: object, resume: object, files: object, tell: object) -> None:
+    """Check the arguments of public functions about the journal, before any work."""
+    check_flag("resume", resume)
+    if journal is not None:
+        check_path("the journal", journal)
+    for name, path in check_mapping("files", {} if files is None else files).items():
+        check_path(f"{name} among the files", path)
+    if tell is not None:
+        check_callable("tell", tell)
+    if resume and journal is None:
+        raise InputError("resume needs a journal to resume from")
 
 
 def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import progress as progress_bar
-from precision_pin.base.arguments import check_instance, check_items, check_memory, check_whole
+from precision_pin.base.arguments import check_flag, check_instance, check_items, check_memory, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.draws.draw import MOST_POSES, Scope
@@ -37,7 +37,16 @@ from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import pose_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.blocks import Sent, Work, check_packages, packages
-from precision_pin.sampling.journal import POSES, Journal, PosesDone, digest, identity, opened, start_of_poses
+from precision_pin.sampling.journal import (
+    POSES,
+    Journal,
+    PosesDone,
+    check_saving,
+    digest,
+    identity,
+    opened,
+    start_of_poses,
+)
 from precision_pin.sampling.one_pose import do_nothing
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.sampling.workers import Submitter, Workers, chosen
@@ -133,6 +142,8 @@ def sample_poses(
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     known = check_items("findings", findings, Finding)
     check_progress(progress)
+    check_saving(journal, resume, files, tell)
+    check_flag("everywhere", everywhere)
     sampler.stage_of(model)
     check_confidence(confidence)
     work = PosesWork(model, int(seed), int(samples), listed_specifications(specifications))
@@ -143,8 +154,6 @@ def sample_poses(
     count = values.shape[1]
     found = (*pose_findings(error_model.chain, values, names), *exact_findings(error_model, values, approaches))
     add(found)
-    if resume and journal is None:
-        raise InputError("resume needs a journal to resume from")
     workers = chosen(threads, processes, executor, tasks_under_way)
     with ExitStack() as stack:
         total = count * work.samples * (2 if everywhere and work.specifications else 1)

@@ -24,7 +24,7 @@ from precision_pin.model.pose_model import PoseModel, origin_shares
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import Work, check_samples, packages, planned
-from precision_pin.sampling.journal import SAMPLES, Journal, identity, opened
+from precision_pin.sampling.journal import SAMPLES, Journal, check_saving, identity, opened
 from precision_pin.sampling.result import Correlated, MonteCarloResult, Until
 from precision_pin.sampling.workers import Submitter, Workers, chosen
 from precision_pin.statistics import QUANTITIES, Plan, Specification, State, Summary, check_confidence, finish, start
@@ -118,16 +118,8 @@ def monte_carlo(
     until = (until,) if isinstance(until, str) else arguments.check_items("until, targets,", until, str)
     findings = arguments.check_items("findings", findings, Finding)
     arguments.check_flag("keep_samples", keep_samples)
-    arguments.check_flag("resume", resume)
-    if journal is not None:
-        arguments.check_path("the journal", journal)
-    for name, path in arguments.check_mapping("files", {} if files is None else files).items():
-        arguments.check_path(f"{name} among the files", path)
+    check_saving(journal, resume, files, tell)
     check_progress(progress)
-    if tell is not None:
-        arguments.check_callable("tell", tell)
-    if resume and journal is None:
-        raise InputError("resume needs a journal to resume from")
     if keep_samples:
         if journal is not None:
             raise InputError("a journal holds statistics only; keep_samples is not possible with a journal")

@@ -438,6 +438,8 @@ class Normal(SymmetricLaw):
     def __post_init__(self) -> None:
         take_size(self, "std", "the standard deviation of a normal law")
         take_number(self, "mean", "the mean of a normal law")
+        if self.k is not None:
+            check_number("k of a normal law", self.k, "positive and finite", lambda value: value > 0)
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Normal | TruncatedNormal:
