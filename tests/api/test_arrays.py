@@ -155,7 +155,6 @@ def test_the_walk_finds_arrays_and_sees_changes() -> None:
 
 
 DEEPEST = 7
-Way = tuple[Callable[[Any], Any], ...]
 
 
 def arrays_of(root: Any) -> Iterator[tuple[str, Callable[[], Any]]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -101,19 +100,3 @@ def leaning_hand() -> tuple[Chain, float]:
         )
     )
     return chain, 9.81 * (5.0 * 0.5 + 2.0 * 0.6)
-
-
-def turn_and_slide(folder: Path, text: str, old: str, new: str, *, tool, rpy=(0, 0, 0), axis=(0, 0, 1)) -> ErrorModel:
-    """Load a sheet, ``old`` in it replaced, of an arm of a turning and a sliding joint."""
-    (folder / "arm.urdf").write_text(
-        robot(
-            link("base"),
-            joint("turn", "revolute", "base", "arm", (0, 0, 0.3), rpy, axis),
-            link("arm", 4.0, (0.2, 0, 0)),
-            joint("slide", "prismatic", "arm", "tool", (0.4, 0, 0), axis=(1, 0, 0)),
-            link("tool", 1.5, tool),
-        )
-    )
-    assert old in text
-    (folder / "arm.errors.yaml").write_text(text.replace(old, new) if old else text)
-    return ErrorModel.load(folder / "arm.errors.yaml")
