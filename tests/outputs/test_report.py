@@ -62,7 +62,8 @@ def model():
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Leave figures blank: the page of the paper's case has all of them."""
+    """Leave figures blank: the page of the paper's case has all of them, and is made before, since it is kept for all tests."""
+    paper()
     blank = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
     monkeypatch.setattr("precision_pin.render.svg._svg", lambda _: blank)
 
