@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from precision_pin.draws.laws import Uniform as Uniform
     from precision_pin.draws.space import Space as Space
     from precision_pin.model.error_model import ErrorModel as ErrorModel
-    from precision_pin.model.frame_models import every_frame as every_frame
+    from precision_pin.model.error_model import every_frame as every_frame
     from precision_pin.robot import mcpc as mcpc
     from precision_pin.robot.approach import ApproachedPose as ApproachedPose
     from precision_pin.robot.chain import Chain as Chain
@@ -106,8 +106,7 @@ _NAMES: Final = {
     "draws.laws": "Arcsine Circle Disc Empirical Fixed JointNormal Lognormal Normal Rows Triangular "
     "TruncatedNormal TwoPoint Uniform",
     "draws.space": "Space",
-    "model.error_model": "ErrorModel",
-    "model.frame_models": "every_frame",
+    "model.error_model": "ErrorModel every_frame",
     "robot.approach": "ApproachedPose",
     "robot.chain": "Chain Posture",
     "robot.inverse_kinematics": "inverse_kinematics",

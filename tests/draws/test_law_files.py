@@ -340,8 +340,8 @@ NAMED = {
     # loops of rare laws are compiled for the types of any space that has one
     "kernel/arrays.py": {"Disc"},
     # what is left uncertain is normal, and geometric errors of one size
-    "draws/estimates.py": {"JointNormal"},
-    "model/frame_models.py": {"Normal"},
+    "draws/space.py": {"JointNormal"},
+    "model/error_model.py": {"Normal"},
     # the physics of a source says what its own draws follow
     "sources/axis_install.py": {"Disc"},
     "sources/backlash.py": {"Uniform"},

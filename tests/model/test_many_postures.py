@@ -11,7 +11,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.tangents import tangents
+from precision_pin.model.pose_model import tangents
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.examples import shipped_sheets
 from precision_pin.sources import Backlash, Beam, Clearance, Encoder, JointCompliance, Payload

@@ -23,8 +23,7 @@ from precision_pin.sources.clearance import Clearance
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.levelling import Levelling
 from precision_pin.sources.payload import Payload
-from precision_pin.terms.sides import bounds_of
-from precision_pin.terms.term import JointValue
+from precision_pin.terms.term import JointValue, bounds_of
 from support.checks.common import MM, Q7, evaluated, leaning_hand, one_link
 from support.plain_robot import chain_of, joint, link, random_arm, robot
 

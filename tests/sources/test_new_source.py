@@ -211,7 +211,7 @@ def test_a_source_whose_types_no_module_knows_is_sampled_and_named_where_they_ar
 
 ABOVE = ("sheet", "model", "export", "kernel", "sampling", "analyses", "pages", "cli")
 """What may know sources at all; the folders below cannot."""
-HOMES = ("sources/", "export/scaffold.py", "model/frame_models.py", "sheet/measurement.py")
+HOMES = ("sources/", "export/scaffold.py", "model/error_model.py", "sheet/measurement.py")
 """Where kinds of sources may be named: the others are models made of them, and the load of a measurement, a payload."""
 TEXTS = {path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
 OUTSIDE = [name for name in TEXTS if name.startswith(ABOVE) and not name.startswith(HOMES)]

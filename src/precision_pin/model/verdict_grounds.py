@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, visible
+from precision_pin.model.equilibrium import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.statics_findings import turnover_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.statistics import NO_SPREAD, Grounds
 

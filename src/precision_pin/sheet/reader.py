@@ -19,9 +19,8 @@ from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNa
 from precision_pin.base.files import UnreadableFileError, note_input, read_text_file
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
-from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.laws import Fixed
-from precision_pin.draws.space import Extension, LabelledSpace, Space
+from precision_pin.draws.space import Estimates, Extension, LabelledSpace, Space
 from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.sheet.chain_entry import Overrides, parse_poses, read_chain

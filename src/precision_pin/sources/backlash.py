@@ -16,7 +16,7 @@ from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.loads import Factors
 from precision_pin.terms import JointValue, Source, Term, at_means
-from precision_pin.terms.sides import side_of
+from precision_pin.terms.term import side_of
 
 
 @final

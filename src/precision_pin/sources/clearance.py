@@ -20,7 +20,7 @@ from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors
 from precision_pin.sources.places import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
 from precision_pin.terms import Dependence, Source, Term, at_means
-from precision_pin.terms.sides import bounds_of, is_same_for_all, load_value, side_of
+from precision_pin.terms.term import bounds_of, is_same_for_all, load_value, side_of
 
 _NOTHING: Final = 1e-12
 """Fraction of the band added to a load, squared, so that a zero load has a direction too."""

@@ -8,8 +8,11 @@ parameters.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add, mul
 from typing import final, overload
 
 import numpy as np
@@ -18,7 +21,7 @@ from numpy.typing import ArrayLike
 from precision_pin.base.arguments import check_flag, check_items, check_number, check_numbers, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
-from precision_pin.draws.expressions import Expression, Program, Value
+from precision_pin.draws.expressions import Component, Expression, Program, Value, sign
 from precision_pin.draws.space import Space
 from precision_pin.robot.loads import Factors
 from precision_pin.robot.places import Place
@@ -136,3 +139,42 @@ def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:
         share = Program.compile(factors, space.index).evaluate(mean).prod()
         total = total + np.asarray(value, dtype=float) * share
     return total
+
+
+Interval = tuple[float, float]
+
+
+def load_value(load: Mapping[Factors, float]) -> Value:
+    """Return a load as a number, or as a formula if it is random."""
+    constant = float(load.get((), 0.0))
+    parts = [reduce(mul, factors) * float(number) for factors, number in load.items() if factors and number]
+    while len(parts) > 1:
+        # in pairs, which keeps the formula shallow
+        parts = [reduce(add, parts[k : k + 2]) for k in range(0, len(parts), 2)]
+    return parts[0] + constant if parts and constant else parts[0] if parts else constant
+
+
+def bounds_of(load: Mapping[Factors, float], space: Space) -> Interval:
+    """Return bounds of a load over all robots; infinite where a parameter is a formula."""
+    low = high = 0.0
+    for factors, number in load.items():
+        ends = [float(number)]
+        for factor in factors if number else ():
+            own = space.intervals[space.index[factor.name]] if isinstance(factor, Component) else (-math.inf, math.inf)
+            ends = [end * other if end and other else 0.0 for end in ends for other in own]
+        low, high = low + min(ends), high + max(ends)
+    return low, high
+
+
+def is_same_for_all(load: Mapping[Factors, float]) -> bool:
+    """Return whether a load has no random part."""
+    return not any(factors and number for factors, number in load.items())
+
+
+def side_of(load: Mapping[Factors, float], space: Space) -> Value:
+    """Return 1 for robots whose load is zero or positive, else -1: a number where all robots agree."""
+    low, high = bounds_of(load, space)
+    if low >= 0 or high < 0:
+        return 1.0 if low >= 0 else -1.0
+    value = load_value(load)
+    return sign(value) if not isinstance(value, float) else 1.0 if value >= 0 else -1.0

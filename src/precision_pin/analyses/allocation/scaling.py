@@ -17,7 +17,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.tangents import tangents
+from precision_pin.model.pose_model import tangents
 
 # factors on the tolerances to find their contributions, and to check them
 _WIDE: Final = 2.0

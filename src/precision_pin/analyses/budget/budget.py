@@ -47,9 +47,9 @@ from precision_pin.base.errors import Finding, InputError, UnknownNameError, war
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
+from precision_pin.model.equilibrium import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.statics_findings import turnover_findings
 from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
 from precision_pin.statistics import NORMS as NORM_ROWS

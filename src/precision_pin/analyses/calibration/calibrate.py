@@ -35,8 +35,7 @@ from precision_pin.base.errors import Finding, InputError, SheetError
 from precision_pin.base.files import UnreadableFileError, read_text_file, write_files
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.estimates import Estimates, held_at_mean
-from precision_pin.draws.space import Space
+from precision_pin.draws.space import Estimates, Space, held_at_mean
 from precision_pin.export.as_built import AsBuilt
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import ELSEWHERE

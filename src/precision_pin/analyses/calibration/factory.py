@@ -20,8 +20,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.files import write_files
 from precision_pin.base.record import Keys
 from precision_pin.export.as_built import AsBuilt
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.frame_models import displaced_arm
+from precision_pin.model.error_model import ErrorModel, displaced_arm
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
 

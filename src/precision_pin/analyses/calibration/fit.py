@@ -26,7 +26,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.record import Record
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.estimates import bounds_of
+from precision_pin.draws.space import bounds_of
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, Sockets

@@ -25,7 +25,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.estimates import Estimates
+from precision_pin.draws.space import Estimates
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array, Fixed
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.tangents import tangents
+from precision_pin.model.pose_model import tangents
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import spread_points
 from precision_pin.robot.pose_set import SINGULAR_BELOW

@@ -38,9 +38,9 @@ from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
+from precision_pin.model.equilibrium import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.statics_findings import turnover_findings
 from precision_pin.render.html import Table
 from precision_pin.render.tables import MOST_POSES, milli, number, symbol, unit
 from precision_pin.sampling import Progress

@@ -18,8 +18,7 @@ from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.tangents import tangents
+from precision_pin.model.pose_model import PoseModel, tangents
 from precision_pin.robot.chain import pose_findings
 
 

@@ -46,7 +46,7 @@ from precision_pin.base.arrays import Array, Fixed, field_names
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
 from precision_pin.draws.space import Space
-from precision_pin.model.tangents import Tangents
+from precision_pin.model.pose_model import Tangents
 from precision_pin.terms.table import TermTable
 
 _SCORES: Final = np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, 4001)

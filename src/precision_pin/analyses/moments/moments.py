@@ -52,9 +52,9 @@ from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
+from precision_pin.model.equilibrium import fixed_sides, turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.statics_findings import fixed_sides, turnover_findings
 from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.render.html import Table
 from precision_pin.render.tables import data_frame, interval_columns, plus_minus, symbol, unit

@@ -21,9 +21,9 @@ from precision_pin.base.record import Keys, Record
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
+from precision_pin.model.equilibrium import side_variants, turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.statics_findings import side_variants, turnover_findings
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.html import Table
 from precision_pin.render.tables import milli, symbol, unit

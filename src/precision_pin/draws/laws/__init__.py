@@ -12,13 +12,20 @@ from functools import cache
 from types import MappingProxyType
 from typing import Final
 
-from precision_pin.draws.laws.joint_normal import JointNormal
 from precision_pin.draws.laws.law import Law
 from precision_pin.draws.laws.lognormal import Lognormal
-from precision_pin.draws.laws.measured import Empirical, Rows, TwoPoint
-from precision_pin.draws.laws.plane import Circle, Disc
+from precision_pin.draws.laws.measured import Empirical, JointNormal, Rows, TwoPoint
 from precision_pin.draws.laws.projection import FARTHEST_NORMAL
-from precision_pin.draws.laws.symmetric import Arcsine, Fixed, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.draws.laws.symmetric import (
+    Arcsine,
+    Circle,
+    Disc,
+    Fixed,
+    Normal,
+    Triangular,
+    TruncatedNormal,
+    Uniform,
+)
 
 __all__ = [
     "FARTHEST_NORMAL",
