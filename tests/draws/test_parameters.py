@@ -13,16 +13,7 @@ from numpy.typing import NDArray
 
 from precision_pin.base.errors import InputError, InternalError
 from precision_pin.draws import expressions
-from precision_pin.draws.expressions import (
-    Component,
-    Constant,
-    Expression,
-    Operation,
-    Operator,
-    Program,
-    sin,
-    sqrt,
-)
+from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator, Program, sin, sqrt
 
 INDEX = {"a": 0, "b": 1, "c": 2}
 A, B, C = (Component(name) for name in INDEX)

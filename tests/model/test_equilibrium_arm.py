@@ -488,9 +488,7 @@ def test_a_robot_that_varies_too_much_is_warned_of(arm):
 
 def test_a_robot_of_the_sample_that_buckles_is_warned_of():
     tower = one_link(axis=(0, 1, 0), gravity=(-9.81, 0.0, 0.0)).with_payload(10.0)
-    sources = [
-        JointCompliance(joint="hinge", compliance=Uniform(0.4 / 98.1, mean=0.7 / 98.1)),
-    ]
+    sources = [JointCompliance(joint="hinge", compliance=Uniform(0.4 / 98.1, mean=0.7 / 98.1))]
     model = ErrorModel(tower, Space(), sources, statics="equilibrium")
     codes = [(finding.code, "buckles" in finding.message) for finding in model.statics_findings(model.at([0.01]))]
     assert ("W_STATICS", True) in codes

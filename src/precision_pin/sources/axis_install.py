@@ -6,15 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
-from precision_pin.base import units
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Disc
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
-from precision_pin.robot.places import Place
 from precision_pin.sources.places import seat_axes
-from precision_pin.terms import Dependence, Source, Term
+from precision_pin.terms import Dependence, Draw, InputError, LabelledSpace, Place, Posture, Scope, Source, Term, units
 
 
 @final

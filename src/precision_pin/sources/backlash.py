@@ -8,14 +8,9 @@ from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 
-from precision_pin.base import units
-from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
-from precision_pin.robot.loads import Factors
-from precision_pin.terms import JointValue, Source, Term, at_means
+from precision_pin.terms import Factors, InputError, JointValue, LabelledSpace, Posture, Source, Term, at_means, units
 from precision_pin.terms.term import side_of
 
 

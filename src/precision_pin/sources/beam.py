@@ -11,17 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base import se3, units
-from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.se3 import rotation_about
-from precision_pin.draws.draw import Setting
 from precision_pin.draws.expressions import Expression, Value
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Chain, Posture
-from precision_pin.robot.loads import Factors, Load
 from precision_pin.sources.places import block_diagonal, in_axes
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
-from precision_pin.terms import Source, Term
+from precision_pin.terms import Array, Chain, Factors, LabelledSpace, Load, Posture, Setting, Source, Term
 
 _PARALLEL: Final = 1e-9
 """Sine of the angle below which an axis counts as parallel to the beam."""

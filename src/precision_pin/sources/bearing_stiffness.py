@@ -8,14 +8,8 @@ from typing import Annotated, ClassVar, Final, final
 
 import numpy as np
 
-from precision_pin.base import units
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Setting
-from precision_pin.draws.expressions import Value
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.places import PadsOn, height_above_seat, seat_axes, seat_wrench, travels, wrench_at
-from precision_pin.terms import Source, Term
+from precision_pin.terms import Chain, InputError, LabelledSpace, Posture, Setting, Source, Term, Value, units
 
 _ROWS: Final = {"radial": (0, 1), "axial": (2,), "tilt": (3, 4), "roll": (5,)}
 """Components of wrench and displacement that each stiffness connects."""

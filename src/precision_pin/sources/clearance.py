@@ -9,17 +9,12 @@ from typing import Annotated, ClassVar, Final, Literal, final
 
 import numpy as np
 
-from precision_pin.base import units
-from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.expressions import Constant, Value, sign, sqrt
 from precision_pin.draws.laws import Circle, Disc, Uniform
 from precision_pin.draws.space import LabelledSpace, Space, entry_name
-from precision_pin.robot.chain import Chain, Posture
-from precision_pin.robot.loads import Factors
 from precision_pin.sources.places import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
-from precision_pin.terms import Dependence, Source, Term, at_means
+from precision_pin.terms import Array, Chain, Dependence, Factors, InputError, Posture, Source, Term, at_means, units
 from precision_pin.terms.term import bounds_of, is_same_for_all, load_value, side_of
 
 _NOTHING: Final = 1e-12

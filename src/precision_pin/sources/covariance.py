@@ -8,14 +8,9 @@ from typing import Annotated, ClassVar, Final, Literal, final
 
 import numpy as np
 
-from precision_pin.base import units
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import JointNormal
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
 from precision_pin.sources.places import AtPlace
-from precision_pin.terms.term import Term
+from precision_pin.terms import Draw, InputError, LabelledSpace, Posture, Scope, Term, units
 
 _SIX: Final = units.PerEntry((units.LENGTH,) * 3 + (units.ANGLE,) * 3)
 

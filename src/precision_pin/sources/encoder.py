@@ -7,14 +7,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, Literal, final
 
-from precision_pin.base import units
-from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms import Dependence, JointValue, Source, Term
+from precision_pin.terms import Dependence, Finding, InputError, JointValue, LabelledSpace, Posture, Source, Term, units
 
 _AT_JOINT: Final = units.PerJoint(units.ANGLE, units.LENGTH)
 

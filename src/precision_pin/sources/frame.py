@@ -6,12 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
-from precision_pin.base import units
-from precision_pin.draws.draw import Setting
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
 from precision_pin.sources.places import AtPlace, deviation_terms
-from precision_pin.terms.term import Term
+from precision_pin.terms import LabelledSpace, Posture, Setting, Term, units
 
 
 @final

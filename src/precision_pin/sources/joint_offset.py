@@ -6,11 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
-from precision_pin.base import units
-from precision_pin.draws.draw import Setting
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
-from precision_pin.terms import Dependence, JointValue, Source, Term
+from precision_pin.terms import Dependence, JointValue, LabelledSpace, Posture, Setting, Source, Term, units
 
 
 @final

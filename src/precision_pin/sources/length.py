@@ -9,12 +9,8 @@ from typing import Annotated, ClassVar, final
 import numpy as np
 
 from precision_pin.base import se3, units
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Setting
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.places import direction_of, is_fixed
-from precision_pin.terms import Dependence, Source, Term
+from precision_pin.terms import Chain, Dependence, InputError, LabelledSpace, Posture, Setting, Source, Term
 
 
 @final

@@ -9,13 +9,7 @@ from typing import Annotated, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.base import units
-from precision_pin.draws.draw import Setting
-from precision_pin.draws.expressions import Expression
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
-from precision_pin.robot.loads import Factors
-from precision_pin.terms import Dependence, Source, Term
+from precision_pin.terms import Dependence, Expression, Factors, LabelledSpace, Posture, Setting, Source, Term, units
 
 
 @final

@@ -6,14 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, final
 
-from precision_pin.base import units
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Setting
-from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.robot.places import Place
 from precision_pin.sources.places import deviation_terms
-from precision_pin.terms import Dependence, Source, Term
+from precision_pin.terms import Dependence, InputError, LabelledSpace, Place, Setting, Source, Term, units
 
 
 @final

@@ -8,14 +8,9 @@ from typing import Annotated, ClassVar, final
 
 import numpy as np
 
-from precision_pin.base import units
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Setting
 from precision_pin.draws.expressions import Expression, Value
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
 from precision_pin.robot.loads import Factors, Load
-from precision_pin.terms import Dependence, Source, Term, at_means
+from precision_pin.terms import Dependence, InputError, LabelledSpace, Posture, Setting, Source, Term, at_means, units
 
 
 @final

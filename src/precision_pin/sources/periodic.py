@@ -7,14 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.base import units
-from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding
-from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Value
 from precision_pin.draws.laws import Circle
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.terms.term import JointValue, Term
+from precision_pin.terms import Array, Draw, Finding, JointValue, LabelledSpace, Scope, Term, units
 
 _ROUNDING: Final = 1e-9
 

@@ -17,13 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError
-from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.robot.loads import Factors
-from precision_pin.robot.places import Place
-from precision_pin.terms import Dependence, Source, Term
+from precision_pin.terms import Array, Dependence, Factors, InputError, LabelledSpace, Place, Source, Term
 
 PadsOn = Literal["child", "parent"]
 """The link to which the pads of a prismatic joint are fixed."""

@@ -12,12 +12,9 @@ import numpy as np
 
 from precision_pin.base import csv_columns, units
 from precision_pin.base.errors import InputError, nearest
-from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Rows
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
 from precision_pin.sources.places import AtPlace
-from precision_pin.terms.term import Term
+from precision_pin.terms import Draw, LabelledSpace, Posture, Scope, Term
 
 _COLUMNS: Final = dict.fromkeys(("x", "y", "z"), units.LENGTH) | dict.fromkeys(("rx", "ry", "rz"), units.ANGLE)
 

@@ -7,13 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
-from precision_pin.base import units
-from precision_pin.base.errors import Finding, InputError
-from precision_pin.draws.draw import Draw, Setting
 from precision_pin.draws.space import LabelledSpace, entry_name
-from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms import Dependence, JointValue, Source, Term
+from precision_pin.terms import Dependence, Draw, Finding, InputError, JointValue, Posture, Setting, Source, Term, units
 
 
 @final
