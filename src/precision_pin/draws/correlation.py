@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from typing import Final, final
 
 import numpy as np
@@ -37,9 +37,11 @@ _MOST_REPAIRED: Final = 40
 _REACH: Final = 9.0
 """Integrals over a normal score end at ±9; the probability beyond is 2e-19."""
 
-_RULES: Final = tuple(np.polynomial.legendre.leggauss(nodes) for nodes in (12, 4, 2))
-_SHORT: Final = (math.inf, 0.1, 0.01)
-"""Longest panel for each of ``_RULES``, in widths of the density's ridge."""
+_RULES: Final = tuple(
+    (*np.polynomial.legendre.leggauss(nodes), least, most)
+    for nodes, least, most in ((12, 0.1, math.inf), (4, 0.01, 0.1), (2, 0.0, 0.01))
+)
+"""Nodes and weights with the shortest and longest panel that they are for, in widths of the density's ridge."""
 
 _ROWS: Final = 64
 """Rows of the double integral summed at once, which bounds the memory."""
@@ -101,9 +103,7 @@ class Correlation:
         for k, name in enumerate(self.names):
             if self.matrix[k][k] != 1:
                 raise InputError(f"the correlation of {name!r} with itself is {self.matrix[k][k]:g}; it must be 1")
-        self._check_definite(np.array(self.matrix))
-
-    def _check_definite(self, matrix: Array) -> None:
+        matrix = np.array(self.matrix)
         values, vectors = np.linalg.eigh(matrix)
         if values[0] >= LEAST_EIGENVALUE:
             return
@@ -197,14 +197,11 @@ class BlockCovariance(Fixed):
         """Return the covariance ``(n, n)`` of n of the numbers."""
         chosen = np.asarray(columns, dtype=np.intp)
         result: Array = np.diag(self.variances[chosen])
-        if not self.blocks:
-            return result
         place = np.full(self.variances.size, -1, dtype=np.intp)
         place[chosen] = np.arange(chosen.size)
         for members, block in self.blocks:
             here = np.flatnonzero(place[members] >= 0)
-            if here.size:
-                result[np.ix_(place[members[here]], place[members[here]])] = block[np.ix_(here, here)]
+            result[np.ix_(place[members[here]], place[members[here]])] = block[np.ix_(here, here)]
         return result
 
     def scaled(self, factors: Array) -> BlockCovariance:
@@ -245,17 +242,9 @@ def covariance_of(first: Law, second: Law, correlation: float) -> float:
         return closed
     # a normal law goes first: its integral is cheaper
     for law, other in sorted(((first, second), (second, first)), key=lambda pair: not pair[0].is_normal):
-        single = law.covariance_by_scores(correlation, partial(_nodes_beyond, other))
+        single = law.covariance_by_scores(correlation, lambda further, law=other: _nodes(law, 1.0, _REACH + further))
         if single is not None:
             return single
-    return _double_integral(first, second, correlation)
-
-
-def _nodes_beyond(law: Law, further: float) -> tuple[Array, Array]:
-    return _nodes(law, 1.0, _REACH + further)
-
-
-def _double_integral(first: Law, second: Law, correlation: float) -> float:
     width = math.sqrt((1 - correlation) * (1 + correlation))
     x, outer = _nodes(first, width, _REACH)
     y, inner = _nodes(second, width, _REACH)
@@ -279,9 +268,8 @@ def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
     edges = np.unique(np.concatenate([np.linspace(-reach, reach, count + 1), bends[np.abs(bends) < reach]]))
     begin, length = edges[:-1], np.diff(edges)
     nodes, weights = [], []
-    for rule, (points, shares) in enumerate(_RULES):
-        shortest = _SHORT[rule + 1] if rule + 1 < len(_RULES) else 0.0
-        chosen = (length > shortest * width) & (length <= _SHORT[rule] * width)
+    for points, shares, least, most in _RULES:
+        chosen = (length > least * width) & (length <= most * width)
         nodes.append((begin[chosen, None] + length[chosen, None] * (points + 1) / 2).ravel())
         weights.append((length[chosen, None] * shares / 2).ravel())
     z, weight = np.concatenate(nodes), np.concatenate(weights)
@@ -302,8 +290,7 @@ def check_correlations(draws: Sequence[Draw], correlations: Sequence[Correlation
     for correlation in correlations:
         for name in correlation.names:
             if name not in known:
-                owner = next((draw.name for draw in draws if name in draw.components), None)
-                if owner is not None:
+                if owner := next((draw.name for draw in draws if name in draw.components), None):
                     raise InputError(
                         f"{name!r} is one of the several numbers of {owner!r}; a correlation is between draws of one number"
                     )

@@ -142,6 +142,18 @@ class Operation(Expression):
         return Operation, (self.operator, self.arguments)
 
 
+_SLOPES: Final[Mapping[Operator, Callable[[float, float, float, float, float], float]]] = {
+    Operator.ADD: lambda a, b, result, da, db: da + db,
+    Operator.SUBTRACT: lambda a, b, result, da, db: da - db,
+    Operator.MULTIPLY: lambda a, b, result, da, db: b * da + a * db,
+    Operator.DIVIDE: lambda a, b, result, da, db: (da - result * db) / b,
+    Operator.POWER: lambda a, b, result, da, db: (b * a ** (b - 1) if b else 0.0) * da,
+    Operator.SQRT: lambda a, b, result, da, db: 1 / (2 * result) * da,
+    Operator.SIN: lambda a, b, result, da, db: math.cos(a) * da,
+    Operator.COS: lambda a, b, result, da, db: -math.sin(a) * da,
+    Operator.SIGN: lambda a, b, result, da, db: 0.0,
+}
+"""Derivative of an operation's result by a component, from its arguments, its result and their derivatives."""
 _RESULTS: Final[Mapping[Operator, Callable[[Array, Array], Array]]] = {
     Operator.ADD: np.add,
     Operator.SUBTRACT: np.subtract,
@@ -215,7 +227,7 @@ class Program:
                     f"at most {MOST_OPERATIONS} are allowed"
                 )
             own = _parts(parameter)
-            count = _count(own)
+            count = sum(isinstance(part, Operation) for part in own)
             if count > MOST_OPERATIONS:
                 raise InputError(
                     f"a parameter's formula takes {count} operations, at most {MOST_OPERATIONS} are allowed"
@@ -223,21 +235,21 @@ class Program:
             distinct.update(own)
         constants = [part for part in distinct if isinstance(part, Constant)]
         register: dict[Expression, int] = {part: len(component_index) + k for k, part in enumerate(constants)}
-        operations: list[tuple[Operator, int, int]] = []
+        steps: list[tuple[Operator, int, int]] = []
         for part in distinct:
             if isinstance(part, Component):
                 if part.name not in component_index:
                     raise InternalError(f"a term uses the component {part.name!r}, which no draw provides")
                 register[part] = component_index[part.name]
-        for part in distinct:
-            if isinstance(part, Operation):
+            elif isinstance(part, Operation):
+                # its arguments stand before it
                 inputs = [register[argument] for argument in part.arguments]
-                register[part] = len(component_index) + len(constants) + len(operations)
-                operations.append((part.operator, inputs[0], inputs[-1]))
+                register[part] = len(component_index) + len(constants) + len(steps)
+                steps.append((part.operator, inputs[0], inputs[-1]))
         return cls(
             len(component_index),
             tuple(part.value for part in constants),
-            tuple(operations),
+            tuple(steps),
             tuple(register[parameter] for parameter in parameters),
         )
 
@@ -252,15 +264,16 @@ class Program:
 
         Raises InputError if a formula has no value or no finite derivative there.
         """
-        point = np.asarray(x, dtype=float)
-        values = self._registers(point[:, None])
+        values = self._registers(np.asarray(x, dtype=float)[:, None])
         slopes: list[Slopes] = [{k: 1.0} for k in range(self.components)]
         slopes += [{} for _ in self.constants]
         for step, (operator, left, right) in enumerate(self.operations):
             a, b = float(values[left][0]), float(values[right][0])
             result = float(values[self.components + len(self.constants) + step][0])
+            da, db = slopes[left], slopes[right]
+            by = dict.fromkeys((*da, *db)) if any(da.values()) or any(db.values()) else ()
             try:
-                slopes.append(_slopes(operator, a, b, result, slopes[left], slopes[right]))
+                slopes.append({k: _SLOPES[operator](a, b, result, da.get(k, 0.0), db.get(k, 0.0)) for k in by})
             except (ZeroDivisionError, OverflowError):
                 raise InputError(
                     f"a parameter's formula has no finite derivative at its parameters' means "
@@ -289,7 +302,7 @@ def component_names(expression: Expression) -> set[str]:
 
 def operations(expression: Expression) -> int:
     """Return the number of operations in an expression; shared parts count once."""
-    return _count(_parts(expression))
+    return sum(isinstance(part, Operation) for part in _parts(expression))
 
 
 def signs_of(expressions: Sequence[Expression]) -> list[Expression]:
@@ -301,12 +314,9 @@ def fix_signs(expression: Expression, values: Mapping[Expression, float]) -> Exp
     """Return an expression with its signs replaced by numbers."""
     fixed: dict[Expression, Expression] = {}
     for part in _parts(expression):
-        if _is_sign(part):
-            fixed[part] = Constant(values[part])
-        elif isinstance(part, Operation):
+        fixed[part] = Constant(values[part]) if _is_sign(part) else part
+        if isinstance(part, Operation) and not _is_sign(part):
             fixed[part] = Operation(part.operator, tuple(fixed[argument] for argument in part.arguments))
-        else:
-            fixed[part] = part
     return fixed[expression]
 
 
@@ -314,52 +324,11 @@ def _is_sign(part: Expression) -> bool:
     return isinstance(part, Operation) and part.operator is Operator.SIGN
 
 
-def _count(parts: Mapping[Expression, None]) -> int:
-    return sum(isinstance(part, Operation) for part in parts)
-
-
-def _parts(*expressions: Expression) -> dict[Expression, None]:
-    """Return expressions and all their parts, each once."""
-    found: dict[Expression, None] = {}
+def _parts(*expressions: Expression, found: dict[Expression, None] | None = None) -> dict[Expression, None]:
+    """Return expressions and all their parts, each once, arguments before their users; added to ``found`` if given."""
+    found = {} if found is None else found
     for expression in expressions:
-        _collect(expression, found)
+        if expression not in found:
+            _parts(*(expression.arguments if isinstance(expression, Operation) else ()), found=found)
+            found[expression] = None
     return found
-
-
-def _collect(expression: Expression, found: dict[Expression, None]) -> None:
-    """Add an expression and its parts, arguments before their users."""
-    if expression in found:
-        return
-    if isinstance(expression, Operation):
-        for argument in expression.arguments:
-            _collect(argument, found)
-    found[expression] = None
-
-
-def _slopes(operator: Operator, a: float, b: float, result: float, da: Slopes, db: Slopes) -> Slopes:
-    if not any(da.values()) and not any(db.values()):
-        return {}
-    return {k: _slope(operator, a, b, result, da.get(k, 0.0), db.get(k, 0.0)) for k in dict.fromkeys((*da, *db))}
-
-
-def _slope(operator: Operator, a: float, b: float, result: float, da: float, db: float) -> float:
-    match operator:
-        case Operator.ADD:
-            return da + db
-        case Operator.SUBTRACT:
-            return da - db
-        case Operator.MULTIPLY:
-            return b * da + a * db
-        case Operator.DIVIDE:
-            return (da - result * db) / b
-        case Operator.POWER:
-            factor: float = b * a ** (b - 1) if b else 0.0
-            return factor * da
-        case Operator.SQRT:
-            return 1 / (2 * result) * da
-        case Operator.SIN:
-            return math.cos(a) * da
-        case Operator.COS:
-            return -math.sin(a) * da
-        case Operator.SIGN:
-            return 0.0

@@ -178,8 +178,7 @@ class Space:
         Raises:
             InputError: A seed, unit, pose or visit out of range.
         """
-        check_seed(seed)
-        seed = int(seed)
+        seed = check_seed(seed)
         first = check_whole("first, the index of a unit,", first, 0, 2**64 - 1, "from 0 to 2^64 - 1")
         count = check_whole("count", count, 0, 2**64 - first, "of units, the last of them 2^64 - 1 or below")
         check_whole("the pose", pose, 0, MOST_POSES - 1)
@@ -209,11 +208,8 @@ class Space:
     def inverse(self, uniforms: ArrayLike) -> Array:
         """Return the numbers ``(d, N)`` for uniform numbers ``(d, N)``, by the inverse of each law."""
         # large and only read: not copied if already an array
-        u = (
-            uniforms
-            if type(uniforms) is np.ndarray and uniforms.dtype == np.float64
-            else check_numbers("uniforms", uniforms)
-        )
+        is_array = type(uniforms) is np.ndarray and uniforms.dtype == np.float64
+        u = uniforms if is_array else check_numbers("uniforms", uniforms)
         if u.ndim != 2 or len(u) != self.size:
             raise InputError(f"uniforms of shape {u.shape}, expected ({self.size}, N)")
         self._check_sample_memory(u.shape[1])
@@ -223,9 +219,8 @@ class Space:
         for draw, rows in zip(self.draws, self.slices, strict=True):
             x[rows] = draw.law.inverse(u[rows])
         for correlation in self.correlations:
-            self._set_correlated(
-                correlation, lazy_special.ndtri(u[[self.index[name] for name in correlation.names]]), x
-            )
+            independent = u[[self.index[name] for name in correlation.names]]
+            self._set_correlated(correlation, lazy_special.ndtri(independent), x)
         return x
 
     def _check_sample_memory(self, count: int) -> None:
@@ -287,12 +282,9 @@ class Extension:
         return Space(tuple(self._known.values()), self._correlations)
 
 
-def check_seed(seed: int) -> None:
-    """Raise InputError unless a seed is in 0 … 2⁶⁴-1."""
-    check_whole("the seed", seed, 0, 2**64 - 1, "from 0 to 2^64 - 1")
-
-
-_SETTING: Final = "a finite number, the name of a parameter, a law, a draw or a formula"
+def check_seed(seed: int) -> int:
+    """Return a seed as an integer; raise InputError unless it is in 0 … 2⁶⁴-1."""
+    return check_whole("the seed", seed, 0, 2**64 - 1, "from 0 to 2^64 - 1")
 
 
 @final
@@ -313,12 +305,11 @@ class LabelledSpace:
                 return setting
             case str():
                 return self.space.parameter(setting)
-            case Draw(name=name):
-                return self.space.parameter(name or f"{self.label}.{field}")
-            case Law():
-                return self.space.parameter(f"{self.label}.{field}")
+            case Draw() | Law():
+                return self.space.parameter(getattr(setting, "name", "") or f"{self.label}.{field}")
             case _:
-                return check_number(f"{field} of {self.label}", setting, _SETTING)
+                allowed = "a finite number, the name of a parameter, a law, a draw or a formula"
+                return check_number(f"{field} of {self.label}", setting, allowed)
 
     def positive(self, field: str, setting: Setting, *, zero: bool = False) -> Value:
         """Return a setting that must be positive (or zero, if allowed) in every sample; see :meth:`value`.
@@ -327,7 +318,7 @@ class LabelledSpace:
         8.6 standard deviations above zero, farther than any sample from it.
         """
         value = self.value(field, setting)
-        lowest = self._lowest(value)
+        lowest, _ = self.interval(value)
         if lowest < 0 or (lowest == 0 and not zero):
             what = "negative" if zero else "zero or negative"
             raise InputError(
@@ -335,13 +326,13 @@ class LabelledSpace:
             )
         return value
 
-    def _lowest(self, value: Value) -> float:
-        """Return the lowest value of a setting in any sample; infinity for a formula, whose range is not checked."""
+    def interval(self, value: Value) -> tuple[float, float]:
+        """Return the lowest and highest value in any sample; an empty interval for a formula, which is not checked."""
         if not isinstance(value, Expression):
-            return value
+            return value, value
         if not isinstance(value, Component):
-            return math.inf
-        return self.space.intervals[self.space.index[value.name]][0]
+            return math.inf, -math.inf
+        return self.space.intervals[self.space.index[value.name]]
 
     def values(self, field: str, settings: Sequence[Setting]) -> tuple[Value, ...]:
         """Return several settings of one field, named ``field``, ``field[1]``, ``field[2]``, …."""
@@ -359,11 +350,6 @@ def entry_name(field: str, k: int) -> str:
 
 _UNTOUCHED: Final = 1e-9
 """Change of a mean, variance or correlation, in units of the prior, that counts as none."""
-
-_HALF: Final = 0.5
-"""Fraction of a number's variance left, up to which it rests more on the data than on its tolerance."""
-_FREE: Final = 0.5
-"""Ratio of conditional (given all others) to marginal standard deviation above which a number counts as independent."""
 
 
 def held_at_mean(draw: Draw) -> Draw:
@@ -411,7 +397,7 @@ class Estimates:
         matrix[np.ix_(known, known)] = self.covariance[np.ix_(rows, rows)]
         centre[known] = self.mean[rows]
         normal = JointNormal(tuple(map(tuple, ((matrix + matrix.T) / 2).tolist())), tuple(centre.tolist()))
-        kept = [draw for draw in space.draws if draw.name not in touched]
+        kept = (draw for draw in space.draws if draw.name not in touched)
         law = _clip(normal, [bounds_of(draw.law, k) for draw in members for k in range(draw.law.size)])
         taken = {name for draw in space.draws for name in (draw.name, *draw.components)}
         name = "calibrated"
@@ -440,9 +426,8 @@ class Estimates:
         found = {}
         stds = np.sqrt(space.block_covariance.variances)
         for name, (mean, std) in self.stated.items():
-            if (column := space.index.get(name)) is None:
-                continue
-            now = float(space.mean[column]), float(stds[column])
+            column = space.index.get(name)
+            now = (mean, std) if column is None else (float(space.mean[column]), float(stds[column]))
             if max(abs(now[0] - mean), abs(now[1] - std)) > _UNTOUCHED * max(std, abs(mean)):
                 found[name] = now
         return found
@@ -451,8 +436,7 @@ class Estimates:
         """Return the numbers whose variance in the original space the data reduced by at least half."""
         columns = np.array([space.index[name] for name in self.names], dtype=np.intp)
         before = space.block_covariance.variances[columns]
-        less = np.diag(self.covariance) <= _HALF * before
-        return tuple(name for name, is_less in zip(self.names, less.tolist(), strict=True) if is_less)
+        return tuple(itertools.compress(self.names, np.diag(self.covariance) <= 0.5 * before))
 
     def _touched(self, space: Space) -> set[str]:
         columns = np.array([space.index[name] for name in self.names], dtype=np.intp)
@@ -462,7 +446,7 @@ class Estimates:
         scaled = (self.covariance - prior) / np.outer(std, std)
         moved = np.abs(self.mean - space.mean[columns]) / std
         changed = (np.abs(scaled).max(axis=1) > _UNTOUCHED) | (moved > _UNTOUCHED)
-        names = {name for name, is_changed in zip(self.names, changed, strict=True) if is_changed}
+        names = set(itertools.compress(self.names, changed))
         touched = {draw.name for draw in space.draws if names & set(draw.components)}
         for correlation in space.correlations:
             if touched & set(correlation.names):
@@ -489,7 +473,7 @@ def _clip(normal: JointNormal, bounds: Sequence[tuple[float, float]]) -> Law:
     reached = []
     for k, (low, high) in enumerate(bounds):
         first, last = normal.interval(k)
-        if own[k] <= _FREE:
+        if own[k] <= 0.5:  # of its deviation remains if all others are given, so that it depends on them
             low, high = (low / 2 if low >= 0 else -np.inf), (high / 2 if high <= 0 else np.inf)
         reached.append((low if first < low else -np.inf, high if last > high else np.inf))
     return dataclasses.replace(normal, bounds=tuple(reached)) if np.isfinite(reached).any() else normal

@@ -17,6 +17,7 @@ neglected terms are of third order.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Literal, final
 
@@ -155,8 +156,7 @@ class Feedback:
         """Return the arm at rest for known displacements."""
         posture = self._displace(displacements)
         terms = tuple(self._make_terms(posture))
-        table = TermTable.build(posture, self._space, terms)
-        return Settled(posture, terms, table, self._sum(terms), self)
+        return Settled(posture, terms, TermTable.build(posture, self._space, terms), self._sum(terms), self)
 
     def ways(self, table: TermTable) -> Array:
         """Return the directions in which slots can change, ``(M, 2K, 6)``.
@@ -245,14 +245,17 @@ def _follow_loads(feedback: Feedback, within: float) -> Array:
     """Return the displacements of the arm at rest, followed while the loads grow from zero to full size."""
     # With a fraction s of the loads, `z = s g(z)`, z the displacements by loads. A step of s is halved if Newton's
     # method does not lead from the tangent's prediction to a stable rest state nearby.
-    path = _Path.begin(feedback)
+    ways = feedback.loaded_directions
+    path = _Path.at(feedback, ways, 0.0, feedback.at_start, np.zeros(len(ways)))
     first_growth = _growth(path.slopes)
     # a leaning arm bends past the load at which a straight one buckles; short steps find that load
     short = _SHORT_STEP / first_growth if first_growth >= 1.0 else 1.0
     step = short
     for _ in range(_MOST_STEPS):
         share = min(1.0, path.share + step)
-        further = path.follow_to(share, within)
+        further = None
+        with suppress(np.linalg.LinAlgError):
+            further = path.follow_to(share, within)
         if further is None and step < _SMALLEST_STEP:
             break
         if further is None:
@@ -290,12 +293,6 @@ class _Path:
     slopes: Array
 
     @classmethod
-    def begin(cls, feedback: Feedback) -> _Path:
-        """Return the arm without its loads."""
-        ways = feedback.loaded_directions
-        return cls.at(feedback, ways, 0.0, feedback.at_start, np.zeros(len(ways)))
-
-    @classmethod
     def at(cls, feedback: Feedback, ways: Array, share: float, others: Array, moved: Array) -> _Path:
         """Return the arm with given displacements, at rest or not."""
         others = np.where(feedback.loaded[:, None], 0.0, others)
@@ -311,13 +308,10 @@ class _Path:
         return others + np.einsum("m,mki->ki", self.moved, self.ways)
 
     def follow_to(self, share: float, within: float) -> _Path | None:
-        """Return the arm at rest under another fraction of its loads; None if no stable state is near."""
-        try:
-            return self._correct(share, within)
-        except np.linalg.LinAlgError:  # exactly at buckling
-            return None
+        """Return the arm at rest under another fraction of its loads; None if no stable state is near.
 
-    def _correct(self, share: float, within: float) -> _Path | None:
+        Raises ``LinAlgError`` exactly at buckling.
+        """
         guess = self.moved + (share - self.share) * np.linalg.solve(self._stiffness(self.share), self.pull)
         if not np.abs(guess - self.moved).max() < _LONGEST_LEAP:
             return None
@@ -373,13 +367,6 @@ def _growth(slopes: Array) -> float:
     return float(np.linalg.eigvals(slopes).real.max(initial=0.0))
 
 
-def refuse_buckling(slopes: Array) -> None:
-    """Raise an error if a rest state with this ∂G/∂v is unstable."""
-    growth = _growth(slopes)
-    if growth >= 1.0:
-        raise InputError(_BUCKLES.format(1 / growth))
-
-
 _MOST_PRODUCTS: Final = 200
 """Most products kept of the last sum, the largest first; it grows with the square of the number of loads."""
 _LONGEST_PRODUCT: Final = 32
@@ -395,7 +382,9 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
     ways = feedback.ways(table)
     term_slopes = feedback.term_slopes(settled.displacements, ways)
     slopes = feedback.slopes(term_slopes, ways)
-    refuse_buckling(slopes)
+    growth = _growth(slopes)
+    if growth >= 1.0:
+        raise InputError(_BUCKLES.format(1 / growth))
     gain = np.asarray(np.linalg.inv(np.eye(len(ways)) - slopes), dtype=float)
     flat = ways.reshape(len(ways), -1)
     added = flat.T @ (gain - np.eye(len(ways))) @ flat
@@ -403,13 +392,14 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
     sums = _first_order_twists(settled, reacting, added.reshape(slots, 6, slots, 6).transpose(0, 2, 1, 3))
     for slot, twist, factors in _second_order_twists(settled, ways, gain, term_slopes):
         sums[slot, factors] = sums.get((slot, factors), 0.0) + twist
-    return (
-        *(term for term in settled.terms if not term.loaded),
-        *(
-            _term(table.targets[slot % len(table.targets)], twist, settled.posture, factors)
-            for (slot, factors), twist in sums.items()
-        ),
-    )
+    terms = [term for term in settled.terms if not term.loaded]
+    for (slot, factors), twist in sums.items():
+        target, chain = table.targets[slot % len(table.targets)], settled.posture.chain
+        if isinstance(target, JointValue):
+            rows = slice(0, 3) if chain.prismatic[target.joint] else slice(3, 6)
+            twist = chain.axes[target.joint] @ twist[rows]
+        terms.append(Term.of(target, twist, *factors, loaded=True))
+    return tuple(terms)
 
 
 def _first_order_twists(settled: Settled, reacting: NDArray[np.intp], added: Array) -> dict[tuple[int, Factors], Array]:
@@ -420,8 +410,7 @@ def _first_order_twists(settled: Settled, reacting: NDArray[np.intp], added: Arr
         if term.loaded:
             sums[source, term.factors] = sums.get((source, term.factors), 0.0) + twist
         for slot in reacting.tolist():
-            key = (slot, term.factors)
-            sums[key] = sums.get(key, 0.0) + added[slot, source] @ twist
+            sums[slot, term.factors] = sums.get((slot, term.factors), 0.0) + added[slot, source] @ twist
     for slot in reacting.tolist():
         sums[slot, ()] = sums.get((slot, ()), 0.0) - np.einsum("lij,lj->i", added[slot], settled.displacements)
     return sums
@@ -469,18 +458,9 @@ def _second_order_twists(
     return result
 
 
-def _term(target: Target, displacement: Array, posture: Posture, factors: Factors) -> Term:
-    if isinstance(target, Place):
-        return Term.of(target, displacement, *factors, loaded=True)
-    axis = posture.chain.axes[target.joint]
-    rows = slice(0, 3) if posture.chain.prismatic[target.joint] else slice(3, 6)
-    return Term.of(target, axis @ displacement[rows], *factors, loaded=True)
-
-
 _TRIED: Final = 1000
-_TRIED_SEED: Final = 0
 _TRIED_RANKS: Final = ((9, 0.005), (0, 0.02))
-"""Test of equilibrium statics on single robots: number and seed; ranks by distance, with the allowed difference."""
+"""Test of equilibrium statics on single robots: number; ranks by distance, with the allowed difference."""
 _NEGLIGIBLE: Final = 1e-9
 """Difference of errors (m, rad) that never causes a warning."""
 
@@ -497,7 +477,7 @@ def statics_findings(
     if statics == "nominal":
         findings = _nominal_findings(at, make_terms)
     else:
-        findings = (*_equilibrium_findings(at, make_terms), *resettled_findings(at, make_terms))
+        findings = (*_equilibrium_findings(at, make_terms), *_resettled_findings(at, make_terms))
     return (*_bending_findings(at), *findings)
 
 
@@ -520,7 +500,7 @@ def _nominal_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ..
 
 
 def _equilibrium_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ...]:
-    x = at.space.sample(_TRIED_SEED, 0, _TRIED)
+    x = at.space.sample(_SEED, 0, _TRIED)
     errors = at.exact(x)
     found: dict[str, str] = {}
     for rank, allowed in _TRIED_RANKS:
@@ -567,8 +547,6 @@ def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
 TRIED_SIDES: Final = 4096
 """Robots for counting the fraction with play on another side."""
 _SEED: Final = 0
-RESETTLED: Final = 1000
-"""Robots of which one close to a turnover is solved alone."""
 _FEWEST: Final = 1e-3
 """Smallest fraction of robots that triggers a warning."""
 MOST_SIDES: Final = 6
@@ -619,28 +597,26 @@ def turnover_findings(at: PoseModel) -> tuple[Finding, ...]:
     return (Finding("warning", "W_TURNOVER", message),)
 
 
-def resettled_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ...]:
+def _resettled_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ...]:
     """Return a warning if robots solved one by one take up play on other sides than in equilibrium statics."""
     # There the loads act on the arm at rest under the mean loads, with a robot's deflections to first order. The robot
     # tried is as close to a turnover as the closest 1 % of a thousand.
     signs = _signs(at)
     if not signs:
         return ()
-    x = at.space.sample(_SEED, 0, RESETTLED)
+    x = at.space.sample(_SEED, 0, _TRIED)
     margins = Program.compile([sign.arguments[0] for sign in signs], at.space.index).evaluate(x)  # type: ignore[attr-defined]
     spreads = margins.std(axis=1, keepdims=True)
     closest = np.abs(margins / np.where(spreads > 0, spreads, np.inf)) + np.where(spreads > 0, 0.0, np.inf)
-    robot = int(np.argsort(closest.min(axis=0), kind="stable")[RESETTLED // 100 - 1])
+    robot = int(np.argsort(closest.min(axis=0), kind="stable")[_TRIED // 100 - 1])
     try:
         rest = settle(at.posture, at.space, make_terms, values=x[:, robot])
     except InputError as error:
-        message = f"of {RESETTLED:,} robots one that is close to a turnover fails: {error.findings[0].message}"
+        message = f"of {_TRIED:,} robots one that is close to a turnover fails: {error.findings[0].message}"
         return (Finding("warning", "W_STATICS", message),)
     alone = _signs(replace(at, terms=rest.terms, table=rest.table))
-    if len(alone) != len(signs):
-        return ()
     sides, sides_alone = (Program.compile(found, at.space.index).evaluate(x[:, [robot]]) for found in (signs, alone))
-    if (sides == sides_alone).all():
+    if len(alone) != len(signs) or (sides == sides_alone).all():
         return ()
     message = (
         "the load of each robot changes with its own deflection, which equilibrium statics leaves out where play is taken up: "

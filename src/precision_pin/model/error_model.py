@@ -21,7 +21,7 @@ from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Estimates, LabelledSpace, Space
 from precision_pin.model.equilibrium import settle, statics_findings, terms_about_rest
-from precision_pin.model.pose_model import PoseModel, joint_value, origins_of_numbers
+from precision_pin.model.pose_model import AT_ONCE, PoseModel, joint_value, origins_of_numbers
 from precision_pin.render.html import Table, rendered
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.chain import Chain, Posture, pose_findings
@@ -33,9 +33,6 @@ from precision_pin.terms import bound_source
 from precision_pin.terms.source import Source, fix_settings
 from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import Term, TermsOfPose
-
-_AT_ONCE: Final = 256
-"""Poses whose joint frames and terms are computed together; their arrays stay in the processor's cache."""
 
 
 @final
@@ -136,8 +133,7 @@ class ErrorModel:
         if sheet.origins:
             model.origins = origins_of_numbers(sheet.origins, model.space, model.owners)
         model = model if sheet.estimates is None else model.calibrated(sheet.estimates)
-        model.sheet = sheet
-        model.beyond_limits = sheet.beyond_limits
+        model.sheet, model.beyond_limits = sheet, sheet.beyond_limits
         return model
 
     def calibrated(self, estimates: Estimates) -> ErrorModel:
@@ -219,11 +215,11 @@ class ErrorModel:
             return self.configurations(q.pose)
         if isinstance(q, str):
             q = [q]
-        listed = isinstance(q, list | tuple)
-        names = tuple(self.pose_name(one) if one is not None else "" for one in q) if listed else ()  # type: ignore[union-attr]
-        if any(isinstance(one, str | ApproachedPose) for one in (q if listed else ())):  # type: ignore[union-attr]
-            named = (str, ApproachedPose)
-            q = [self.configuration(one) if isinstance(one, named) else one for one in q]  # type: ignore[union-attr]
+        names: tuple[str, ...] = ()
+        if isinstance(q, list | tuple):
+            names = tuple(self.pose_name(one) if one is not None else "" for one in q)
+            if any(isinstance(one, str | ApproachedPose) for one in q):
+                q = [self.configuration(one) if isinstance(one, str | ApproachedPose) else one for one in q]
         values = self.chain.configurations.many(q)
         add(self.chain.configurations.doubts(q))
         return values, names or ("",) * values.shape[1]
@@ -279,7 +275,7 @@ class ErrorModel:
 
     def at_columns(self, values: Array, approaches: NDArray[np.int8] | None = None) -> Iterator[PoseModel]:
         """Return the model at poses ``(n, P)``, with approaches as from :meth:`approaches_of`, in turn."""
-        parts = [slice(first, first + _AT_ONCE) for first in range(0, values.shape[1], _AT_ONCE)]
+        parts = [slice(first, first + AT_ONCE) for first in range(0, values.shape[1], AT_ONCE)]
         return itertools.chain.from_iterable(
             self._at_once(values[:, part], None if approaches is None else approaches[:, part]) for part in parts
         )
@@ -312,14 +308,9 @@ class ErrorModel:
             Table(("draw", "law (SI)", "drawn for each"), draws, f"Draws: {len(draws)}", words=3),
             Table(("pose", "joint values"), poses, f"Poses: {len(poses)}", words=2),
         )
-        return rendered(
-            f"Error model of {os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip_label}",
-            [table for table in tables if table.rows],
-            [
-                *(f"correlated: {', '.join(group.names)}" for group in self.space.correlations),
-                f"statics {self.statics}",
-            ],
-        )
+        title = f"Error model of {os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip_label}"
+        notes = [f"correlated: {', '.join(group.names)}" for group in self.space.correlations]
+        return rendered(title, [table for table in tables if table.rows], [*notes, f"statics {self.statics}"])
 
     def _at_once(self, values: Array, approaches: NDArray[np.int8] | None) -> Iterable[PoseModel]:
         """Return the model at poses ``(n, P)``, with their terms made together if the sources accept that."""
@@ -381,18 +372,16 @@ class ErrorModel:
         return other
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
-        return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
+        return tuple(itertools.chain.from_iterable(source.made("terms", posture) for source in self.bound_sources))
 
 
 def _settings(source: Source) -> str:
     """Return the given settings of a source as text; a draw by its name, or else by its law."""
-    texts = []
-    for name, value in source.settings().items():
-        if isinstance(value, Draw):
-            texts.append(f"{name}={value.name or value.law!r}")
-        elif value is not None and value != ():
-            texts.append(f"{name}={value!r}")
-    return ", ".join(texts)
+    given = {name: value for name, value in source.settings().items() if value is not None and value != ()}
+    return ", ".join(
+        f"{name}={(value.name or repr(value.law)) if isinstance(value, Draw) else repr(value)}"
+        for name, value in given.items()
+    )
 
 
 def read_poses(
@@ -411,6 +400,9 @@ def read_poses(
     return found, approaches
 
 
+_NAMES: Final = ("x", "y", "z", "rx", "ry", "rz")
+
+
 def every_frame(chain: Chain) -> ErrorModel:
     """Return a model with all six displacements at every joint, at the base and at the tool.
 
@@ -418,15 +410,9 @@ def every_frame(chain: Chain) -> ErrorModel:
     which combinations of geometric errors measurements can tell apart.
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
-    names = ("x", "y", "z", "rx", "ry", "rz")
-    free = {name: Normal(1e-3) for name in names}
-    sources: list[Source] = [Frame(frame=chain.base, **free)]  # type: ignore[arg-type]
-    sources += [Frame(joint=name, **free) for name in chain.joint_names]  # type: ignore[arg-type]
-    sources.append(Frame(frame=chain.tip, **free))  # type: ignore[arg-type]
-    return ErrorModel(chain, Space(), sources)
-
-
-_NAMES = ("x", "y", "z", "rx", "ry", "rz")
+    places = [{"frame": chain.base}, *({"joint": name} for name in chain.joint_names), {"frame": chain.tip}]
+    free = dict.fromkeys(_NAMES, Normal(1e-3))
+    return ErrorModel(chain, Space(), [Frame(**place, **free) for place in places])  # type: ignore[arg-type]
 
 
 def displaced_arm(chain: Chain, placements: Array, model: ErrorModel | None = None) -> ErrorModel:

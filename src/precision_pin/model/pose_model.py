@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import islice
 from typing import Final, final
 
@@ -53,18 +54,16 @@ class Part:
         """Return how many of the targets, in chain order, move it: the first so many."""
         # A URDF link's own frame moves it; a custom place or the end of its chain link moves only what comes after. All
         # move the tip.
-        return sum(self._is_moved_by(target) for target in targets)
-
-    def _is_moved_by(self, target: Target) -> bool:
         if self.rank is None:
-            return True
-        if isinstance(target, JointValue):
-            return target.joint < self.link
-        return (target.link, *target.order) <= (self.link, ORDER_FRAME, self.rank)
+            return len(targets)
+        last = (self.link, ORDER_FRAME, self.rank)
+        return sum(
+            target.joint < self.link if isinstance(target, JointValue) else (target.link, *target.order) <= last
+            for target in targets
+        )
 
 
-_COMPONENTS: Final = ("dx", "dy", "dz", "δx", "δy", "δz")
-_UNITS: Final = (*["mm"] * 3, *["mrad"] * 3)
+_COMPONENTS: Final = (("dx", "mm"), ("dy", "mm"), ("dz", "mm"), ("δx", "mrad"), ("δy", "mrad"), ("δz", "mrad"))
 
 
 @final
@@ -98,19 +97,13 @@ class PoseModel:
         a target turns by π or more, so that its rotation vector is not unique; or an error overflows.
         """
         values = self._check(x)
-        try:
-            with np.errstate(over="raise", invalid="raise"):
-                return self._multiply_out(values)
-        except FloatingPointError:
-            raise InputError(
-                "an error is too large to compute with; the tolerances or loads are far too large"
-            ) from None
+        with _refuses_overflow():
+            return self._multiply_out(values)
 
     def _multiply_out(self, values: Array) -> Array:
         moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
         motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, values.shape[1]))
-        if np.sqrt((moved[:, 3:] ** 2).sum(axis=1)).max(initial=0.0) >= np.pi:
-            raise InputError("an error turns a place by half a turn or more; the tolerances or loads are far too large")
+        _refuse_half_turns(moved[:, 3:], axis=1)
         for frame, displacement, back in zip(self.table.frames, moved, self.table.inverse_frames, strict=True):
             inserted = se3.compose(frame, se3.displacement(displacement), back)
             motion = se3.compose(motion, inserted)
@@ -208,7 +201,7 @@ class PoseModel:
             return rendered(title, [], [pose, counts, error.findings[0].message])
         rows = [
             [name, unit, f"{1e3 * mean:.6g}", f"{1e3 * std:.6g}"]
-            for name, unit, mean, std in zip(_COMPONENTS, _UNITS, self.error_at_means, spread, strict=True)
+            for (name, unit), mean, std in zip(_COMPONENTS, self.error_at_means, spread, strict=True)
         ]
         columns = ("", "unit", "error at the means", "standard deviation")
         return rendered(title, [Table(columns, rows, words=2)], [f"{pose}; base axes", counts])
@@ -249,8 +242,8 @@ OriginShares = Mapping[str, tuple[float, float]]
 
 def origins_of_numbers(stated: Mapping[str, Origin], space: Space, owners: Sequence[Sequence[str]]) -> dict[str, str]:
     """Return where each number of a space comes from, by its name; empty if nothing is stated."""
-    kinds = map(partial(_origin, stated), space.draws, owners)
-    return {name: kind for draw, kind in zip(space.draws, kinds, strict=True) for name in draw.components}
+    pairs = zip(space.draws, owners, strict=True)
+    return {name: kind for draw, own in pairs for kind in [_origin(stated, draw, own)] for name in draw.components}
 
 
 def _origin(stated: Mapping[str, Origin], draw: Draw, owners: Sequence[str]) -> str:
@@ -286,7 +279,7 @@ def origin_shares(origins: Mapping[str, str], at: PoseModel) -> OriginShares:
 
 
 AT_ONCE: Final = 256
-"""Poses whose first-order models are computed together; their arrays stay in the processor's cache."""
+"""Poses computed together; their arrays stay in the processor's cache."""
 
 
 @final
@@ -315,21 +308,27 @@ def tangents(models: Iterable[PoseModel]) -> Iterator[Tangents]:
         while chunk:
             # tables of one layout share their arrays; the formulas of a model rarely change between poses
             first = chunk[0].table
-            alike = next((k for k, at in enumerate(chunk) if not _is_alike(first, at.table)), len(chunk))
-            yield _tangents(chunk[0].space, [at.table for at in chunk[:alike]])
+            parts = ("program", "factors", "target")
+            same = [all(getattr(first, part) is getattr(at.table, part) for part in parts) for at in chunk]
+            alike = [*same, False].index(False)
+            with _refuses_overflow():
+                part = _multiply_out(chunk[0].space.mean, [at.table for at in chunk[:alike]])
+            yield part
             chunk = chunk[alike:]
 
 
-def _is_alike(one: TermTable, other: TermTable) -> bool:
-    return one.program is other.program and one.factors is other.factors and one.target is other.target
-
-
-def _tangents(space: Space, tables: Sequence[TermTable]) -> Tangents:
+@contextmanager
+def _refuses_overflow() -> Iterator[None]:
     try:
         with np.errstate(over="raise", invalid="raise"):
-            return _multiply_out(space.mean, tables)
+            yield
     except FloatingPointError:
         raise InputError("an error is too large to compute with; the tolerances or loads are far too large") from None
+
+
+def _refuse_half_turns(turns: Array, axis: int) -> None:
+    if np.sqrt((turns**2).sum(axis=axis)).max(initial=0.0) >= np.pi:
+        raise InputError("an error turns a place by half a turn or more; the tolerances or loads are far too large")
 
 
 def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
@@ -347,8 +346,7 @@ def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
         displacement = np.zeros((6, poses))
         for term in terms:
             displacement += twists[term] * products[term]
-        if np.sqrt((displacement[3:] ** 2).sum(axis=0)).max(initial=0.0) >= np.pi:
-            raise InputError("an error turns a place by half a turn or more; the tolerances or loads are far too large")
+        _refuse_half_turns(displacement[3:], axis=0)
         frame = frames[target]
         local = np.moveaxis(twists[terms], 0, 1)
         turning = np.einsum("ijp,jtp->itp", se3.left_jacobian(displacement[3:]), local[3:])

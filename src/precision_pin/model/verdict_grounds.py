@@ -35,7 +35,7 @@ def grounds_at(
         labels: Labels of several poses, for the reason.
         times: Times of a path's poses, s, ``(P,)``.
     """
-    lost = _lost(model)
+    lost = _Lost.of(model)
     exact = () if lost is None else lost.names
     if model.beyond_limits:
         return Grounds("", exact)
@@ -105,7 +105,7 @@ def speed_findings(model: ErrorModel, values: Array, times: NDArray[np.float64] 
 
 def exact_findings(model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None = None) -> tuple[Finding, ...]:
     """Return a warning of the first-order variance lost at poses ``(n, P)`` because changes fixed laws to values."""
-    lost = _lost(model)
+    lost = _Lost.of(model)
     if lost is None:
         return ()
     poses = values.shape[1]
@@ -132,12 +132,6 @@ def exact_findings_at(model: ErrorModel, at: PoseModel) -> tuple[Finding, ...]:
     return exact_findings(model, at.posture.q[:, None], approach)
 
 
-@lru_cache(maxsize=1)
-def _lost(model: ErrorModel) -> _Lost | None:
-    """Return what changes of the model's sheet have removed; cached, as grounds and warning both ask."""
-    return _Lost.of(model)
-
-
 def _unit(slides: bool) -> tuple[float, str]:
     """Return the factor from SI to the unit of messages, and the unit."""
     return (1e3, "mm") if slides else (180 / np.pi, "deg")
@@ -158,12 +152,12 @@ class _Lost:
     draws: tuple[int, ...]
     names: tuple[str, ...]
 
-    @classmethod
-    def of(cls, model: ErrorModel) -> _Lost | None:
-        """Return what changes of the model's sheet have removed; None if nothing."""
-        if model.sheet is None or model.sheet.contents is None or model.sheet.unchanged is None:
+    @staticmethod
+    @lru_cache(maxsize=1)
+    def of(model: ErrorModel) -> _Lost | None:
+        """Return what changes of the model's sheet have removed, if anything; cached: grounds and warning both ask."""
+        if model.sheet is None or model.sheet.contents is None or (unchanged := model.sheet.unchanged) is None:
             return None
-        unchanged = model.sheet.unchanged
         if ("calibrated",) in model.sheet.contents.text.changes:
             # another calibration, or none, takes nothing as exact: the underlying laws count
             unchanged = replace(unchanged, estimates=None)
@@ -184,17 +178,13 @@ class _Lost:
                 names.append(label if label not in left or name in named else name)
         gone = {name for name, _ in lost}
         positions = tuple(k for k, draw in enumerate(before.space.draws) if draw.name in gone)
-        return cls(before, positions, tuple(dict.fromkeys(names)))
+        return _Lost(before, positions, tuple(dict.fromkeys(names)))
 
     def shares(self, model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None) -> Array:
         """Return ``Cov(e_k, e)`` of the removed part, over the variance of position and attitude, ``(2, P)``."""
         columns = np.concatenate([np.arange(self.before.space.size)[self.before.space.slices[k]] for k in self.draws])
-        here = {name: k for k, name in enumerate(model.space.components)}
-        kept = [
-            (row, here[name])
-            for row, name in enumerate(np.array(self.before.space.components)[columns])
-            if name in here
-        ]
+        here, names = model.space.index, np.array(self.before.space.components)[columns]
+        kept = [(row, here[name]) for row, name in enumerate(names) if name in here]
         shares = []
         pairs = zip(self.before.at_columns(values, approaches), model.at_columns(values, approaches), strict=True)
         for was, now in pairs:
@@ -219,14 +209,11 @@ def _uses(model: ErrorModel) -> set[tuple[str, str]]:
     }
 
 
-TRIED: Final = 64
-"""Robots sampled to find whether errors vary."""
 MOST_POSES: Final = 200
 """Most poses of a sheet that are tried; for others only joint limits are checked, which is fast."""
 MOST_NUMBERS: Final = 500
 """Most random numbers with which the first-order model, which needs every derivative, is checked."""
 _LARGEST_SQUARE: Final = 1e75
-_SEED: Final = 0
 
 
 def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple[Finding, ...]:
@@ -237,8 +224,10 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
         with np.errstate(over="raise"):
             at = model.at(pose)
             found = [*at.findings("exact")]
-            if at.space.size <= MOST_NUMBERS and _largest_square(at) > _LARGEST_SQUARE:
-                raise OverflowError
+            if at.space.size <= MOST_NUMBERS:
+                largest = max(float(np.abs(at.error_at_means).max()) ** 2, float(np.abs(at.covariance).max()))
+                if largest > _LARGEST_SQUARE:
+                    raise OverflowError
             if spread and not _varies(at):
                 message = (
                     "no source makes the error vary: all robots have the same error, and no specification can be judged"
@@ -264,16 +253,12 @@ def strained_findings(
     return tuple(replace(one, message=f"{label}: {one.message}") for one in found)
 
 
-def _largest_square(at: PoseModel) -> float:
-    return max(float(np.abs(at.error_at_means).max()) ** 2, float(np.abs(at.covariance).max()))
-
-
 def _varies(at: PoseModel) -> bool:
     """Return whether robots differ, to first order or in a sample."""
     if not at.space.size:
         return False
     if at.space.size <= MOST_NUMBERS and float(np.diag(at.covariance).max()) > NO_SPREAD**2:
         return True
-    errors = at.exact(at.space.sample(_SEED, 0, TRIED))
+    errors = at.exact(at.space.sample(0, 0, 64))
     # with very many numbers the sample may miss rare values
     return bool(np.ptp(errors, axis=1).max() > NO_SPREAD) or at.space.size > MOST_NUMBERS

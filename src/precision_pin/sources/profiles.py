@@ -14,7 +14,7 @@ import numpy as np
 from precision_pin.base import units
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.draw import Setting
-from precision_pin.draws.expressions import Component, Value
+from precision_pin.draws.expressions import Value
 from precision_pin.draws.space import LabelledSpace
 
 
@@ -232,7 +232,7 @@ class Stretch:
         wall = dimensions.get("wall")
         if wall is not None:
             for name in ("outer_diameter", "width", "height"):
-                if name in dimensions and 2 * _extreme(space, wall, 1) > _extreme(space, dimensions[name], -1):
+                if name in dimensions and 2 * space.interval(wall)[1] > space.interval(dimensions[name])[0]:
                     raise InputError(
                         f"{self.prefix}wall of {space.label} can become thicker than half its {name}; "
                         "narrow or truncate their laws"
@@ -321,13 +321,3 @@ def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
         left = ", which leaves nothing for the one without length:" if rest else ""
         raise InputError(f"the beam's segments are {math.fsum(parts):.6g} m long in all, its link {length:.6g} m{left}")
     return (*np.cumsum(parts)[:-1].tolist(), length)
-
-
-def _extreme(space: LabelledSpace, value: Value, sign: int) -> float:
-    """Return the highest (sign 1) or lowest (-1) value in any sample; a formula's range is not checked."""
-    if isinstance(value, float | int):
-        return float(value)
-    if not isinstance(value, Component):
-        return -sign * math.inf
-    low, high = space.space.intervals[space.space.index[value.name]]
-    return high if sign > 0 else low

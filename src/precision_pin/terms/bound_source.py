@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar, final
+from typing import Any, Literal, final
 
 import numpy as np
 
-from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import PerJoint, Quantity
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.source import Source
 from precision_pin.terms.table import is_alike
 from precision_pin.terms.term import Term
-
-Item = TypeVar("Item")
 
 
 @final
@@ -41,33 +36,20 @@ class BoundSource:
         kind = type(self.source)
         return kind.loads is not Source.loads or kind.gravity is not Source.gravity
 
-    def loads(self, posture: Posture) -> Iterable[Load]:
-        """Return the loads of the source, at a posture without the loads of sources."""
-        return self._call("loads", self.source.loads, posture)
-
-    def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
-        """Return the source's contributions to gravity, at a posture without the loads of sources."""
-        return self._call("gravity", self.source.gravity, posture)
-
-    def terms(self, posture: Posture) -> Iterable[Term]:
-        """Return the terms of the source, at a posture with all loads."""
-        return self._call("terms", self.source.terms, posture)
-
-    def _call(
-        self, name: str, method: Callable[[Posture, LabelledSpace], Iterator[Item]], posture: Posture
-    ) -> Iterable[Item]:
+    def made(self, what: Literal["loads", "gravity", "terms"], posture: Posture) -> Iterable[Any]:
+        """Return what a method of the source yields: terms at a posture with all loads, others without those of sources."""
         if not self.is_same_everywhere:
-            return method(posture, self.view)
-        if name not in self._results:
-            self._results[name] = tuple(method(posture, self.view))
-        return self._results[name]
+            return getattr(self.source, what)(posture, self.view)  # type: ignore[no-any-return]
+        if what not in self._results:
+            self._results[what] = tuple(getattr(self.source, what)(posture, self.view))
+        return self._results[what]
 
 
 def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
     """Return a posture with the loads of sources and their contributions to gravity."""
     listed = tuple(sources)
-    loaded = bare.with_loads([load for source in listed for load in source.loads(bare)])
-    return loaded.with_tilts([tilt for source in listed for tilt in source.gravity(bare)])
+    loaded = bare.with_loads([load for source in listed for load in source.made("loads", bare)])
+    return loaded.with_tilts([tilt for source in listed for tilt in source.made("gravity", bare)])
 
 
 def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[BoundSource]) -> tuple[Term, ...] | None:
@@ -80,8 +62,7 @@ def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[Boun
         bare: A posture of P configurations, without the loads of sources.
         each: The P postures of one configuration.
     """
-    chain = bare.chain
-    alone = [not source.source.accepts_many(chain) for source in sources]
+    alone = [not source.source.accepts_many(bare.chain) for source in sources]
     if any(lonely and source.has_loads for lonely, source in zip(alone, sources, strict=True)):
         return None
     together = load_posture(bare, sources)
@@ -89,24 +70,15 @@ def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[Boun
     terms: list[Term] = []
     for source, lonely in zip(sources, alone, strict=True):
         if not lonely:
-            terms += source.terms(each[0] if source.is_same_everywhere else together)
+            terms += source.made("terms", each[0] if source.is_same_everywhere else together)
             continue
         loaded = loaded or [load_posture(posture, sources) for posture in each]
-        stacked = _stack([tuple(source.terms(posture)) for posture in loaded])
-        if stacked is None:
+        first, *others = made = [tuple(source.made("terms", posture)) for posture in loaded]
+        if not all(len(other) == len(first) and all(map(is_alike, first, other)) for other in others):
             return None
-        terms += stacked
+        twists = (np.stack([one[row].twist for one in made], axis=-1) for row in range(len(first)))
+        terms += [replace(term, twist=twist) for term, twist in zip(first, twists, strict=True)]
     return tuple(terms)
-
-
-def _stack(made: Sequence[tuple[Term, ...]]) -> list[Term] | None:
-    """Return the terms of one source at P postures as terms with P twists; None if targets or factors differ."""
-    first = made[0]
-    if not all(len(terms) == len(first) and all(map(is_alike, first, terms)) for terms in made[1:]):
-        return None
-    return [
-        replace(term, twist=np.stack([terms[row].twist for terms in made], axis=-1)) for row, term in enumerate(first)
-    ]
 
 
 def labels(sources: Sequence[Source]) -> tuple[str, ...]:
@@ -117,17 +89,15 @@ def labels(sources: Sequence[Source]) -> tuple[str, ...]:
     alike: dict[str, list[int]] = {}
     for k, label in enumerate(result):
         alike.setdefault(label, []).append(k)
+
+    def rank_of(k: int) -> tuple[str, str]:
+        names = {field: value for field, value in sources[k].settings().items() if isinstance(value, str)}
+        return repr(names), repr(sources[k])
+
     for label, numbers in alike.items():
-        if len(numbers) > 1:
-            numbers.sort(key=lambda k: _rank(sources[k]))
-        for rank, k in enumerate(numbers[1:], start=2):
+        for rank, k in enumerate(sorted(numbers, key=rank_of)[1:] if len(numbers) > 1 else (), start=2):
             result[k] = f"{label}#{rank}"
     return tuple(result)
-
-
-def _rank(source: Source) -> tuple[str, str]:
-    names = {field: value for field, value in source.settings().items() if isinstance(value, str)}
-    return repr(names), repr(source)
 
 
 def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
@@ -164,17 +134,13 @@ def draw_words(space: Space, sources: Sequence[Source], labels: Sequence[str]) -
                 source.describe(place if number.startswith(label) else re.sub(r"\[\d+\]$", "", place))
             )
         own.update(draw.name for draw in source.draws(label))
-    return tuple(_describe_draw(draw, uses, draw.name in own) for draw in space.draws)
-
-
-def _describe_draw(draw: Draw, uses: Mapping[str, Sequence[str]], is_unnamed: bool) -> str:
-    described = list(dict.fromkeys(use for name in draw.components for use in uses.get(name, ())))
-    if not described:
-        return draw.name
-    if is_unnamed:
-        return described[0]
-    more = "" if len(described) == 1 else f" and {len(described) - 1} more"
-    return f"{draw.name} ({described[0]}{more})"
+    words = []
+    for draw in space.draws:
+        described = list(dict.fromkeys(use for name in draw.components for use in uses.get(name, ())))
+        more = f" and {len(described) - 1} more" if len(described) > 1 else ""
+        named = f"{draw.name} ({described[0]}{more})" if described else draw.name
+        words.append(described[0] if described and draw.name in own else named)
+    return tuple(words)
 
 
 def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[str], chain: Chain) -> Space:
@@ -188,19 +154,14 @@ def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[st
         except InputError:
             continue  # the types of its settings cannot be found
         for name, note in numbers.items():
+            if isinstance(note, PerJoint):
+                note = note.prismatic if is_prismatic else note.revolute
             if note is not None:
-                known.setdefault(name, _at_joint(note, is_prismatic))
-    return Space(tuple(_set_quantities(draw, known) for draw in space.draws), space.correlations)
-
-
-def _set_quantities(draw: Draw, known: Mapping[str, Quantity]) -> Draw:
-    own = itertools.zip_longest(draw.components, draw.quantities)
-    # an equal quantity from the sheet is kept, since it also has the unit in which it was written
-    found = tuple(said if known.get(name) in (None, said) else known[name] for name, said in own)
-    return dataclasses.replace(draw, quantities=found) if any(found) and found != draw.quantities else draw
-
-
-def _at_joint(note: Quantity | PerJoint, is_prismatic: bool) -> Quantity:
-    if isinstance(note, PerJoint):
-        return note.prismatic if is_prismatic else note.revolute
-    return note
+                known.setdefault(name, note)
+    draws = []
+    for draw in space.draws:
+        own = itertools.zip_longest(draw.components, draw.quantities)
+        # an equal quantity from the sheet is kept, since it also has the unit in which it was written
+        found = tuple(said if known.get(name) in (None, said) else known[name] for name, said in own)
+        draws.append(replace(draw, quantities=found) if any(found) and found != draw.quantities else draw)
+    return Space(tuple(draws), space.correlations)

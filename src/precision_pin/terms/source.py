@@ -110,15 +110,9 @@ class _Leaf:
         """The draw in the setting, if any."""
         if self.value is None or isinstance(self.value, str | float):  # most settings, and an abstract class is slow
             return None
-        match self.value:
-            case Law() as law:
-                return Draw(self.name, law)
-            case Draw(name="") as draw:
-                return Draw(self.name, draw.law, draw.scope, draw.quantities, draw.names)
-            case Draw() as draw:
-                return draw
-            case _:
-                return None
+        if isinstance(self.value, Draw):
+            return self.value if self.value.name else dataclasses.replace(self.value, name=self.name)
+        return Draw(self.name, self.value) if isinstance(self.value, Law) else None
 
     @property
     def quantity(self) -> Quantity | PerJoint | None:
@@ -287,14 +281,10 @@ class Source(ABC):
         Raises:
             InputError: The types of its settings cannot be found.
         """
-        found: dict[str, str] = {}
-        for leaf in _leaves(self, label):
-            for name in leaf.numbers():
-                found.setdefault(name, leaf.name.removeprefix(f"{label}."))
-        for draw in self.own_draws(label):
-            for name in draw.components:
-                found.setdefault(name, draw.name.removeprefix(f"{label}."))
-        return found
+        found = [(name, leaf.name) for leaf in _leaves(self, label) for name in leaf.numbers()]
+        found += [(name, draw.name) for draw in self.own_draws(label) for name in draw.components]
+        first = dict(reversed(found))
+        return {name: first[name].removeprefix(f"{label}.") for name, _ in found}
 
     @final
     def numbers(self, label: str) -> dict[str, Quantity | PerJoint | None]:
@@ -346,17 +336,14 @@ def fix_settings(source: Source) -> Source:
         raise InputError(f"a source must be a frozen data class, got {shown(source)}")
     check_choice(f"depends_on of {source.label()}", source.depends_on, typing.get_args(Dependence))
     settings = source.settings()
-    fixed = {name: _fix_value(value) for name, value in settings.items()}
-    if all(fixed[name] is value for name, value in settings.items()):
-        return source
-    return dataclasses.replace(source, **fixed)
+    fixed = {name: fixed for name, value in settings.items() if (fixed := _fix_value(value)) is not value}
+    return dataclasses.replace(source, **fixed) if fixed else source
 
 
 def _fix_value(value: object) -> object:
     if isinstance(value, list):
         return tuple(map(_fix_value, value))
     if isinstance(value, np.ndarray) and value.flags.writeable:
-        copy = np.array(value)
-        copy.flags.writeable = False
-        return copy
+        value = np.array(value)
+        value.flags.writeable = False
     return value

@@ -141,7 +141,6 @@ class TableLayout(Fixed):
     Attributes:
         targets, program, target, factors: As in :class:`TermTable`.
         links, places: ``(K,)`` chain link of each target, and ``(K, 4, 4)`` the target's pose in its axes.
-        at_joints, joints: The terms on joint values, and their joints.
     """
 
     terms: tuple[Term, ...]
@@ -151,8 +150,6 @@ class TableLayout(Fixed):
     factors: NDArray[np.intp]
     links: NDArray[np.intp]
     places: Array
-    at_joints: NDArray[np.intp]
-    joints: NDArray[np.intp]
 
     @classmethod
     def of(cls, terms: tuple[Term, ...], space: Space) -> TableLayout:
@@ -171,7 +168,6 @@ class TableLayout(Fixed):
         for row, term in enumerate(terms):
             for column, factor in enumerate(term.factors):
                 factors[row, column] = parameters.setdefault(factor, len(parameters))
-        on_joints = [(row, term.target.joint) for row, term in enumerate(terms) if isinstance(term.target, JointValue)]
         return cls(
             terms=terms,
             targets=targets,
@@ -179,18 +175,12 @@ class TableLayout(Fixed):
             target=np.array([numbers[key] for key in keys], dtype=np.intp),
             factors=factors,
             links=np.array([key[0] for key in ordered], dtype=np.intp),
-            places=np.array([target.frame if isinstance(target, Place) else np.eye(4) for target in targets]).reshape(
-                -1, 4, 4
-            ),
-            at_joints=np.array([row for row, _ in on_joints], dtype=np.intp),
-            joints=np.array([joint for _, joint in on_joints], dtype=np.intp),
+            places=np.array([getattr(target, "frame", np.eye(4)) for target in targets]).reshape(-1, 4, 4),
         )
 
     def fits(self, terms: tuple[Term, ...]) -> bool:
         """Return whether terms have these targets and factors, in this order."""
-        if len(terms) != len(self.terms):
-            return False
-        return all(map(is_alike, self.terms, terms))
+        return len(terms) == len(self.terms) and all(map(is_alike, self.terms, terms))
 
     def twists_at_many(self, chain: Chain, terms: tuple[Term, ...], poses: int) -> Array:
         """Return ``[d; δ]`` in the targets' axes, ``(P, T, 6)``, of terms at P postures that :meth:`fits`."""
@@ -210,31 +200,12 @@ class TableLayout(Fixed):
             raise InputError(
                 "a term at one configuration has one twist, of 6 numbers for a place and 1 for a joint value"
             )
-        twists = np.zeros((len(terms), 6))
-        on_places = np.ones(len(terms), dtype=bool)
-        on_places[self.at_joints] = False
-        if on_places.any():
-            twists[on_places] = [term.twist for term in terms if term.twist.size == 6]
-        if len(self.joints):
-            values = np.array([terms[row].twist[0] for row in self.at_joints])
-            slides = chain.prismatic[self.joints, None]
-            along = chain.axes[self.joints] * values[:, None]
-            twists[self.at_joints] = np.concatenate(
-                [np.where(slides, along, 0.0), np.where(slides, 0.0, along)], axis=1
-            )
-        return twists
+        return self.twists_at_many(chain, terms, 1)[0]
 
     def at(self, posture: Posture, terms: tuple[Term, ...]) -> TermTable:
         """Return the table at a posture of terms that :meth:`fits`."""
-        return TermTable(
-            pose=posture.pose,
-            targets=self.targets,
-            frames=posture.link_poses[self.links] @ self.places,
-            program=self.program,
-            target=self.target,
-            twists=self.twists(posture.chain, terms),
-            factors=self.factors,
-        )
+        frames, twists = posture.link_poses[self.links] @ self.places, self.twists(posture.chain, terms)
+        return TermTable(posture.pose, self.targets, frames, self.program, self.target, twists, self.factors)
 
     def at_many(self, posture: Posture, terms: tuple[Term, ...]) -> list[TermTable]:
         """Return the tables at a posture of P configurations, of terms that :meth:`fits`."""

@@ -133,15 +133,11 @@ def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:
     Raises:
         InputError: A formula has no value at the means.
     """
-    mean = space.mean[:, None]
     total: Array = np.zeros(())
     for factors, value in values.items():
-        share = Program.compile(factors, space.index).evaluate(mean).prod()
+        share = Program.compile(factors, space.index).evaluate(space.mean[:, None]).prod()
         total = total + np.asarray(value, dtype=float) * share
     return total
-
-
-Interval = tuple[float, float]
 
 
 def load_value(load: Mapping[Factors, float]) -> Value:
@@ -154,7 +150,7 @@ def load_value(load: Mapping[Factors, float]) -> Value:
     return parts[0] + constant if parts and constant else parts[0] if parts else constant
 
 
-def bounds_of(load: Mapping[Factors, float], space: Space) -> Interval:
+def bounds_of(load: Mapping[Factors, float], space: Space) -> tuple[float, float]:
     """Return bounds of a load over all robots; infinite where a parameter is a formula."""
     low = high = 0.0
     for factors, number in load.items():

@@ -292,14 +292,13 @@ class Law(ABC):
         InputError if the law has no such number.
         """
         check_whole("the index of a number of the law", number, 0, self.size - 1)
-        direction = np.zeros(self.size)
-        direction[number] = 1.0
+        direction = np.eye(self.size)[number]
         low, high = -self.support(-direction), self.support(direction)
         if self.size > 1 or math.isfinite(high - low):
             return low, high
         farthest = FARTHEST_NORMAL if self.variates == "normal" else float(lazy_special.ndtri(LAST_UNIFORM))
-        low, high = self.at_scores(np.array([[-farthest, farthest]]))[0]
-        return float(low), float(high)
+        low, high = self.at_scores(np.array([[-farthest, farthest]]))[0].tolist()
+        return low, high
 
     @property
     def cell_edges(self) -> Array | None:
@@ -581,8 +580,7 @@ class DerivedProjection(Projection):
     def ends(self) -> tuple[float, float]:
         """The ends of the support, or the farthest value drawn of an unbounded law."""
         mean = float(self.law.mean_vector[0])
-        low, high = self.law.interval(0)
-        low, high = sorted((self.size * (low - mean), self.size * (high - mean)))
+        low, high = sorted(self.size * (end - mean) for end in self.law.interval(0))
         return low, high
 
     @property
@@ -618,8 +616,7 @@ class DerivedProjection(Projection):
         return np.where(inside, np.maximum(value, 0) / (self.series.half[k] * abs(self.size)), 0.0)
 
     def position(self, s: Array) -> Array:
-        scores = np.sign(self.size) * s
-        return self.size * (_values(self.law, scores) - self.law.mean_vector[0])
+        return self.size * (_values(self.law, np.sign(self.size) * s) - self.law.mean_vector[0])
 
     def weight(self, s: Array) -> Array:
         return np.exp(-(s**2) / 2) / np.sqrt(2 * np.pi)
@@ -632,8 +629,8 @@ class DerivedProjection(Projection):
         return bool(np.isfinite(self.law.support([1.0]) + self.law.support([-1.0])))
 
     def within(self, score: float) -> tuple[float, float]:
-        low, high = self.position(np.array([-score, score]))
-        return self.ends if self.is_bounded else (float(low), float(high))
+        low, high = self.position(np.array([-score, score])).tolist()
+        return self.ends if self.is_bounded else (low, high)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         omega = np.asarray(frequency, dtype=float).ravel() * self.size
@@ -642,11 +639,10 @@ class DerivedProjection(Projection):
         narrow = (self.series.moments[:, 1:] == 0).all(axis=1)
         for panel, (half, middle) in enumerate(zip(self.series.half, self.series.middle, strict=True)):
             slow = np.flatnonzero((np.abs(omega) * half < _SLOW) | narrow[panel])
+            points, weights = self.series.points[panel], self.series.weights[panel]
             step = max(1, 2**20 // _NODES)
             for some in (slow[first : first + step] for first in range(0, slow.size, step)):
-                value[some] += (
-                    np.exp(1j * np.outer(omega[some], self.series.points[panel])) @ self.series.weights[panel]
-                )
+                value[some] += np.exp(1j * np.outer(omega[some], points)) @ weights
             fast = np.setdiff1d(np.arange(omega.size), slow, assume_unique=True)
             z = omega[fast] * half
             before, bessel = np.cos(z) / z, np.sin(z) / z

@@ -35,7 +35,7 @@ from precision_pin.draws.laws.law import (
     take_size,
     write_number,
 )
-from precision_pin.draws.laws.projection import FARTHEST_NORMAL, Projection, in_chunks, power_bound
+from precision_pin.draws.laws.projection import FARTHEST_NORMAL, Projection, power_bound
 
 WIDEST_LOGNORMAL: Final = 1e3
 """Largest standard deviation of a lognormal law, in means."""
@@ -144,9 +144,7 @@ class Lognormal(Law):
     def support(self, direction: ArrayLike) -> float:
         """Return infinity above zero, 0 below; w·m if the number does not vary."""
         w = float(np.asarray(direction, dtype=float)[0])
-        if not self.std:
-            return w * self.mean
-        return math.inf if w > 0 else 0.0
+        return (math.inf if w > 0 else 0.0) if self.std else w * self.mean
 
     def cumulants(self) -> Array:
         """Return the cumulants from the moments, by the recursion over powers of exp(σ²)."""
@@ -191,18 +189,11 @@ class Lognormal(Law):
         cancels nor oscillates where it is large. There the trapezoidal rule converges faster than any power of its step
         (Trefethen and Weideman, SIAM Review 56, 2014).
         """
-        t = np.asarray(frequency, dtype=float)
+        t = np.asarray(frequency, dtype=float)[0] * self.mean
         if not self.log_std:
-            return np.exp(1j * t[0] * self.mean)
-        return in_chunks(self._along_saddles, t, 4 * _NODES.size)
-
-    def _along_saddles(self, frequency: Array) -> NDArray[np.complex128]:
-        sigma = self.log_std
-        scaled = np.abs(frequency[0]) * self.mean * math.exp(-(sigma**2) / 2)
-        z = _saddle_nodes(scaled, sigma)
-        integrand = np.exp(1j * scaled[:, None] * np.exp(sigma * z) - z**2 / 2)
-        value = integrand.sum(axis=1) * (_STEP / math.sqrt(2 * math.pi))
-        return np.where(frequency[0] < 0, value.conj(), value)
+            return np.exp(1j * t)
+        value = _integrate(np.abs(t).ravel(), self.log_std).reshape(t.shape)
+        return np.exp(1j * t) * np.where(t < 0, value.conj(), value)
 
 
 @final
@@ -217,8 +208,7 @@ class _Projection(Projection):
     @property
     def ends(self) -> tuple[float, float]:
         """The lowest and highest value that can be drawn."""
-        low, high = self.position(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
-        return float(low), float(high)
+        return self.within(FARTHEST_NORMAL)
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -228,18 +218,15 @@ class _Projection(Projection):
     def kinks(self) -> tuple[float, ...]:
         return tuple(self.position(np.array(self.breaks)).tolist())
 
-    def _number(self, z: Array) -> Array:
-        return z / self.weight_of_number + self.mean
-
     def _score(self, z: Array) -> Array:
-        number = np.maximum(self._number(z) / self.mean, 1e-300)
+        number = np.maximum((z / self.weight_of_number + self.mean) / self.mean, 1e-300)
         return (np.log(number) + self.log_std**2 / 2) / self.log_std
 
     def cumulative(self, z: Array) -> Array:
         return lazy_special.ndtr(math.copysign(1.0, self.weight_of_number) * self._score(z))
 
     def density(self, z: Array) -> Array:
-        number = self._number(z)
+        number = z / self.weight_of_number + self.mean
         slope = self.log_std * np.maximum(number, 1e-300) * abs(self.weight_of_number)
         return np.where(number > 0, _normal_density(self._score(z)) / slope, 0.0)
 
@@ -259,8 +246,8 @@ class _Projection(Projection):
         return False
 
     def within(self, score: float) -> tuple[float, float]:
-        low, high = self.position(np.array([-score, score]))
-        return float(low), float(high)
+        low, high = self.position(np.array([-score, score])).tolist()
+        return low, high
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         return lognormal_characteristic(self.weight_of_number * self.mean * frequency, self.log_std)
@@ -286,22 +273,19 @@ def lognormal_characteristic(frequency: Array, log_std: float) -> NDArray[np.com
     return np.where(frequency < 0, value.conj(), value)
 
 
-def _saddle_nodes(scaled: Array, sigma: float) -> NDArray[np.complex128]:
-    """Return the nodes ``(N, 721)`` on a line through or above the saddle point at each frequency."""
-    saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
-    height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
-    centre = -lazy_special.lambertw(scaled * sigma**2 * np.sin(sigma * height)).real / sigma
-    return (centre + 1j * height)[:, None] + _NODES
-
-
 def _integrate(t: Array, sigma: float) -> NDArray[np.complex128]:
-    parts = [np.zeros(0, dtype=complex)]
+    result = np.zeros(t.size, dtype=complex)
     for first in range(0, t.size, _BATCH):
         some = t[first : first + _BATCH]
-        z = _saddle_nodes(some * math.exp(-(sigma**2) / 2), sigma)
+        # nodes (N, 721) on a line through or above the saddle point at each frequency
+        scaled = some * math.exp(-(sigma**2) / 2)
+        saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
+        height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
+        centre = -lazy_special.lambertw(scaled * sigma**2 * np.sin(sigma * height)).real / sigma
+        z = (centre + 1j * height)[:, None] + _NODES
         integrand = np.exp(1j * some[:, None] * np.expm1(sigma * z - sigma**2 / 2) - z**2 / 2)
-        parts.append(integrand.sum(axis=1) * (_STEP / math.sqrt(2 * math.pi)))
-    return np.concatenate(parts)
+        result[first : first + _BATCH] = integrand.sum(axis=1) * (_STEP / math.sqrt(2 * math.pi))
+    return result
 
 
 def _interpolate(t: Array, sigma: float) -> NDArray[np.complex128]:

@@ -1,4 +1,4 @@
-"""Laws of measured numbers and of single values: two points, quantiles, rows of a table."""
+"""Laws of measured numbers: quantiles, two points, rows of a table, and jointly normal numbers."""
 
 from __future__ import annotations
 
@@ -44,9 +44,6 @@ from precision_pin.draws.laws.projection import (
     triangular_root,
 )
 from precision_pin.render.display_units import WrittenUnit
-
-_BYTES: Final = 300.0
-"""Memory for each sample, as tuples and as arrays."""
 
 _COLUMN_FILE: Final = object_schema({"file": {"type": "string"}, "column": {"type": "string"}}, "file")
 _EMPIRICAL_SCHEMA: Final[Mapping[str, Any]] = {
@@ -105,12 +102,11 @@ class Empirical(BoundedLaw):
             raise InputError(
                 f"the quantiles of an empirical law must go from probability 0 to 1, these go from {p[0]:g} to {p[-1]:g}"
             )
-        for k in (np.flatnonzero((np.diff(p) < 0) | (np.diff(x) < 0))[:1] + 1).tolist():
-            for what, values in (("probability", p), ("value", x)):
-                if values[k] < values[k - 1]:
-                    raise InputError(
-                        f"the quantiles of an empirical law must rise, but the {what} {values[k]:g} follows {values[k - 1]:g}"
-                    )
+        for k in np.flatnonzero((np.diff(p) < 0) | (np.diff(x) < 0)).tolist():
+            what, values = ("probability", p) if p[k + 1] < p[k] else ("value", x)
+            raise InputError(
+                f"the quantiles of an empirical law must rise, but the {what} {values[k + 1]:g} follows {values[k]:g}"
+            )
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Empirical:
@@ -147,21 +143,13 @@ class Empirical(BoundedLaw):
         if isinstance(samples, Iterable) and not isinstance(samples, str | bytes | np.ndarray):
             samples = list(samples)
         x = check_numbers("the samples of an empirical law", samples, (None,), "a list of finite numbers")
-        check_memory(_BYTES * x.size, f"an empirical law of {x.size:,} samples", "give fewer, or its quantiles")
+        # memory of each sample, as tuples and as arrays
+        check_memory(300.0 * x.size, f"an empirical law of {x.size:,} samples", "give fewer, or its quantiles")
         x = np.sort(x)
         if not x.size:
             raise InputError("an empirical law needs at least one sample")
         p = np.concatenate([[0.0], (np.arange(x.size) + 0.5) / x.size, [1.0]])
         return cls(cast("Any", np.column_stack([p, np.concatenate([x[:1], x, x[-1:]])])))
-
-    @property
-    def sample_count(self) -> int | None:
-        """Number of samples behind the law; None if :meth:`from_samples` would not make this table."""
-        p, x = self._knots
-        count = p.size - 2
-        if count < 1 or x[0] != x[1] or x[-1] != x[-2]:
-            return None
-        return count if np.array_equal(p[1:-1], (np.arange(count) + 0.5) / count) else None
 
     @cached_property
     @returns_read_only
@@ -214,15 +202,19 @@ class Empirical(BoundedLaw):
     @property
     def measured(self) -> Array | None:
         """The samples; None if :meth:`from_samples` would not make this table."""
-        return np.array(self.quantiles[1:-1], dtype=float)[:, 1:] if self.sample_count is not None else None
+        p, x = self._knots
+        count = p.size - 2
+        if count < 1 or x[0] != x[1] or x[-1] != x[-2]:
+            return None
+        return x[1:-1, None] if np.array_equal(p[1:-1], (np.arange(count) + 0.5) / count) else None
 
     def cumulants(self) -> Array:
         """Return the cumulants of the lines, exactly, by Gauss-Legendre quadrature with four nodes."""
-        begin, value, _, end = self.segments.T
+        _, value, _, end = self.segments.T
         nodes, weights = np.polynomial.legendre.leggauss(4)
         middles = (1 + nodes[:, None]) / 2
         values = (value + middles * (end - value)).reshape(-1, 1)
-        return cumulants_of(values, (weights[:, None] / 2 * np.diff(np.append(begin, 1.0))).ravel())
+        return cumulants_of(values, (weights[:, None] / 2 * self._shares).ravel())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         low, high = self.ends
@@ -236,7 +228,7 @@ class Empirical(BoundedLaw):
     def projection(self, weights: Array) -> Lines:
         w = float(weights[0])
         begins, stops = (w * (self.segments[:, column] - self.mean_vector) for column in (1, 3))
-        return Lines.of(np.diff(np.append(self.segments[:, 0], 1.0)), begins, stops)
+        return Lines.of(self._shares, begins, stops)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return Σ Δp exp(i t (a + b)/2) sin(t (b - a)/2)/(t (b - a)/2) over the lines from a to b, t ``(1, …)``."""
@@ -251,7 +243,7 @@ class Empirical(BoundedLaw):
 
     @cached_property
     def _shares(self) -> Array:
-        return np.diff(np.append(self.segments[:, 0], 1.0))
+        return np.diff(self.cell_edges)
 
 
 def _column(reader: SheetReader, table: Measured, where: Place, *others: str) -> tuple[float, ...]:
@@ -322,13 +314,9 @@ class TwoPoint(BoundedLaw):
         return self.centre - self.half_width, self.centre + self.half_width
 
     @property
-    def threshold(self) -> float:
-        """The uniform number above which the upper value is drawn."""
-        return 1 - self.probability
-
-    @property
     def breaks(self) -> tuple[float, ...]:
-        return (self.threshold,)
+        """The uniform number above which the upper value is drawn."""
+        return (1 - self.probability,)
 
     @property
     def mean_vector(self) -> Array:
@@ -342,11 +330,11 @@ class TwoPoint(BoundedLaw):
 
     def sample(self, variates: Array) -> Array:
         """Return the upper value for u above 1 - p, else the lower one."""
-        return self.centre + np.where(variates > self.threshold, self.half_width, -self.half_width)
+        return self.centre + np.where(variates > self.breaks[0], self.half_width, -self.half_width)
 
     @property
     def cell_edges(self) -> Array:
-        return np.array([0.0, self.threshold, 1.0])
+        return np.array([0.0, *self.breaks, 1.0])
 
     def cumulants(self) -> Array:
         half, p = self.half_width, self.probability
@@ -358,11 +346,11 @@ class TwoPoint(BoundedLaw):
         return f"{unit(low)} or {unit(high)}, the latter with probability {100 * self.probability:.6g} %"
 
     def kernel_row(self) -> KernelRow:
-        return KernelRow("two_point", np.array([self.centre, self.half_width, self.threshold]))
+        return KernelRow("two_point", np.array([self.centre, self.half_width, *self.breaks]))
 
     def projection(self, weights: Array) -> Lines:
         ends = float(weights[0]) * (np.array(self.ends) - self.mean_vector)
-        return Lines.of(np.array([1 - self.probability, self.probability]), ends, ends)
+        return Lines.of(np.array([*self.breaks, self.probability]), ends, ends)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return (cos(t half_width) + i (2p - 1) sin(t half_width)) exp(i t centre), t ``(1, …)``."""
@@ -372,7 +360,6 @@ class TwoPoint(BoundedLaw):
 
 
 _ROWS_FILE: Final = object_schema({"file": {"type": "string"}, "columns": {"type": "array"}}, "file")
-_ROWS_SCHEMA: Final[Mapping[str, Any]] = {"anyOf": [{"type": "array", "minItems": 1}, _ROWS_FILE]}
 
 
 @final
@@ -392,7 +379,7 @@ class Rows(Law):
         "rows",
         {"rows": [["0.1 mm", "0.2 mm"], ["0 mm", "-0.1 mm"]]},
         "several numbers `.0`, `.1`, … that were measured together: one of the rows, all equally likely",
-        schema=_ROWS_SCHEMA,
+        schema={"anyOf": [{"type": "array", "minItems": 1}, _ROWS_FILE]},
     )
     streamed: ClassVar = range(1)
     """The first variate, which selects the row."""
@@ -495,7 +482,7 @@ class Rows(Law):
 
     def projection(self, weights: Array) -> Lines:
         values = (self.array - self.mean_vector) @ weights
-        return Lines.of(np.full(values.size, 1 / values.size), values, values)
+        return Lines.of(self._shares, values, values)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return the mean of exp(i t·x) over the rows."""
@@ -560,11 +547,8 @@ class JointNormal(Law):
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> JointNormal:
         value = reader.settings["joint_normal"]
-        if (
-            not isinstance(value, Mapping)
-            or set(value) != {"std"}
-            or not isinstance(value["std"], list)
-            or not value["std"]
+        if not (
+            isinstance(value, Mapping) and set(value) == {"std"} and isinstance(value["std"], list) and value["std"]
         ):
             raise reader.error(
                 ("joint_normal",), "joint_normal takes the standard deviations: joint_normal: {std: [0.1 mm, 0.2 mm]}"
@@ -605,17 +589,13 @@ class JointNormal(Law):
     def sample(self, variates: Array) -> Array:
         """Return mean + L z."""
         value: Array = self.mean_vector[:, None] + self.root @ variates
-        if not self.bounds:
-            return value
-        low, high = np.array(self.bounds).T
-        return np.clip(value, low[:, None], high[:, None])
+        return np.clip(value, *np.array(self.bounds).T[:, :, None]) if self.bounds else value
 
     def support(self, direction: ArrayLike) -> float:
         """Return infinity, or w·mean if the law does not vary along w; with bounds that of their box."""
         w = np.asarray(direction, dtype=float)
         if self.bounds:
-            ends = [x * (high if x > 0 else low) for x, (low, high) in zip(w, self.bounds, strict=True) if x]
-            return float(sum(ends))
+            return float(sum(x * ends[int(x > 0)] for x, ends in zip(w, self.bounds, strict=True) if x))
         rounding = 1e-12 * float(np.abs(w) @ np.sqrt(np.diag(self.covariance)))
         return math.inf if np.abs(self.root.T @ w).max() > rounding else float(w @ self.mean_vector)
 
@@ -643,10 +623,9 @@ class JointNormal(Law):
 
     def kernel_row(self) -> KernelRow:
         """Return the mean, the root of the covariance and any bounds, row by row."""
-        root = self.root
-        reaches = np.abs(root).sum(axis=1) * FARTHEST_NORMAL
+        reaches = np.abs(self.root).sum(axis=1) * FARTHEST_NORMAL
         ends = zip((self.mean_vector - reaches).tolist(), (self.mean_vector + reaches).tolist(), strict=True)
-        rows = [self.mean_vector, root]
+        rows = [self.mean_vector, self.root]
         if not self.bounds:
             return KernelRow("joint", np.vstack(rows), tuple(ends))
         within = tuple((max(a, low), min(b, high)) for (a, b), (low, high) in zip(ends, self.bounds, strict=True))
@@ -663,12 +642,11 @@ def _check_bounds(bounds: object, size: int) -> tuple[tuple[float, float], ...]:
     """Return bounds, perhaps infinite, as pairs of floats."""
     if isinstance(bounds, tuple) and not bounds:
         return ()
-    what = f"{size} pairs of a lowest and a highest value, or none"
-    if not isinstance(bounds, tuple | list) or len(bounds) != size:
-        raise InputError(f"the bounds of a joint normal law must be {what}, got {shown(bounds)}")
-    pairs = [pair for pair in bounds if isinstance(pair, tuple | list) and len(pair) == 2]
+    listed = bounds if isinstance(bounds, tuple | list) and len(bounds) == size else ()
+    pairs = [pair for pair in listed if isinstance(pair, tuple | list) and len(pair) == 2]
     ends = [end for pair in pairs for end in pair]
     if len(pairs) != size or not all(isinstance(end, float | int) and not math.isnan(end) for end in ends):
+        what = f"{size} pairs of a lowest and a highest value, or none"
         raise InputError(f"the bounds of a joint normal law must be {what}, got {shown(bounds)}")
     if any(low > high for low, high in pairs):
         raise InputError(f"a lower bound of a joint normal law is above the higher one: {shown(bounds)}")

@@ -10,7 +10,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Final, final
 
 import numpy as np
@@ -138,11 +137,6 @@ class Lines(Fixed, Projection):
     def kinks(self) -> tuple[float, ...]:
         return tuple(np.unique(np.concatenate([self.begins, self.stops])).tolist())
 
-    @property
-    def has_jumps(self) -> bool:
-        """True if some value has its own probability."""
-        return bool((self.begins == self.stops).any())
-
     def cumulative(self, z: Array) -> Array:
         ahead = z[..., None] - self.begins
         length = self.stops - self.begins
@@ -151,7 +145,7 @@ class Lines(Fixed, Projection):
 
     def density(self, z: Array) -> Array:
         """Return the density; NaN if any value has its own probability."""
-        if self.has_jumps:
+        if (self.begins == self.stops).any():
             return np.full_like(z, np.nan)
         inside = (z[..., None] >= self.begins) & (z[..., None] < self.stops)
         return inside @ (self.shares / (self.stops - self.begins))
@@ -260,14 +254,9 @@ def score_panels(breaks: Sequence[float], count: int) -> tuple[Array, Array, Arr
     bends = bends[np.abs(bends) < FARTHEST_NORMAL]
     edges = np.union1d(np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, _PANELS + 1), bends)
     half = np.diff(edges)[:, None] / 2
-    nodes, shares = _rule(count)
+    nodes, shares = np.polynomial.legendre.leggauss(count)
     z = edges[:-1, None] + half * (nodes + 1)
     return z, half * shares * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi), edges
-
-
-@cache
-def _rule(count: int) -> tuple[Array, Array]:
-    return np.polynomial.legendre.leggauss(count)
 
 
 def cumulants_of(values: Array, weights: Array) -> Array:

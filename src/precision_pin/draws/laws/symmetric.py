@@ -366,7 +366,7 @@ class _TruncatedProjection(SymmetricProjection):
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        return tuple((self.reach / self.k * np.array(self.breaks)).tolist())
+        return tuple(self.position(np.array(self.breaks)).tolist())
 
     @property
     def _inner(self) -> float:
@@ -389,8 +389,7 @@ class _TruncatedProjection(SymmetricProjection):
         return self.k * self.scale_to_reach(z)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
-        law = TruncatedNormal(self.reach / self.k, 0.0, self.k)
-        return law.characteristic(frequency[None])
+        return TruncatedNormal(self.reach / self.k, 0.0, self.k).characteristic(frequency[None])
 
     @property
     def characteristic_error(self) -> float:
@@ -406,9 +405,6 @@ class _TruncatedProjection(SymmetricProjection):
         cut = (np.exp(-(omega**2) / 2) + tails) / self._inner
         whole = 2 / (math.sqrt(2 * math.pi) * self._inner * omega)
         return np.minimum(np.minimum(cut, whole), 1.0)
-
-
-_NOT_NEGATIVE: Final = "zero or more and finite"
 
 
 @final
@@ -445,29 +441,31 @@ class Normal(SymmetricLaw):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Normal | TruncatedNormal:
-        value, k = reader.settings["normal"], _read_k(reader)
-        if isinstance(value, Mapping):
-            if set(value) != {"std"}:
-                raise reader.error(
-                    ("normal",),
-                    "normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})",
-                )
-            std = reader.half_width("normal", "std")
-        else:
-            std = reader.half_width("normal") / k
-        mean, truncated = reader.mean(), _read_truncated(reader)
-        if isinstance(value, Mapping) and "k" in reader.settings and not truncated:
+        value = reader.settings["normal"]
+        k = reader.ratio("k") if "k" in reader.settings else 3.0
+        if not k > 0:
+            raise reader.error(("k",), f"k must be positive, got {reader.settings['k']}")
+        is_deviation = isinstance(value, Mapping)
+        if is_deviation and set(value) != {"std"}:
+            reason = "normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})"
+            raise reader.error(("normal",), reason)
+        std = reader.half_width("normal", "std") if is_deviation else reader.half_width("normal") / k
+        mean, truncated = reader.mean(), str(reader.settings.get("truncated", "false")).lower()
+        if truncated not in ("true", "false"):
+            raise reader.error(("truncated",), f"truncated must be true or false, got {reader.settings['truncated']!r}")
+        if truncated == "true":
+            return TruncatedNormal(std, mean, k)
+        if is_deviation and "k" in reader.settings:
             raise reader.error(
                 ("k",), "k has no effect here: {std: …} is the standard deviation itself, and the law is not truncated"
             )
-        return (
-            TruncatedNormal(std, mean, k) if truncated else cls(std, mean, k=None if isinstance(value, Mapping) else k)
-        )
+        return cls(std, mean, k=None if is_deviation else k)
 
     @classmethod
     def from_half_width(cls, half_width: float, mean: float = 0.0, *, k: float = 3.0) -> Normal:
         """Return the law whose half-width is k standard deviations."""
-        half = check_number("the half-width of a normal law", half_width, _NOT_NEGATIVE, lambda value: value >= 0)
+        allowed = "zero or more and finite"
+        half = check_number("the half-width of a normal law", half_width, allowed, lambda value: value >= 0)
         return cls(half / check_number("k", k, "positive and finite", lambda value: value > 0), mean, k=k)
 
     @property
@@ -510,20 +508,6 @@ class Normal(SymmetricLaw):
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
         return np.exp(-((self.std * frequency) ** 2) / 2)
-
-
-def _read_k(reader: SheetReader) -> float:
-    k = reader.ratio("k") if "k" in reader.settings else 3.0
-    if not k > 0:
-        raise reader.error(("k",), f"k must be positive, got {reader.settings['k']}")
-    return k
-
-
-def _read_truncated(reader: SheetReader) -> bool:
-    value = str(reader.settings.get("truncated", "false")).lower()
-    if value not in ("true", "false"):
-        raise reader.error(("truncated",), f"truncated must be true or false, got {reader.settings['truncated']!r}")
-    return value == "true"
 
 
 LARGEST_SCALED_BESSEL: Final = 0.82504
