@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from precision_pin.base.errors import InputError, InternalError
+from precision_pin import InputError
+from precision_pin.base.errors import InternalError
 from precision_pin.draws import expressions
 from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator, Program, sin, sqrt
 

@@ -10,14 +10,27 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from precision_pin import (
+    Correlation,
+    Disc,
+    Draw,
+    Empirical,
+    Fixed,
+    InputError,
+    JointNormal,
+    Lognormal,
+    Normal,
+    Scope,
+    Space,
+    TwoPoint,
+    Uniform,
+)
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.errors import UnknownNameError
 from precision_pin.draws import philox
-from precision_pin.draws.correlation import Correlation
-from precision_pin.draws.draw import MOST_POSES, MOST_VISITS, Draw, Scope, occasion
+from precision_pin.draws.draw import MOST_POSES, MOST_VISITS, occasion
 from precision_pin.draws.expressions import Component, Constant
-from precision_pin.draws.laws import Disc, Empirical, Fixed, JointNormal, Lognormal, Normal, TwoPoint, Uniform
-from precision_pin.draws.space import LabelledSpace, Space
+from precision_pin.draws.space import LabelledSpace
 from support import sampling_checks as reference
 from support.sampling_checks import (
     BLOCK,

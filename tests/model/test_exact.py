@@ -9,21 +9,16 @@ from typing import Annotated, final
 import numpy as np
 import pytest
 
+from precision_pin import Chain, Draw, ErrorModel, InputError, Normal, Posture, Scope, Source, Space, Term, Uniform
 from precision_pin.base import units
-from precision_pin.base.errors import InputError, InternalError, SheetError, UnknownNameError
-from precision_pin.draws.draw import Draw, Scope, Setting
-from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain, Posture
+from precision_pin.base.errors import InternalError, SheetError, UnknownNameError
+from precision_pin.draws.draw import Setting
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.robot.places import Place
-from precision_pin.sources.frame import Frame
-from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.sources.length import Length
+from precision_pin.sources import Frame, JointOffset, Length
 from precision_pin.terms.bound_source import labels
-from precision_pin.terms.source import Source
-from precision_pin.terms.term import JointValue, Term
+from precision_pin.terms.term import JointValue
 from support.oracles import displaced_pose, displacements, virtual_joint_pose
 from support.plain_robot import PlainRobot, chain_of, inserted, joint, link, pose_error, random_arm
 from support.sheets import PAPER_Q, SEVEN_Q, everything, geometry, loads, named, seven_joint_arm

@@ -5,14 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain
+from precision_pin import Chain, ErrorModel, Normal, Space, Uniform
 from precision_pin.robot.examples import PAPER_SHEET
-from precision_pin.sources.beam import Beam
-from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.sources.payload import Payload
+from precision_pin.sources import Beam, JointOffset, Payload
 from support.checks.common import one_link
 from support.sheets import PAPER_Q, SEVEN_Q, everything, geometry, loads, named, seven_joint_arm, spread_out
 

@@ -7,17 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from precision_pin.base.errors import InputError
-from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.model.error_model import ErrorModel
+from precision_pin import ErrorModel, InputError, Normal, Posture, Source, Space, Term, Uniform
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.model.pose_model import tangents
-from precision_pin.robot.chain import Posture
 from precision_pin.robot.examples import shipped_sheets
 from precision_pin.sources import Backlash, Beam, Clearance, Encoder, JointCompliance, Payload
 from precision_pin.terms.bound_source import BoundSource, own_draws, terms_at_many, with_quantities
-from precision_pin.terms.source import Source
-from precision_pin.terms.term import JointValue, Term
+from precision_pin.terms.term import JointValue
 from sources.test_depends_on import ARMS, CASES, Liar, measured
 
 ALONE = {"backlash", "clearance"}

@@ -11,18 +11,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 import precision_pin as pp
+from precision_pin import ErrorModel, Normal, Space, Uniform
 from precision_pin.draws.expressions import signs_of
-from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.approach import ApproachedPose
-from precision_pin.sources.backlash import Backlash
-from precision_pin.sources.bearing_stiffness import BearingStiffness
-from precision_pin.sources.clearance import Clearance
-from precision_pin.sources.joint_compliance import JointCompliance
-from precision_pin.sources.levelling import Levelling
-from precision_pin.sources.payload import Payload
+from precision_pin.sources import Backlash, BearingStiffness, Clearance, JointCompliance, Levelling, Payload
 from precision_pin.terms.term import JointValue, bounds_of
 from support.checks.common import MM, Q7, evaluated, leaning_hand, one_link
 from support.plain_robot import chain_of, joint, link, random_arm, robot
@@ -110,7 +103,7 @@ def test_without_an_approach_the_side_is_that_of_the_mean_load() -> None:
         np.testing.assert_allclose(totals[upright.seat(0)][:3], [-0.013 * MM, 0, 0], atol=1e-18)
 
 
-def arm_with_loads(statics: Any = "nominal") -> ErrorModel:
+def arm_with_loads() -> ErrorModel:
     chain = chain_of(random_arm(14, prismatic=(5,)), tip="tool", gravity=(1.0, -2.0, -9.0))
     torque = chain.at(Q7).load_torque
     loads = [
@@ -127,13 +120,12 @@ def arm_with_loads(statics: Any = "nominal") -> ErrorModel:
         for k, name in enumerate(chain.joint_names)
     ]
     soft = [JointCompliance(joint=name, compliance=1e-6) for name in chain.joint_names]
-    return ErrorModel(chain, Space(), [*loads, *plays, *bearings, *soft], {"here": list(Q7)}, statics=statics)
+    return ErrorModel(chain, Space(), [*loads, *plays, *bearings, *soft], {"here": list(Q7)})
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
-def test_the_compiled_sampler_against_numpy(statics: str) -> None:
-    model = arm_with_loads(statics)
+def test_the_compiled_sampler_against_numpy() -> None:
+    model = arm_with_loads()
     at = model.at("here", approach=[1, -1, 1, -1, 1, -1, 1])
     assert sum(bool(signs_of(term.factors)) for term in at.terms) > 7  # backlash and bearings
     x = model.space.sample(1, 0, 1500)

@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
+from precision_pin import Draw, ErrorModel, Normal, Space, Uniform
 from precision_pin.base.errors import SheetError
-from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component, Program
-from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
-from precision_pin.sources.beam import Beam, point_flexibility, stretch_flexibility, weight_flexibility
-from precision_pin.sources.payload import Payload
+from precision_pin.sources import Beam, Payload
+from precision_pin.sources.beam import point_flexibility, stretch_flexibility, weight_flexibility
 from precision_pin.sources.profiles import MATERIALS, Section, Segment, box, rod, tube
 from support.checks.common import evaluated, one_link
 from support.oracles import torsion_constant

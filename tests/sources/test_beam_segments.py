@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Draw
-from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.model.error_model import ErrorModel
+from precision_pin import Draw, ErrorModel, InputError, Space, Uniform
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.loads import Load
-from precision_pin.sources.beam import Beam
-from precision_pin.sources.joint_compliance import JointCompliance
+from precision_pin.sources import Beam, JointCompliance
 from precision_pin.sources.profiles import Segment
 from support.checks.common import evaluated, one_link
 from support.oracles import Piece, cantilever

@@ -8,13 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Draw
+from precision_pin import Chain, Draw, ErrorModel, InputError, Posture, Source, Space, Term, Uniform
 from precision_pin.draws.expressions import Component
-from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain, Posture
+from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.loads import Load
 from precision_pin.sources import (
     AxisInstall,
@@ -37,8 +33,8 @@ from precision_pin.sources import (
     Transmission,
     catalogue,
 )
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import JointValue, Term
+from precision_pin.terms.source import Dependence
+from precision_pin.terms.term import JointValue
 from support.checks.common import one_link
 from support.dependence import hidden_dependence
 from support.plain_robot import chain_of, random_arm

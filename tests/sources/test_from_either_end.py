@@ -10,25 +10,24 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from precision_pin import Chain, ErrorModel, Space, Uniform
 from precision_pin.analyses.budget.shares import by_place
-from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain
-from precision_pin.sources.axis_install import AxisInstall
-from precision_pin.sources.backlash import Backlash
-from precision_pin.sources.beam import Beam
-from precision_pin.sources.bearing_stiffness import BearingStiffness
-from precision_pin.sources.clearance import Clearance
-from precision_pin.sources.encoder import Encoder
-from precision_pin.sources.joint_compliance import JointCompliance
-from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.sources.length import Length
-from precision_pin.sources.payload import Payload
+from precision_pin.sources import (
+    AxisInstall,
+    Backlash,
+    Beam,
+    BearingStiffness,
+    Clearance,
+    Encoder,
+    JointCompliance,
+    JointOffset,
+    Length,
+    Payload,
+    Thermal,
+    Transmission,
+)
 from precision_pin.sources.places import direction_of
 from precision_pin.sources.profiles import Segment
-from precision_pin.sources.thermal import Thermal
-from precision_pin.sources.transmission import Transmission
 from support.checks.beam import integrals
 from support.checks.common import evaluated, in_base
 from support.plain_robot import PlainRobot, chain_of, joint, link, robot, unit

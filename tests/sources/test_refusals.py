@@ -7,11 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from precision_pin.base.errors import InputError, SheetError, UnknownNameError
-from precision_pin.draws.laws import Fixed, Normal, Uniform
-from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain
+from precision_pin import Chain, ErrorModel, Fixed, InputError, Normal, Space, Uniform
+from precision_pin.base.errors import SheetError, UnknownNameError
 from precision_pin.sources import catalogue
 from precision_pin.sources.profiles import Segment
 from support.checks.common import one_link

@@ -5,13 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Scope
-from precision_pin.draws.laws import TruncatedNormal
-from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.sources.table import Table
-from precision_pin.sources.transmission import Transmission
+from precision_pin import ErrorModel, InputError, Scope, Space, TruncatedNormal
+from precision_pin.sources import Table, Transmission
 from support.checks.places import CORRELATION, PLANE, STD, rows
 from support.engines import check_engines, written
 

@@ -39,7 +39,7 @@ class BoundSource:
     def made(self, what: Literal["loads", "gravity", "terms"], posture: Posture) -> Iterable[Any]:
         """Return what a method of the source yields: terms at a posture with all loads, others without those of sources."""
         if not self.is_same_everywhere:
-            return getattr(self.source, what)(posture, self.view)  # type: ignore[no-any-return]
+            return getattr(self.source, what)(posture, self.view)
         if what not in self._results:
             self._results[what] = tuple(getattr(self.source, what)(posture, self.view))
         return self._results[what]
