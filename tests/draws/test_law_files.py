@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib.util
-import itertools
 import math
 import sys
 from dataclasses import dataclass
@@ -16,7 +15,6 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.analyses.exact_law.number_law import ConvolvedLaw, SeriesLaw, Summand, certified_series
 from precision_pin.base.arrays import Array
 from precision_pin.base.units import LENGTH
 from precision_pin.draws import laws
@@ -168,31 +166,6 @@ def test_an_added_law_is_sampled_alike_by_both_engines_and_known_to_the_analyses
     assert pp.budget(model, "p").poses[0].std["position.y"] == pytest.approx(size * math.sqrt(VARIANCE), rel=1e-6)
 
 
-@pytest.mark.slow
-def test_sums_with_an_added_law_are_those_of_its_uniform_parts(trapezoid: Any) -> None:
-    """Convolution and Fourier series, against the distribution of a sum of uniform numbers by truncated powers."""
-    part, third = trapezoid(A, B).projection(np.ones(1)), pp.Uniform(A / 2).projection(np.ones(1))
-    halves = [(A + B) / 2, (A - B) / 2, A / 2]
-    x = np.linspace(-1.9 * A, 1.9 * A, 41)
-    np.testing.assert_allclose(ConvolvedLaw.of(0.0, part, third).cumulative(x), sum_of_uniforms(halves, x), atol=1e-9)
-    summands = [
-        Summand(p.within, p.is_bounded, p.envelope, p.characteristic, p.characteristic_error)
-        for p in (part, part, third, third)
-    ]
-    series = certified_series(0.0, 0.0, summands, 1e-6)
-    assert isinstance(series, SeriesLaw)
-    known = sum_of_uniforms(2 * halves, x)
-    assert np.abs(series.cumulative(x) - known).max() < series.error < 1e-6
-
-
-def sum_of_uniforms(halves: list[float], x: Array) -> Array:
-    """P(Σ u_k ≤ x) of independent u_k within ± their half-widths: Σ ± (x ± h_1 ± …)₊ⁿ / (n! Π 2h), a sign for each minus."""
-    total = np.zeros_like(x)
-    for signs in itertools.product((1, -1), repeat=len(halves)):
-        total += math.prod(signs) * np.maximum(x + np.dot(signs, halves), 0) ** len(halves)
-    return total / (math.factorial(len(halves)) * math.prod(2 * half for half in halves))
-
-
 # defaults ------------------------------------------------------------------------------------------------------------
 
 
@@ -335,21 +308,10 @@ def test_the_example_of_a_form_is_read_with_each_option() -> None:
 
 
 NAMED = {
-    # a name that could not be read as anything must stand for something while the rest of a sheet is read
-    "sheet/reader.py": {"Fixed"},
-    # loops of rare laws are compiled for the types of any space that has one
-    "kernel/arrays.py": {"Disc"},
-    # what is left uncertain is normal, and geometric errors of one size
-    "draws/space.py": {"JointNormal"},
-    "model/error_model.py": {"Normal"},
+    # what a name that could not be read stands for, rare loops, what is left uncertain, geometric errors of one size
+    *("sheet/reader.py", "kernel/arrays.py", "draws/space.py", "model/error_model.py"),
     # the physics of a source says what its own draws follow
-    "sources/axis_install.py": {"Disc"},
-    "sources/backlash.py": {"Uniform"},
-    "sources/clearance.py": {"Circle", "Disc", "Uniform"},
-    "sources/covariance.py": {"JointNormal"},
-    "sources/encoder.py": {"Uniform"},
-    "sources/periodic.py": {"Circle"},
-    "sources/table.py": {"Rows"},
+    *(f"sources/{name}.py" for name in ["axis_install", "backlash", "clearance", "covariance", "encoder", "periodic", "table"]),
 }
 """Files outside draws/laws that name a law, to draw from it."""
 
@@ -379,16 +341,7 @@ def asked_classes(path: Path) -> set[str]:
 
 @pytest.mark.slow
 def test_no_other_file_names_a_law_and_those_that_do_draw_from_it() -> None:
-    found: dict[str, Any] = {}
-    for path in FILES:
-        relative = path.relative_to(PACKAGE)
-        if relative.parts[:2] != ("draws", "laws") and str(relative) != "__init__.py":
-            names = law_names(path)
-            if names:
-                found[relative.as_posix()] = names
-    assert found == NAMED
-    assert not {
-        name: asked_classes(PACKAGE / name) & NAMED[name]
-        for name in NAMED
-        if asked_classes(PACKAGE / name) & NAMED[name]
-    }
+    found = {path.relative_to(PACKAGE).as_posix(): law_names(path) for path in FILES}
+    outside = {name for name in found if not name.startswith("draws/laws/") and name != "__init__.py"}
+    assert {name for name in outside if found[name]} == NAMED
+    assert not [name for name in NAMED if asked_classes(PACKAGE / name) & found[name]]

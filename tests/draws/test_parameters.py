@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from precision_pin import InputError
 from precision_pin.base.errors import InternalError
 from precision_pin.draws import expressions
-from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator, Program, sin, sqrt
+from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator, Program, sqrt
 
 INDEX = {"a": 0, "b": 1, "c": 2}
 A, B, C = (Component(name) for name in INDEX)
@@ -79,14 +79,6 @@ def test_common_parts_are_computed_once() -> None:
     assert len(program.operations) == 6
     assert program.outputs[1] == program.outputs[2]
     assert sorted(program.constants) == [1, 2, 4]
-
-
-def test_arguments_stand_before_what_uses_them() -> None:
-    program = Program.compile([sin(A * B + C) / sqrt(C), A * B], INDEX)
-    start = len(INDEX) + len(program.constants)
-    for step, (_, left, right) in enumerate(program.operations):
-        assert 0 <= left < start + step
-        assert 0 <= right < start + step
 
 
 def test_operator_numbers_are_the_interface_of_the_kernel() -> None:

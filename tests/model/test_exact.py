@@ -1,27 +1,24 @@
-"""The exact engine against the definition of places and against Pinocchio; what must not matter to it; a source of a user."""
+"""The exact engine against the definition of places and Pinocchio, its first-order models, and what must not matter."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
 
 import numpy as np
 import pytest
 
-from precision_pin import Chain, Draw, ErrorModel, InputError, Normal, Posture, Scope, Source, Space, Term, Uniform
-from precision_pin.base import units
-from precision_pin.base.errors import InternalError, SheetError, UnknownNameError
-from precision_pin.draws.draw import Setting
+from precision_pin import Chain, Draw, ErrorModel, InputError, Normal, Scope, Source, Space, Term, Uniform
+from precision_pin.base.errors import InternalError, UnknownNameError
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.robot.places import Place
-from precision_pin.sources import Frame, JointOffset, Length
+from precision_pin.sources import Beam, Frame, JointOffset, Length, Payload
 from precision_pin.terms.bound_source import labels
 from precision_pin.terms.term import JointValue
+from support.checks.common import one_link
 from support.oracles import displaced_pose, displacements, virtual_joint_pose
-from support.plain_robot import PlainRobot, chain_of, inserted, joint, link, pose_error, random_arm
-from support.sheets import PAPER_Q, SEVEN_Q, everything, geometry, loads, named, seven_joint_arm
+from support.plain_robot import inserted, pose_error
+from support.sheets import PAPER_Q, SEVEN_Q, everything, geometry, loads, named, seven_joint_arm, spread_out
 
 NOTHING = np.zeros((0, 1))
 
@@ -124,16 +121,6 @@ def test_a_place_adds_what_several_sources_do_to_it():
     np.testing.assert_allclose(apart, together, atol=1e-15)
 
 
-def test_the_end_comes_before_the_seat():
-    chain = seven_joint_arm()
-    both = [Frame(joint="joint3", rx=0.5), Frame(link="link2", ry=0.7)]
-    at = ErrorModel(chain, Space(), both).at(SEVEN_Q)
-    origin = at.posture.place_pose(chain.end(2))
-    moved = origin @ inserted([0, 0, 0, 0, 0.7, 0]) @ inserted([0, 0, 0, 0.5, 0, 0]) @ np.linalg.inv(origin)
-    expected = pose_error(moved @ at.posture.pose, at.posture.pose)
-    np.testing.assert_allclose(at.exact(NOTHING)[:, 0], expected, atol=1e-14)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Custom(Source):
     """Turns a place of its own about z."""
@@ -210,25 +197,6 @@ def by_name(model: ErrorModel, x) -> dict[str, np.ndarray]:
     return dict(zip(model.space.components, x, strict=True))
 
 
-def test_the_order_of_sources_does_not_matter():
-    chain = seven_joint_arm()
-    space, laden = loads()
-    sources = [*laden, *geometry(chain), Frame(joint="joint4", x=Normal(1e-3)), Frame(joint="joint4", x=Uniform(1e-3))]
-    shuffled = [sources[k] for k in np.random.default_rng(0).permutation(len(sources))]
-    draws = [space.draws[k] for k in np.random.default_rng(0).permutation(len(space.draws))]
-    one, two = ErrorModel(chain, space, sources), ErrorModel(chain, Space(tuple(draws)), shuffled)
-    x, y = (model.space.sample(9, 5, 40) for model in (one, two))
-    assert set(one.space.components) == set(two.space.components)
-    for name, row in by_name(one, x).items():
-        np.testing.assert_array_equal(row, by_name(two, y)[name], err_msg=name)
-    a, b = one.at(SEVEN_Q), two.at(SEVEN_Q)
-    np.testing.assert_allclose(a.exact(x), b.exact(y), atol=1e-14)
-    np.testing.assert_allclose(a.linear(x), b.linear(y), atol=1e-14)
-    columns = [two.space.index[name] for name in one.space.components]
-    np.testing.assert_allclose(a.jacobian, b.jacobian[:, columns], rtol=1e-11, atol=1e-12)
-    assert a.table.targets == b.table.targets
-
-
 def test_two_sources_with_one_label_get_draws_of_their_own():
     chain = seven_joint_arm()
     pair = [Frame(joint="joint4", x=Uniform(1e-3)), Frame(joint="joint4", x=Uniform(2e-3))]
@@ -262,30 +230,6 @@ def test_a_shared_parameter_is_one_number_and_one_name_with_two_laws_is_refused(
         sharing(Uniform(1e-3), Uniform(2e-3))
 
 
-def test_turning_base_and_gravity_together_leaves_the_errors_in_tool_axes():
-    text = random_arm(51, prismatic=(4,))
-    mount = joint("mount", "fixed", "ground", "base", (0, 0, 0), (0.3, -0.4, 1.2))
-    turned = text.replace('<robot name="arm">', f'<robot name="arm">{link("ground")}{mount}')
-    rotation = PlainRobot.parse(turned).poses({})["base"][:3, :3]
-    gravity = (0.5, -1.0, -9.0)
-    straight = everything(chain_of(text, tip="tool", gravity=gravity))
-    tilted = everything(chain_of(turned, tip="tool", gravity=tuple(rotation @ gravity)))
-    # the base mounting stands in axes that turn with the base, so all sources may stay
-    sources = [source for source in straight.sources if source.subject != "base"]
-    assert len(sources) == len(straight.sources) - 1
-    straight, tilted = (ErrorModel(model.chain, named(model), sources) for model in (straight, tilted))
-    assert straight.space.components == tilted.space.components
-    x = straight.space.sample(4, 0, 20)
-    for name in ("exact", "linear"):
-        results = []
-        for model in (straight, tilted):
-            at = model.at(SEVEN_Q)
-            tool = at.posture.pose[:3, :3].T
-            error = getattr(at, name)(x)
-            results.append(np.concatenate([tool @ error[:3], tool @ error[3:]]))
-        np.testing.assert_allclose(results[0], results[1], atol=1e-12)
-
-
 def test_scopes_reach_the_draws():
     chain = seven_joint_arm()
     laws = [Draw("", Uniform(1e-3), scope) for scope in Scope]
@@ -310,55 +254,114 @@ def test_poses_by_name_in_order_and_by_default():
         ErrorModel(chain, Space(), []).at()
 
 
-# a source that the package does not know -----------------------------------------------------------------------------
-
-EXPANSION = units.Quantity("thermal expansion", "1/K", {"1/K": 1.0, "um/(m*K)": 1e-6})
-TEMPERATURE = units.Quantity("temperature difference", "K", {"K": 1.0})
+HALVINGS = (1.0, 0.5, 0.25, 0.125)
 
 
-@final
-@dataclass(frozen=True, kw_only=True)
-class ThermalGrowth(Source):
-    """A link grows along itself by length × expansion × warming."""
-
-    link: str
-    expansion: Annotated[Setting, EXPANSION]
-    warming: Annotated[Setting, TEMPERATURE]
-
-    @property
-    def subject(self) -> str:
-        return self.link
-
-    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        chain = posture.chain
-        place = chain.end(chain.link_frame(self.link).link)
-        growth = np.concatenate([place.frame[:3, :3].T @ place.frame[:3, 3], np.zeros(3)])
-        expansion = space.value("expansion", self.expansion)
-        yield Term.of(place, growth, expansion, space.value("warming", self.warming))
+def paper_model() -> ErrorModel:
+    return ErrorModel.load(PAPER_SHEET)
 
 
-def test_a_source_of_a_user_from_a_sheet(tmp_path):
-    """Link 2 is 1.97 m long, its x in the base at q = (-90, 3, …)° is (0, -cos 3°, -sin 3°)."""
+def paper_model_with_random_masses() -> ErrorModel:
+    """Return the paper's arm with random payload, stiffness and compliance beside its tolerances."""
+    model = paper_model()
+    loaded = [
+        Payload(at="tool", mass=Uniform(0.2, mean=1.0), com=(Normal(0.02), Uniform(0.03), Normal(0.02))),
+        Beam(link="link2", EI=Uniform(800.0, mean=8000.0), GI=Normal(200.0, mean=4000.0), EA=1e7),
+        Beam(link="link3", EI=Uniform(800.0, mean=8000.0), GI=Normal(50.0, mean=1000.0)),
+    ]
+    rest = [source for source in model.sources if source.kind() not in ("payload", "beam")]
+    return ErrorModel(model.chain, named(model), [*rest, *loaded])
 
-    def load(warming: str, kinds: list[type[Source]]) -> ErrorModel:
-        (tmp_path / "warm.yaml").write_text(
-            f"precision-pin: 1\nrobot: {PAPER_SHEET.parent / '4dof.urdf'}\ntip: tool\nposes:\n  paper: -90 3 88 -91 deg\n"
-            "sources:\n  - thermal_growth: {link: link2, expansion: {uniform: 1 um/(m*K), mean: 12 um/(m*K)}, "
-            f"warming: {warming}}}\n"
-        )
-        return ErrorModel.load(tmp_path / "warm.yaml", kinds=kinds)
 
-    model = load("{normal: {std: 5 K}, mean: 10 K}", [ThermalGrowth])
-    (source,) = model.sources
-    assert isinstance(source, ThermalGrowth)
-    assert model.space.components == ("thermal_growth[link2].expansion", "thermal_growth[link2].warming")
-    np.testing.assert_allclose(model.space.mean, [12e-6, 10.0])
-    growth = 1.97 * 12e-6 * 10.0
-    expected = growth * np.array([0, -np.cos(np.radians(3)), -np.sin(np.radians(3))])
-    np.testing.assert_allclose(model.at("paper").exact(model.space.mean[:, None])[:3, 0], expected, atol=1e-15)
-    for warming, kinds, message in (
-        ("10 K", [], "unknown kind of source 'thermal_growth'"),
-        ("10 mm", [ThermalGrowth], "K"),
-    ):
-        with pytest.raises(SheetError, match=rf"warm\.yaml:7: error E_\w+: .*{message}"):
-            load(warming, kinds)
+CASES = {
+    "paper": (paper_model, PAPER_Q),
+    "paper, random masses": (paper_model_with_random_masses, PAPER_Q),
+    "seven joints": (lambda: everything(seven_joint_arm()), SEVEN_Q),
+    "seven joints that turn": (lambda: everything(seven_joint_arm(prismatic=())), SEVEN_Q),
+}
+
+
+@pytest.mark.parametrize("name", ["paper", "seven"])
+def test_superposition_is_of_second_order_without_gravity_and_with_zero_means(name):
+    if name == "paper":
+        loaded = paper_model()
+        chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
+        sources = [source for source in loaded.sources if source.kind() in ("length", "axis_install")]
+        model, q = ErrorModel(chain, named(loaded), sources), PAPER_Q
+    else:
+        chain = seven_joint_arm(gravity=(0, 0, 0))
+        model, q = ErrorModel(chain, Space(), geometry(chain)), SEVEN_Q
+    np.testing.assert_array_equal(model.space.mean, 0)
+    at = model.at(q)
+    delta = spread_out(model, 1)
+    remainders = [np.linalg.norm(at.exact(s * delta[:, None]) - at.linear(s * delta[:, None])) for s in HALVINGS]
+    slope = np.polyfit(np.log2(HALVINGS), np.log2(remainders), 1)[0]
+    assert slope == pytest.approx(2.0, abs=0.05)
+    np.testing.assert_allclose(at.jacobian, at.linear(np.eye(model.space.size)), rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_tangent_against_finite_differences(case):
+    """Fourth-order differences over a tenth of a deviation or so, every column to 1e-7 of its size."""
+    build, q = CASES[case]
+    model = build()
+    check_columns(model, model.at(q))
+
+
+def check_columns(model: ErrorModel, at) -> None:
+    mean = model.space.mean
+    np.testing.assert_array_equal(at.tangent[0], at.exact(mean[:, None])[:, 0])
+    steps = np.maximum(np.abs(mean) * 1e-3, 1e-4)
+    points = np.repeat(mean[:, None], 4 * model.space.size, axis=1)
+    for k, step in enumerate(steps):
+        points[k, 4 * k : 4 * k + 4] += step * np.array([-2, -1, 1, 2])
+    values = at.exact(points).reshape(6, -1, 4)
+    slopes = values @ np.array([1, -8, 8, -1]) / 12 / steps
+    for k, name in enumerate(model.space.components):
+        size = np.abs(slopes[:, k]).max()
+        np.testing.assert_allclose(at.jacobian[:, k], slopes[:, k], rtol=0, atol=max(1e-7 * size, 1e-12), err_msg=name)
+
+
+def test_products_of_three_factors_and_derived_parameters_have_their_slopes():
+    chain = seven_joint_arm(prismatic=())
+    space, sources = loads()
+    model = ErrorModel(chain, space, sources)
+    at = model.at(SEVEN_Q)
+    assert max(len(term.factors) for term in at.terms) == 3
+    assert len(at.table.program.operations) > 5
+    check_columns(model, at)
+    # at a parameter whose mean is zero, whose products have no other slope
+    zero = model.space.index["payload[tool]#2.com[1]"]
+    assert model.space.mean[zero] == 0
+    assert np.abs(at.jacobian[:, zero]).max() > 1e-5
+
+
+def test_the_covariance_is_that_of_the_tangent():
+    model = everything(seven_joint_arm())
+    at = model.at(SEVEN_Q)
+    draws = np.linalg.cholesky(model.space.covariance + 1e-40 * np.eye(model.space.size))
+    np.testing.assert_allclose(at.covariance, at.jacobian @ model.space.covariance @ at.jacobian.T, rtol=1e-14)
+    spread = at.jacobian @ draws
+    np.testing.assert_allclose(at.covariance, spread @ spread.T, rtol=1e-9)
+
+
+def test_without_gravity_no_load_displaces_anything():
+    chain = seven_joint_arm(gravity=(0, 0, 0))
+    space, laden = loads()
+    at = ErrorModel(chain, space, laden).at(SEVEN_Q)
+    x = at.space.sample(1, 0, 10)
+    np.testing.assert_array_equal(at.linear(x), 0)
+    np.testing.assert_allclose(at.exact(x), 0, atol=1e-14)
+    np.testing.assert_array_equal(at.jacobian, 0)
+
+
+@pytest.mark.parametrize(("half_width", "warned"), [(0.080, True), (0.093, False)])
+def test_superposition_stretched_is_warned_about(half_width, warned):
+    """A fixed turn of 0.1 rad at 1 m: superposition is 5.0 mm off; a tenth of the spread is t/√3/10 and a bit."""
+    chain = one_link()
+    sources = [JointOffset(joint="hinge", offset=Uniform(half_width, mean=0.1))]
+    at = ErrorModel(chain, Space(), sources).at([0.0])
+    gap = np.hypot(np.cos(0.1) - 1, np.sin(0.1) - 0.1)
+    assert bool(gap > 0.1 * half_width / np.sqrt(3)) is warned
+    assert ([finding.code for finding in at.findings("linear")] == ["W_SUPERPOSITION"]) is warned
+    assert at.findings("exact") == ()

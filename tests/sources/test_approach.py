@@ -10,11 +10,9 @@ from scipy import optimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-import precision_pin as pp
 from precision_pin import ErrorModel, Normal, Space, Uniform
 from precision_pin.draws.expressions import signs_of
 from precision_pin.kernel import sampler
-from precision_pin.robot.approach import ApproachedPose
 from precision_pin.sources import Backlash, BearingStiffness, Clearance, JointCompliance, Levelling, Payload
 from precision_pin.terms.term import JointValue, bounds_of
 from support.checks.common import MM, Q7, evaluated, leaning_hand, one_link
@@ -251,27 +249,6 @@ def test_equilibrium_of_an_arm_on_a_tilting_bearing():
     at = ErrorModel(chain, Space(), sources, statics="equilibrium").at([0.0])
     expected = [np.cos(angle) - 1, 0, -np.sin(angle) - weight / 1e5, 0, angle, 0]
     np.testing.assert_allclose(at.exact(NOTHING)[:, 0], expected, atol=1e-11)
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
-def test_many_poses_with_their_own_approaches_are_those_of_each_alone() -> None:
-    model = hinge_with_load()
-    q = np.array([[0.0, 0.1, 0.1, 0.05]])
-    many = pp.sample_poses(model, q, approach="previous", samples=3000, seed=4)
-    assert many.approaches is not None
-    assert many.approaches.tolist() == [[0, 1, 1, -1]]
-    for k, approach in enumerate((None, "hinge +", "hinge +", "hinge -")):
-        alone = pp.monte_carlo(model, q[:, k], approach=approach, samples=3000, seed=4)
-        np.testing.assert_allclose(many.mean[:, k], alone.summary.mean, rtol=0, atol=1e-15)
-    assert many.to_xarray()["approach"].sel(joint="hinge").values.tolist() == [0, 1, 1, -1]
-    assert "approach" not in pp.sample_poses(model, q, samples=100).to_xarray()
-    given = [entry["pose"].get("approach") for entry in many.to_dict()["poses"]]
-    assert given == [None, {"hinge": "+"}, {"hinge": "+"}, {"hinge": "-"}]
-    listed = [[0.0], ApproachedPose([0.1], "previous"), ApproachedPose([0.1], "previous"), ApproachedPose([0.05], [-1])]
-    again = pp.sample_poses(model, listed, samples=3000, seed=4)
-    np.testing.assert_array_equal(again.mean, many.mean)
-    np.testing.assert_array_equal(again.between(0, 1), many.between(0, 1))
 
 
 def test_bounds_of_a_load_hold_all_robots() -> None:

@@ -27,64 +27,39 @@ from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import catalogue
 from support.package_code import FILES, PACKAGE, import_statements, tree
 
-CODE = '''"""Guides that sag."""
-
+CODE = """
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated
 
 import numpy as np
 
-from precision_pin.base import units
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.draw import Draw, Setting
-from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.chain import Posture
-from precision_pin.terms.source import Dependence, Source
-from precision_pin.terms.term import Term
-
-__all__ = ["Sagging"]
+from precision_pin.terms import Draw, Setting, Source, Term, units
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Rail:
-    """A rail of the guide: how far down it is."""
-
     sag: Annotated[Setting, units.LENGTH]
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Sagging(Source):
-    """Guides that sag: a link's end moves down by the sags of its rails, and tilts by a side that is random."""
-
     link: str
     rails: tuple[Rail, ...]
+    depends_on = "chain"
 
-    @property
-    def subject(self) -> str:
-        """The link."""
-        return self.link
-
-    @property
-    def depends_on(self) -> Dependence:
-        """The chain."""
-        return "chain"
-
-    def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return the tilt."""
+    def own_draws(self, label):
         return (Draw(f"{label}.tilt", Uniform(1e-4), quantities=(units.ANGLE,)),)
 
-    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        """Yield a term for each rail, and the tilt."""
+    def terms(self, posture, space):
         place = posture.chain.end(posture.chain.link_frame(self.link).link)
         for k, rail in enumerate(self.rails):
             yield Term.of(place, [0, 0, -1.0, 0, 0, 0], space.value(f"rails[{k}].sag", rail.sag))
         yield Term.of(place, np.eye(6)[3], space.component("tilt"))
-'''
+"""
+"""Guides that sag: a link's end moves down by the sags of its rails, and tilts by a side that is random."""
 SHEET = f"""precision-pin: 1
 robot: {PAPER_SHEET.parent / "4dof.urdf"}
 tip: tool
@@ -128,12 +103,8 @@ def run(folder, monkeypatch, capsys):
 def test_a_new_source_takes_one_file(folder, run):
     assert len(list((folder / "more_sources").glob("*.py"))) == 1
     assert "sagging" in sources.catalogue()
-    assert set(json.loads(run("schema"))["$defs"]["sagging"]["properties"]) == {
-        "link",
-        "rails",
-        "assumed",
-        "provenance",
-    }
+    properties = json.loads(run("schema"))["$defs"]["sagging"]["properties"]
+    assert set(properties) == {"link", "rails", "assumed", "provenance"}
     assert json.loads(run("check", "arm.errors.yaml", "--json")) == {"errors": [], "warnings": []}
 
 
@@ -147,12 +118,8 @@ def test_its_numbers_are_known_by_owner_and_quantity(folder):
         "sagging[link2].tilt": ("sagging[link2]",),
     }
     # by the setting, by the unit in the sheet, by the setting of a part, and as the source says
-    assert [draw.quantities for draw in model.space.draws] == [
-        (units.LENGTH,),
-        (units.MASS,),
-        (units.LENGTH,),
-        (units.ANGLE,),
-    ]
+    quantities = [draw.quantities for draw in model.space.draws]
+    assert quantities == [(units.LENGTH,), (units.MASS,), (units.LENGTH,), (units.ANGLE,)]
 
 
 def test_through_sampling_budget_and_export(folder, run):

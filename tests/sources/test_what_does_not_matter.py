@@ -14,18 +14,15 @@ from precision_pin.sources import (
     Beam,
     BearingStiffness,
     Clearance,
-    Covariance,
     JointCompliance,
     Levelling,
     Mounting,
     Payload,
-    Table,
     Thermal,
     catalogue,
 )
 from precision_pin.terms.term import JointValue, at_means
 from support.checks.common import Q7, one_link
-from support.checks.places import rows
 from support.engines import check_no_spread, written
 from support.oracles import value_of
 from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm
@@ -74,24 +71,6 @@ def test_no_tolerance_or_no_weight_no_spread(kind):
         check_no_spread(model, [0.2])
         if "stiffness" in kind or "stiffness" in settings:
             np.testing.assert_array_equal(model.at([0.2]).exact(model.space.mean[:, None]), np.zeros((6, 1)))
-
-
-def test_one_measured_row_is_no_spread(tmp_path):
-    (tmp_path / "one.csv").write_text("x [mm]\n0.3\n", encoding="utf-8")
-    model = ErrorModel(one_link(), Space(), [Table(joint="hinge", file=tmp_path / "one.csv")])
-    check_no_spread(model, [0.2])
-    assert model.at([0.0]).exact(model.space.mean[:, None])[0, 0] == pytest.approx(0.3e-3, rel=1e-12)
-
-
-def test_a_direction_that_does_not_vary():
-    """Measured in a plane: rank 3, fully correlated."""
-    correlation = np.eye(6)
-    correlation[0, 5] = correlation[5, 0] = 1.0
-    source = Covariance(joint="hinge", std=(1e-4, 1e-4, 0.0, 0.0, 0.0, 1e-3), correlation=rows(correlation))
-    model = ErrorModel(one_link(), Space(), [source])
-    x = model.space.sample(1, 0, 50)
-    np.testing.assert_allclose(x[0] / 1e-4, x[5] / 1e-3, rtol=1e-12)
-    np.testing.assert_array_equal(x[2:5], np.zeros((3, 50)))
 
 
 @pytest.mark.slow
