@@ -372,7 +372,7 @@ class ErrorModel:
         return other
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
-        return tuple(itertools.chain.from_iterable(source.made("terms", posture) for source in self.bound_sources))
+        return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
 
 
 def _settings(source: Source) -> str:

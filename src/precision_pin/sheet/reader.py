@@ -400,7 +400,7 @@ def _try_terms(
     for posture in tried or [chain.at(np.zeros(len(chain.joints)))]:
         for path, one in tuple(bound.items()):
             try:
-                for _ in one.made("terms", load_posture(posture, [one])):
+                for _ in one.terms(load_posture(posture, [one])):
                     pass
             except InputError as error:
                 findings.take(path, error)

@@ -6,15 +6,17 @@ import itertools
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Literal, final
+from typing import Any, final
 
 import numpy as np
 
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import PerJoint, Quantity
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.source import Source
 from precision_pin.terms.table import is_alike
 from precision_pin.terms.term import Term
@@ -36,8 +38,19 @@ class BoundSource:
         kind = type(self.source)
         return kind.loads is not Source.loads or kind.gravity is not Source.gravity
 
-    def made(self, what: Literal["loads", "gravity", "terms"], posture: Posture) -> Iterable[Any]:
-        """Return what a method of the source yields: terms at a posture with all loads, others without those of sources."""
+    def loads(self, posture: Posture) -> Iterable[Load]:
+        """Return the loads of the source, at a posture without the loads of sources."""
+        return self._made("loads", posture)
+
+    def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
+        """Return the source's contributions to gravity, at a posture without the loads of sources."""
+        return self._made("gravity", posture)
+
+    def terms(self, posture: Posture) -> Iterable[Term]:
+        """Return the terms of the source, at a posture with all loads."""
+        return self._made("terms", posture)
+
+    def _made(self, what: str, posture: Posture) -> Iterable[Any]:
         if not self.is_same_everywhere:
             return getattr(self.source, what)(posture, self.view)
         if what not in self._results:
@@ -48,8 +61,8 @@ class BoundSource:
 def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
     """Return a posture with the loads of sources and their contributions to gravity."""
     listed = tuple(sources)
-    loaded = bare.with_loads([load for source in listed for load in source.made("loads", bare)])
-    return loaded.with_tilts([tilt for source in listed for tilt in source.made("gravity", bare)])
+    loaded = bare.with_loads([load for source in listed for load in source.loads(bare)])
+    return loaded.with_tilts([tilt for source in listed for tilt in source.gravity(bare)])
 
 
 def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[BoundSource]) -> tuple[Term, ...] | None:
@@ -70,10 +83,10 @@ def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[Boun
     terms: list[Term] = []
     for source, lonely in zip(sources, alone, strict=True):
         if not lonely:
-            terms += source.made("terms", each[0] if source.is_same_everywhere else together)
+            terms += source.terms(each[0] if source.is_same_everywhere else together)
             continue
         loaded = loaded or [load_posture(posture, sources) for posture in each]
-        first, *others = made = [tuple(source.made("terms", posture)) for posture in loaded]
+        first, *others = made = [tuple(source.terms(posture)) for posture in loaded]
         if not all(len(other) == len(first) and all(map(is_alike, first, other)) for other in others):
             return None
         twists = (np.stack([one[row].twist for one in made], axis=-1) for row in range(len(first)))
