@@ -305,8 +305,10 @@ class LabelledSpace:
                 return setting
             case str():
                 return self.space.parameter(setting)
-            case Draw() | Law():
-                return self.space.parameter(getattr(setting, "name", "") or f"{self.label}.{field}")
+            case Draw(name=name):
+                return self.space.parameter(name or f"{self.label}.{field}")
+            case Law():
+                return self.space.parameter(f"{self.label}.{field}")
             case _:
                 allowed = "a finite number, the name of a parameter, a law, a draw or a formula"
                 return check_number(f"{field} of {self.label}", setting, allowed)
