@@ -24,8 +24,7 @@ from precision_pin.analyses.map.map_poses import map_poses
 from precision_pin.base import se3
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.kernel import sampler
-from precision_pin.kernel.many_poses import MOST_TOGETHER, JoinedTables, observe_norms
-from precision_pin.kernel.sampler import BLOCK
+from precision_pin.kernel.sampler import BLOCK, MOST_TOGETHER, JoinedTables, observe_norms
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.examples import shipped_sheets

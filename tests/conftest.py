@@ -62,8 +62,12 @@ def _compile_all_variants() -> None:
         return
     variants = [(rare, linear) for rare in (None, True) for linear in (None, True)]
     ahead = dict.fromkeys(job for variant in variants for job in parts.part_jobs(*variant))
-    modules = ("precision_pin.kernel.sampler", "precision_pin.kernel.many_poses")
-    whole = [Job(module, "warm_up", variant, 3.5, last=True) for module in modules for variant in variants]
+    functions = ("warm_up", "warm_up_poses")
+    whole = [
+        Job("precision_pin.kernel.sampler", function, variant, 3.5, last=True)
+        for function in functions
+        for variant in variants
+    ]
     compile_jobs([*ahead, *whole])
 
 

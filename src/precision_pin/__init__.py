@@ -71,8 +71,8 @@ if TYPE_CHECKING:
     from precision_pin.sampling import monte_carlo as monte_carlo
     from precision_pin.sampling.approaches import sample_approaches as sample_approaches
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
+    from precision_pin.sampling.one_pose import relative as relative
     from precision_pin.sampling.poses_result import PosesResult as PosesResult
-    from precision_pin.sampling.relative import relative as relative
     from precision_pin.sampling.result import MonteCarloResult as MonteCarloResult
     from precision_pin.sheet.measurement import Measurement as Measurement
     from precision_pin.statistics.plan import specification as specification
@@ -117,8 +117,8 @@ _NAMES: Final = {
     "sampling": "monte_carlo",
     "sampling.approaches": "sample_approaches",
     "sampling.many_poses": "sample_poses",
+    "sampling.one_pose": "relative",
     "sampling.poses_result": "PosesResult",
-    "sampling.relative": "relative",
     "sampling.result": "MonteCarloResult",
     "sheet.measurement": "Measurement",
     "statistics.plan": "specification",

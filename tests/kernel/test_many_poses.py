@@ -17,11 +17,10 @@ from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Program
 from precision_pin.draws.laws import Circle, Empirical, Fixed, Normal, Rows, Uniform
 from precision_pin.draws.space import Space
-from precision_pin.kernel import loops, many_poses, sampler
+from precision_pin.kernel import loops, sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.loops import WIDE
-from precision_pin.kernel.many_poses import JoinedTables, NormBlocks
-from precision_pin.kernel.sampler import BLOCK
+from precision_pin.kernel.sampler import BLOCK, JoinedTables, NormBlocks
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan, Specification
 from precision_pin.terms.table import TermTable
@@ -65,8 +64,8 @@ def assert_as_one_at_a_time(
     blocks = -(-samples // BLOCK)
     units: dict[str, Any] = {"samples": samples, "first_pose": pose, "visit": visit}
     tables = JoinedTables.of(layouts)
-    norms = many_poses.observe_norms(tables, plans, model, 7, 0, blocks, **units)
-    edges = many_poses.norm_edges()
+    norms = sampler.observe_norms(tables, plans, model, 7, 0, blocks, **units)
+    edges = sampler.norm_edges()
     assert norms.count == samples
     for p, (at, plan) in enumerate(zip(models, plans, strict=True)):
         alone = sampler.to_arrays(at)
@@ -168,12 +167,12 @@ def test_poses_laid_out_together_are_those_laid_out_alone_and_those_can_be_joine
             np.testing.assert_array_equal(a, b)
     assert sampler.to_arrays_at_poses([]) == []
     plans = planned(models)
-    one, other = (many_poses.observe_norms(of, plans, "exact", 0, 0, 1, samples=90) for of in (together, alone))
+    one, other = (sampler.observe_norms(of, plans, "exact", 0, 0, 1, samples=90) for of in (together, alone))
     for field in fields(NormBlocks):
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), err_msg=field.name)
     # a block depends on nothing but its number
-    both = many_poses.observe_norms(together, plans, "exact", 5, 2, 2)
-    second = many_poses.observe_norms(together[1:], plans[1:], "exact", 5, 3, 1, first_pose=1)
+    both = sampler.observe_norms(together, plans, "exact", 5, 2, 2)
+    second = sampler.observe_norms(together[1:], plans[1:], "exact", 5, 3, 1, first_pose=1)
     np.testing.assert_array_equal(both.sums[1:, 1], second.sums[:, 0])
 
 
@@ -181,16 +180,16 @@ def test_one_compilation_serves_every_table() -> None:
     for seed in range(3):
         models = at_poses(seed, seed + 1, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3)
         layouts, plans = sampler.to_arrays_at_poses(models), [Plan(np.zeros(8), np.ones(8))] * len(models)
-        many_poses.observe_norms(layouts, planned(models), "exact", 0, 0, 1, samples=9)
+        sampler.observe_norms(layouts, planned(models), "exact", 0, 0, 1, samples=9)
         numbers = (np.int64(1), np.uint8(0), np.int32(1))
-        many_poses.observe_norms(layouts, plans, "linear", *numbers, samples=np.int64(3))
+        sampler.observe_norms(layouts, plans, "linear", *numbers, samples=np.int64(3))
     if not INTERPRETED:
         seen = compiled_variants(loops.run_poses)
         assert len(set(seen)) == len(seen) <= 4  # with and without rare laws, exact and linear
 
 
 def test_the_small_sketch_is_as_fine_as_it_says() -> None:
-    edges = many_poses.norm_edges()
+    edges = sampler.norm_edges()
     assert edges.shape == (loops.NORM_COLUMNS + 1,)
     assert edges[0] == -np.inf
     assert edges[-1] == np.inf
@@ -219,7 +218,7 @@ def test_wrong_inputs_are_told_in_a_line() -> None:
     ):
         poses, of, model, seed, first, more = {**good, **changed}.values()
         with pytest.raises(InputError, match=message):
-            many_poses.observe_norms(poses, of, model, seed, first, 1, **more)
+            sampler.observe_norms(poses, of, model, seed, first, 1, **more)
 
 
 @pytest.mark.parametrize("scope", [Scope.UNIT, Scope.VISIT])
@@ -235,7 +234,7 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
     turning = layouts(4.0)
     x = space.sample(0, 0, 1000, pose=1)[0]
     first = int(np.flatnonzero(np.abs(4.0 * x) >= np.pi)[0])
-    observe = many_poses.observe_norms
+    observe = sampler.observe_norms
     with pytest.raises(InputError, match=r"pose 1, sample \d+: an error turns a place by half a turn") as caught:
         observe(turning, plans, "exact", 0, 0, 1, samples=1000)
     told = int(str(caught.value).split("sample ")[1].split(":")[0])

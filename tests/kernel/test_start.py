@@ -35,7 +35,7 @@ from precision_pin.draws.laws import (
     Uniform,
 )
 from precision_pin.draws.space import Space
-from precision_pin.kernel import loops, many_poses, parts, sampler
+from precision_pin.kernel import loops, parts, sampler
 from precision_pin.kernel.parts import PARTS
 from precision_pin.statistics import Plan, Specification
 
@@ -115,7 +115,7 @@ def test_parts_compiled_ahead_are_those_that_the_loops_ask_for() -> None:
     """A part with other argument types would be compiled twice: ahead in vain, then with the loops."""
     for variant in ((None, None), (True, None), (None, True)):
         sampler.warm_up(*variant)
-        many_poses.warm_up(*variant)
+        sampler.warm_up_poses(*variant)
     for name in PARTS:
         function = getattr(loops, name)
         ahead = {tuple(map(numba.typeof, parts.part_arguments(name, rare))) for rare in (None, True)}

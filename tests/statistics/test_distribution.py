@@ -12,9 +12,9 @@ from scipy.special import gammaincinv
 from precision_pin.analyses.monte_carlo.table import statistic, tolerance_bounds
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.statistics import Plan, Specification, finish, format_inside, observe, quantity_values, start
-from precision_pin.statistics.digits import format_interval, format_supported, round_end, significant_digits
 from precision_pin.statistics.distribution import CONTENTS
-from precision_pin.statistics.verdicts import SpecificationResult, capability_index
+from precision_pin.statistics.intervals import format_interval, format_supported, round_end, significant_digits
+from precision_pin.statistics.summary import SpecificationResult, capability_index
 
 # norm of an isotropic 3-D normal vector, σ = 1 (chi law with three degrees of freedom)
 NORM_QUANTILES = {0.5: 1.538172, 0.95: 2.795483, 0.99: 3.368214, 0.9973: 3.762480}

@@ -15,9 +15,8 @@ from precision_pin.base.errors import InputError
 from precision_pin.render.tables import symbol
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.statistics import QUANTITIES, Distribution, Plan, Specification, finish, observe, start
-from precision_pin.statistics.plan import specification
+from precision_pin.statistics.plan import quantity_name, specification
 from precision_pin.statistics.precision import Target, reached, target
-from precision_pin.statistics.quantities import quantity_name
 
 
 @pytest.mark.parametrize(

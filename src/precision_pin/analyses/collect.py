@@ -31,7 +31,7 @@ from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet import Sheet
 from precision_pin.statistics import Distribution, Specification
-from precision_pin.statistics.digits import format_interval
+from precision_pin.statistics.intervals import format_interval
 
 Found = TypeVar("Found")
 Step = Callable[[str, int], AbstractContextManager[Progress]]

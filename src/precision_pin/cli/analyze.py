@@ -74,7 +74,7 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sampling import check_samples, monte_carlo
-    from precision_pin.sampling.relative import relative
+    from precision_pin.sampling.one_pose import relative
     from precision_pin.statistics.plan import specification
     from precision_pin.statistics.precision import target
 

@@ -44,14 +44,14 @@ def part_jobs(rare: Wanted, linear: Wanted) -> list[Job]:
     return [laws, *_list_common_jobs("_displace" if linear else "_superpose")]
 
 
-def compile_parts(rare: Wanted, linear: Wanted, module: str) -> None:
-    """Compile the parts of a variant in worker processes, then run the module's ``warm_up``."""
+def compile_parts(rare: Wanted, linear: Wanted, last: str) -> None:
+    """Compile the parts of a variant in worker processes, then run the sampler's function ``last``, which compiles the rest."""
     from precision_pin.base.jit import can_keep
     from precision_pin.kernel import loops
 
     if can_keep(loops.run):
-        last = Job(module, "warm_up", (rare, linear), _TOGETHER, last=True)
-        compile_jobs([*part_jobs(rare, linear), last])
+        job = Job("precision_pin.kernel.sampler", last, (rare, linear), _TOGETHER, last=True)
+        compile_jobs([*part_jobs(rare, linear), job])
 
 
 def _list_common_jobs(unused: str) -> list[Job]:

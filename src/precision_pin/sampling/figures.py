@@ -26,7 +26,7 @@ from precision_pin.render import draw_distribution, figure_style
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.tables import symbol
 from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary
-from precision_pin.statistics.verdicts import Verdict
+from precision_pin.statistics.summary import Verdict
 
 DOTS_PER_INCH: Final = 200
 

@@ -27,8 +27,15 @@ from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
-from precision_pin.kernel.many_poses import MOST_TOGETHER, JoinedTables, NormBlocks, is_alike, norm_edges, observe_norms
-from precision_pin.kernel.sampler import BLOCK
+from precision_pin.kernel.sampler import (
+    BLOCK,
+    MOST_TOGETHER,
+    JoinedTables,
+    NormBlocks,
+    is_alike,
+    norm_edges,
+    observe_norms,
+)
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, strained_findings

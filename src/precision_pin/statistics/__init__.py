@@ -9,13 +9,26 @@ The eight quantities, always in this order: ``position.norm``, ``position.x``, `
 """
 
 from precision_pin.statistics.accumulate import State, observe, quantity_values, start
-from precision_pin.statistics.digits import format_inside, format_share
 from precision_pin.statistics.distribution import Distribution, Histogram
-from precision_pin.statistics.intervals import check_confidence, clopper_pearson, quantile_ranks
-from precision_pin.statistics.plan import Plan, Specification
-from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES
-from precision_pin.statistics.summary import NO_SPREAD, Summary, VectorDistribution, finish
-from precision_pin.statistics.verdicts import NO_GROUNDS, Grounds, SpecificationResult, Verdict, judge
+from precision_pin.statistics.intervals import (
+    check_confidence,
+    clopper_pearson,
+    format_inside,
+    format_share,
+    quantile_ranks,
+)
+from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
+from precision_pin.statistics.summary import (
+    NO_GROUNDS,
+    NO_SPREAD,
+    Grounds,
+    SpecificationResult,
+    Summary,
+    VectorDistribution,
+    Verdict,
+    finish,
+    judge,
+)
 
 __all__ = [
     "COMPONENTS",

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InternalError
-from precision_pin.statistics.plan import Plan
-from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES
+from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan
 
 Counts = NDArray[np.int64]
 

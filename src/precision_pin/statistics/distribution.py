@@ -26,9 +26,15 @@ from precision_pin.base.arguments import check_number, check_quantities, check_q
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.base.record import Keys, Record
-from precision_pin.statistics.digits import MOST_DIGITS, significant_digits
-from precision_pin.statistics.intervals import Moments, quantile_ranks, tolerance_ranks, upper_bound_rank
-from precision_pin.statistics.quantities import si_quantity
+from precision_pin.statistics.intervals import (
+    MOST_DIGITS,
+    Moments,
+    quantile_ranks,
+    significant_digits,
+    tolerance_ranks,
+    upper_bound_rank,
+)
+from precision_pin.statistics.plan import si_quantity
 
 NORM_LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
 """Probabilities of the quantiles reported of a norm."""

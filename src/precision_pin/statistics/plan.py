@@ -12,10 +12,43 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base import units
-from precision_pin.base.arguments import check_number, check_quantity, check_text, shown
+from precision_pin.base.arguments import check_name, check_number, check_quantity, check_text, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError, UnitError, UnknownNameError
-from precision_pin.statistics import quantities
+from precision_pin.base.units import ANGLE, LENGTH, Quantity
+
+QUANTITIES: Final = tuple(f"{vector}.{part}" for vector in ("position", "attitude") for part in ("norm", "x", "y", "z"))
+"""The eight quantities, in the order of every array's rows."""
+
+NORMS: Final = (0, 4)
+"""Rows of the two norms, |d| and |δ|."""
+
+COMPONENTS: Final = (1, 2, 3, 5, 6, 7)
+"""Rows of the components, in the order of an error's six numbers [d; δ]."""
+
+# the words of a specification, then the symbols of the tables
+_WORDS: Final = ("position x y z attitude rx ry rz", "|d| dx dy dz |δ| δx δy δz")
+
+QUANTITY_WORDS: Final = {
+    word: name for words in _WORDS for word, name in zip(words.split(), QUANTITIES, strict=True)
+} | {name: name for name in QUANTITIES}
+"""Names of quantities that users may give."""
+
+QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
+"""Pattern of a word that may be such a name: no digits, so that a number may follow without a blank."""
+
+
+def quantity_name(quantity: str) -> str:
+    """Return the result name, ``position.z``, of any of its names, or raise UnknownNameError."""
+    if isinstance(quantity, str) and quantity in QUANTITY_WORDS:
+        return QUANTITY_WORDS[quantity]
+    return check_name("quantity", quantity, QUANTITIES)
+
+
+def si_quantity(quantity: str) -> Quantity:
+    """Return angle or length, for the result name of a quantity."""
+    return ANGLE if quantity.startswith("attitude") else LENGTH
+
 
 _RELATIVE_SCALE_WITHOUT_SPREAD = 2.0**-10
 _SCALE_WITHOUT_SPREAD = 2.0**-30
@@ -38,7 +71,7 @@ class Specification:
 
     Attributes:
         quantity: One of `QUANTITIES`, or another of its names
-            (:func:`precision_pin.statistics.quantities.quantity_name`).
+            (:func:`precision_pin.statistics.plan.quantity_name`).
         limit: Largest absolute value allowed (inclusive), m or rad, or text such as ``"0.5 mm"``.
         required: Required probability, between 0 and 1 (both excluded: no sample can show 100 %).
 
@@ -52,10 +85,10 @@ class Specification:
     required: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "quantity", quantities.quantity_name(self.quantity))
+        object.__setattr__(self, "quantity", quantity_name(self.quantity))
         what = f"specification of {self.quantity}:"
         limit = check_quantity(
-            f"{what} limit", self.limit, quantities.si_quantity(self.quantity), "above 0", lambda limit: limit > 0
+            f"{what} limit", self.limit, si_quantity(self.quantity), "above 0", lambda limit: limit > 0
         )
         required = check_number(
             f"{what} probability", self.required, "a share above 0 % and below 100 %", lambda share: 0 < share < 1
@@ -66,13 +99,13 @@ class Specification:
     @property
     def row(self) -> int:
         """Row of the quantity in arrays of eight rows."""
-        return quantities.QUANTITIES.index(self.quantity)
+        return QUANTITIES.index(self.quantity)
 
     @property
     def components(self) -> tuple[int, ...]:
         """Limited components of the error's six: three for a norm, else one."""
-        if self.row not in quantities.NORMS:
-            return (quantities.COMPONENTS.index(self.row),)
+        if self.row not in NORMS:
+            return (COMPONENTS.index(self.row),)
         return (3, 4, 5) if self.quantity.startswith("attitude") else (0, 1, 2)
 
 
@@ -147,7 +180,7 @@ class Plan:
         spreads = np.stack([(three_quarters - quarter) / 1.349, (high - low) / 3.29, seen.std(axis=1)])
         farthest = _MARGIN * np.maximum(ordered[:, -1] - centre, centre - ordered[:, 0])
         scale = np.zeros(8)
-        for norm, part in zip(quantities.NORMS, (slice(0, 3), slice(3, 6)), strict=True):
+        for norm, part in zip(NORMS, (slice(0, 3), slice(3, 6)), strict=True):
             whole = float(np.sqrt(parts[part] @ parts[part]))
             for row, own in zip(range(norm, norm + 4), (whole, *parts[part]), strict=True):
                 rounding = _NOISE * max(whole, abs(float(ordered[row, 0])), abs(float(ordered[row, -1])))
@@ -178,7 +211,7 @@ class Plan:
         spread = np.asarray(covariance, dtype=float)
         centre = np.zeros(8)
         scale = np.zeros(8)
-        for norm, part in zip(quantities.NORMS, (slice(0, 3), slice(3, 6)), strict=True):
+        for norm, part in zip(NORMS, (slice(0, 3), slice(3, 6)), strict=True):
             m, c = expected[part], spread[part, part]
             square = float(m @ m + np.trace(c))
             variance = float(2 * np.trace(c @ c) + 4 * m @ c @ m) / (4 * square) if square > 0 else 0.0
@@ -198,7 +231,7 @@ def _power_of_two(values: Array) -> Array:
 DEFAULT_PROBABILITY: Final = 0.95
 """Required probability of a specification without one."""
 
-_FORM: Final = re.compile(rf"({quantities.QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
+_FORM: Final = re.compile(rf"({QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
 _LEAST_PER_CENT: Final = 0.01
 """Smallest probability accepted in per cent; less is probably a ratio with a stray per cent sign."""
 
@@ -239,17 +272,17 @@ def specification(text: str) -> Specification:
     if word is None:
         word = "position" if is_length else "attitude"
     # |dx| is accepted too: the limit applies to the absolute value
-    word = word if word in quantities.QUANTITY_WORDS else word.strip("|")
-    if word not in quantities.QUANTITY_WORDS:
-        raise UnknownNameError("quantity of a specification", word, quantities.QUANTITY_WORDS)
-    if quantities.QUANTITY_WORDS[word].startswith("position") != is_length:
+    word = word if word in QUANTITY_WORDS else word.strip("|")
+    if word not in QUANTITY_WORDS:
+        raise UnknownNameError("quantity of a specification", word, QUANTITY_WORDS)
+    if QUANTITY_WORDS[word].startswith("position") != is_length:
         raise InputError(f"specification {text!r}: {word} is limited by {'an angle' if is_length else 'a length'}")
     if not limit > 0:
         raise InputError(f"specification {text!r}: the limit must be positive")
     if not is_length and limit >= math.pi:
         meant = "deg, or mrad" if unit == "rad" else "mrad"
         raise InputError(f"specification {text!r}: no attitude error is larger than half a turn; did you mean {meant}?")
-    return Specification(quantities.QUANTITY_WORDS[word], limit, required)
+    return Specification(QUANTITY_WORDS[word], limit, required)
 
 
 def _parse_required(text: str) -> float:

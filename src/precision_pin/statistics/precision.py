@@ -23,7 +23,7 @@ from precision_pin.base import units
 from precision_pin.base.arguments import check_text
 from precision_pin.base.errors import InputError, UnitError, UnknownNameError
 from precision_pin.statistics.distribution import Distribution
-from precision_pin.statistics.quantities import QUANTITY_PATTERN, QUANTITY_WORDS
+from precision_pin.statistics.plan import QUANTITY_PATTERN, QUANTITY_WORDS
 from precision_pin.statistics.summary import Summary
 
 _FORM: Final = re.compile(

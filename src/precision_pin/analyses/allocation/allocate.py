@@ -38,7 +38,7 @@ from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import pose_findings
 from precision_pin.statistics import COMPONENTS, NO_GROUNDS, QUANTITIES, Grounds, Specification
-from precision_pin.statistics.verdicts import Verdict, judge
+from precision_pin.statistics.summary import Verdict, judge
 
 Basis = Literal["proof", "samples", "normal law"]
 """Basis of a lower bound of the cost."""

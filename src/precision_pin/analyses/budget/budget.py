@@ -54,7 +54,7 @@ from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, quantity_values
-from precision_pin.statistics.quantities import QUANTITY_WORDS
+from precision_pin.statistics.plan import QUANTITY_WORDS
 
 MARKED: Final = 0.95
 """Probability of the quantile for which the effect of a halved tolerance is given."""

@@ -11,7 +11,7 @@ from precision_pin.render.tables import milli, resting_on, symbol
 from precision_pin.render.text_table import aligned
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.statistics import format_inside
-from precision_pin.statistics.digits import format_interval
+from precision_pin.statistics.intervals import format_interval
 
 _SHOWN: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
 _MOST_CAUSES: Final = 8

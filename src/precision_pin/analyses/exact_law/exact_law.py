@@ -45,7 +45,7 @@ from precision_pin.render.html import Table
 from precision_pin.render.tables import MOST_POSES, milli, number, symbol, unit
 from precision_pin.sampling import Progress
 from precision_pin.statistics import QUANTITIES, quantity_values
-from precision_pin.statistics.digits import round_end
+from precision_pin.statistics.intervals import round_end
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

@@ -12,7 +12,7 @@ from precision_pin.base.errors import shown, visible
 from precision_pin.render.tables import ROUNDING, milli, plain, resting_on
 from precision_pin.render.text_table import aligned
 from precision_pin.statistics import SpecificationResult, format_inside
-from precision_pin.statistics.digits import format_interval
+from precision_pin.statistics.intervals import format_interval
 
 _MOST_DIFFERING: Final = 6
 

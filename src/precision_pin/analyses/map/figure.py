@@ -29,7 +29,7 @@ from precision_pin.render.svg import figure as inline_figure
 from precision_pin.render.tables import symbol
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
-from precision_pin.statistics.digits import format_interval
+from precision_pin.statistics.intervals import format_interval
 
 # largest number of poses drawn as a list, with their names below the axis
 _MOST_NAMED: Final = 24

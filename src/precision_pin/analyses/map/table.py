@@ -16,7 +16,7 @@ from precision_pin.render.text_table import aligned
 from precision_pin.robot.pose_set import OBSTRUCTED
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import format_share
-from precision_pin.statistics.digits import format_interval
+from precision_pin.statistics.intervals import format_interval
 
 # number of poses up to which all are listed
 _MOST_ROWS: Final = 12

@@ -23,7 +23,7 @@ from precision_pin.render.html import Html, escaped, items, paragraph, section, 
 from precision_pin.render.scene import Scene
 from precision_pin.render.svg import figure as inline_figure
 from precision_pin.render.tables import symbol
-from precision_pin.statistics.digits import format_inside, format_interval
+from precision_pin.statistics.intervals import format_inside, format_interval
 
 _MOST_NAMED: Final = 12
 _MOST_LETTERS: Final = 16

@@ -28,7 +28,7 @@ from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import MOST_POSES, Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.kernel.many_poses import MOST_TOGETHER
+from precision_pin.kernel.sampler import MOST_TOGETHER
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, speed_findings, strained_findings
 from precision_pin.render.html import Table, rendered

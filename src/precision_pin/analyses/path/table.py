@@ -10,7 +10,7 @@ from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.render.tables import resting_on, symbol
 from precision_pin.render.text_table import aligned
 from precision_pin.statistics import format_inside, format_share
-from precision_pin.statistics.digits import format_interval, round_end
+from precision_pin.statistics.intervals import format_interval, round_end
 
 _QUANTITIES: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
 # number of poses up to which all are listed

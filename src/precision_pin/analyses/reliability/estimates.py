@@ -14,8 +14,7 @@ from precision_pin.analyses.reliability.form import Form
 from precision_pin.base.arrays import Array
 from precision_pin.base.record import Keys, Record
 from precision_pin.statistics import clopper_pearson
-from precision_pin.statistics.digits import round_end
-from precision_pin.statistics.intervals import studentised
+from precision_pin.statistics.intervals import round_end, studentised
 
 LARGEST_VARIATION: Final = 0.3
 """Largest coefficient of variation of a resolved estimate."""

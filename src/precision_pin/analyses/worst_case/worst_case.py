@@ -29,7 +29,7 @@ from precision_pin.render.html import Table
 from precision_pin.render.tables import milli, symbol, unit
 from precision_pin.sampling import Progress, check_samples, monte_carlo
 from precision_pin.statistics import QUANTITIES, Distribution
-from precision_pin.statistics.digits import round_end
+from precision_pin.statistics.intervals import round_end
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

@@ -20,7 +20,7 @@ from precision_pin.render.html import Child, Html, element, items, joined, parag
 from precision_pin.render.svg import figure
 from precision_pin.render.tables import absolute, milli, share_in_words, symbol, unit
 from precision_pin.statistics import Distribution, SpecificationResult, clopper_pearson, format_share
-from precision_pin.statistics.digits import format_inside
+from precision_pin.statistics.intervals import format_inside
 
 NOTABLE: Final = 0.1
 """Fraction of the 95 % quantile from which the error without any tolerance is mentioned."""

@@ -23,7 +23,7 @@ from precision_pin.statistics import (
     clopper_pearson,
     quantile_ranks,
 )
-from precision_pin.statistics.digits import format_inside, format_interval, format_share
+from precision_pin.statistics.intervals import format_inside, format_interval, format_share
 from precision_pin.statistics.summary import NO_SPREAD
 
 CONFIDENCE: Final = 0.95

@@ -36,7 +36,7 @@ from precision_pin.render.html import escaped
 from precision_pin.render.scene import Colour, Scene, viewer_script
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics import Specification
-from precision_pin.statistics.quantities import QUANTITIES
+from precision_pin.statistics.plan import QUANTITIES
 
 _GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
 _SCRIPTS: Final = (
