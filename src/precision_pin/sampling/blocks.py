@@ -7,7 +7,7 @@ import math
 import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Final, Literal, final
 
 import numpy as np
@@ -124,17 +124,29 @@ def planned(
     layout: SamplerArrays,
     model: Literal["exact", "linear"],
     seed: int,
-    specifications: Sequence[Specification] = (),
+    specifications: tuple[Specification, ...] = (),
 ) -> Plan:
     """Return the plan of a run at a pose, from a pilot."""
-    _, slopes = at.tangent
+    slopes = at.tangent[1]
     skewness = first_order_skewness(at.space.draws, slopes)
+    pilot = partial(sampler.errors, layout, model, seed, 0, PILOT)
+    moments = at.error_at_means, at.covariance
+    return plan_by_pilot(pilot, moments, reach(at, layout, slopes), skewness, specifications)
+
+
+def plan_by_pilot(
+    pilot: Callable[[], Array],
+    moments: tuple[Array, Array],
+    farthest: Array,
+    skewness: Array,
+    specifications: tuple[Specification, ...],
+) -> Plan:
+    """Return the plan for the errors ``(6, N)`` of a pilot, or if it fails for first-order mean and covariance."""
     try:
-        pilot = quantity_values(sampler.errors(layout, model, seed, 0, PILOT))
+        plan = Plan.from_pilot(quantity_values(pilot()), farthest, specifications)
     except InputError:
         # the run itself reports the invalid sample, if it gets that far
-        return replace(Plan.from_moments(at.error_at_means, at.covariance, tuple(specifications)), skewness=skewness)
-    plan = Plan.from_pilot(pilot, reach(at, layout, slopes), tuple(specifications))
+        plan = Plan.from_moments(*moments, specifications)
     return replace(plan, skewness=skewness)
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -19,14 +18,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError, visible
 from precision_pin.base.files import write_files
 from precision_pin.render import draw_distribution, figure_style
 from precision_pin.render.display_units import WrittenUnit
-from precision_pin.render.tables import symbol
+from precision_pin.render.tables import pose_labels, symbol
+from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary
-from precision_pin.statistics.summary import Verdict
 
 DOTS_PER_INCH: Final = 200
 
@@ -200,53 +198,33 @@ _STYLES: Final = ((draw_distribution.SKY, ":"), (draw_distribution.BLUE, "-"), (
 """Colour and dashes of each quantile."""
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorAtPoses:
-    """Contents of a figure of |d| or |δ| at P poses.
-
-    Attributes:
-        quantity: ``"position.norm"`` or ``"attitude.norm"``.
-        title, caption: Lines above and below the figure.
-        quantiles: Intervals ``(2, P)`` and quantiles ``(P,)`` by level.
-        specifications: For each specification of this quantity or its components, the overall verdict and the results.
-    """
-
-    quantity: str
-    title: str
-    caption: str
-    labels: Sequence[str]
-    largest: float
-    quantiles: Mapping[float, tuple[Array, Array]]
-    specifications: Sequence[tuple[Verdict, Sequence[SpecificationResult]]]
-
-
-def figure_of_poses(shown: ErrorAtPoses) -> Figure:
-    """Return the figure of a quantity at several poses, 174 mm wide."""
+def plot_poses(result: PosesResult, quantity: str, axes: Axes | None) -> Axes | Figure:
+    """Implement :meth:`precision_pin.sampling.poses_result.PosesResult.plot`."""
+    names = ("position", "attitude")
+    if quantity not in names:
+        raise UnknownNameError("quantity", quantity, names)
+    title = f"{symbol(f'{quantity}.norm')} of {visible(result.robot, 60)} at {result.poses:,} poses"
     with figure_style.style():
+        if axes is not None:
+            _draw_poses(axes, result, names.index(quantity), quantity)
+            axes.set_title(title)
+            return axes
         made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
-        axes = made.subplots()
-        _draw_poses(axes, shown)
-        figure_style.frame(made, [axes], shown.title, shown.caption, 80.0, 3)
+        own = made.subplots()
+        _draw_poses(own, result, names.index(quantity), quantity)
+        caption = f"N = {result.samples:,} at each pose, seed {result.seed}; "
+        caption += f"bars: {100 * result.confidence:g} % intervals"
+        figure_style.frame(made, [own], title, caption, 80.0, 3)
     return made
 
 
-def plot_poses(shown: ErrorAtPoses, axes: Axes | None) -> Axes | Figure:
-    """Implement :meth:`precision_pin.sampling.poses_result.PosesResult.plot`."""
-    if axes is None:
-        return figure_of_poses(shown)
-    with figure_style.style():
-        _draw_poses(axes, shown)
-        axes.set_title(shown.title)
-    return axes
-
-
-def _draw_poses(axes: Axes, shown: ErrorAtPoses) -> None:
-    unit = WrittenUnit.of_axis(shown.quantity, shown.largest)
-    poses = len(shown.labels)
-    places = np.arange(1, poses + 1)
-    for rank, ((level, (ends, quantiles)), (colour, dashes)) in enumerate(
-        zip(shown.quantiles.items(), _STYLES, strict=True)
-    ):
+def _draw_poses(axes: Axes, result: PosesResult, norm: int, vector: str) -> None:
+    quantity = f"{vector}.norm"
+    unit = WrittenUnit.of_axis(quantity, float(result.norm_max[norm].max()))
+    labels = pose_labels(result.names)
+    places = np.arange(1, result.poses + 1)
+    for rank, (level, (colour, dashes)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
+        ends, quantiles = result.quantile_interval[rank, norm], result.quantile[rank, norm]
         value = quantiles * unit.per_si
         # a sketch's bin may end at its quantile: bars are never negative
         bars = np.maximum(np.abs(ends * unit.per_si - value), 0.0)
@@ -254,29 +232,29 @@ def _draw_poses(axes: Axes, shown: ErrorAtPoses) -> None:
             places, value, yerr=bars, color=colour, linestyle=dashes, marker="o", markersize=2.5,
             elinewidth=0.6, capsize=1.2, label=f"{100 * level:g} % of robots" if rank else "median",
         )  # fmt: skip
-    for verdict, results in shown.specifications:
-        specified = results[0]
-        if specified.quantity == shown.quantity:
+    judged = [of for of in result.specification_results if of.results[0].quantity.startswith(vector)]
+    for of in judged:
+        specified = of.results[0]
+        if specified.quantity == quantity:
             axes.axhline(
                 specified.limit * unit.per_si,
-                color=draw_distribution.LIMIT_COLOURS.get(verdict, draw_distribution.BLACK),
+                color=draw_distribution.LIMIT_COLOURS.get(of.verdict, draw_distribution.BLACK),
                 linestyle=_LIMIT_DASHES,
                 linewidth=1.2,
                 label=f"limit {unit.short(specified.limit)} for {100 * specified.required:.6g} %",
             )
-    judged = [results for _, results in shown.specifications]
-    missed = [pose + 1 for pose in range(poses) if any(results[pose].verdict == "not met" for results in judged)]
+    missed = [place for place in places if any(of.results[place - 1].verdict == "not met" for of in judged)]
     for place in missed:
         axes.axvspan(place - 0.5, place + 0.5, color=draw_distribution.VERMILION, alpha=0.15, linewidth=0)
     if missed:
         axes.fill_between(
             [], [], [], color=draw_distribution.VERMILION, alpha=0.15, linewidth=0, label="specification not met"
         )
-    axes.set_xlim(0.5, poses + 0.5)
+    axes.set_xlim(0.5, result.poses + 0.5)
     axes.set_ylim(bottom=0)
-    axes.set_ylabel(f"{symbol(shown.quantity)} [{unit.name}]")
-    if poses <= _MOST_NAMED:
-        labels = [figure_style.shortened(visible(label), _MOST_LETTERS) for label in shown.labels]
+    axes.set_ylabel(f"{symbol(quantity)} [{unit.name}]")
+    if result.poses <= _MOST_NAMED:
+        labels = [figure_style.shortened(visible(label), _MOST_LETTERS) for label in labels]
         turned = sum(map(len, labels)) > _MOST_LEVEL
         axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
     else:

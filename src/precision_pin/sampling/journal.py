@@ -24,7 +24,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, final
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar, final
 
 import numpy as np
 from numba.core.registry import cpu_target
@@ -68,8 +68,10 @@ def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike
     triple, processor, features = cpu_target.target_context.codegen().magic_tuple()
     joints = zip(posture.chain.joint_names, posture.q, strict=True)
     signs = written_approach(posture.chain.joint_names, posture.approach)
+    urdf = posture.chain.robot.file
+    read_from = {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **files}
     return {
-        **{f"the {name}": _file_digest(Path(path)) for name, path in files.items()},
+        **{f"the {name}": _file_digest(Path(path)) for name, path in read_from.items()},
         "pose": ", ".join(
             f"{name} {float(value)!r}" + (f" ({signs[name]})" if name in signs else "") for name, value in joints
         ),
@@ -177,8 +179,16 @@ def _digest(payload: bytes) -> bytes:
 
 # states: serialised without pickles, and checked when they are read --------------------------------------------------
 
-S = TypeVar("S")
 
+class Counted(Protocol):
+    """State of a run: how much of it is done, and arrays or tuples of arrays."""
+
+    @property
+    def count(self) -> int:
+        """How much of the run it holds."""
+
+
+S = TypeVar("S", bound=Counted)
 
 _OVERHEAD: Final = 1000
 """Generous bound of an array's bytes beyond its numbers."""
@@ -190,12 +200,10 @@ class Codec(Generic[S]):
     """What a journal must know of its states.
 
     Attributes:
-        count: Returns how much of the run a state holds.
         check: Raises ValueError if no run could give a state.
         unit: What is counted, for messages.
     """
 
-    count: Callable[[S], int]
     check: Callable[[S], None]
     unit: str
 
@@ -203,13 +211,13 @@ class Codec(Generic[S]):
 def packed(state: Any) -> bytes:
     """Return a state as compressed bytes, without pickles: a journal may come from an untrusted source."""
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **_leaves(state, ""))
+    np.savez(buffer, allow_pickle=False, **_leaves(state))
     return zlib.compress(buffer.getvalue(), level=1)
 
 
 def largest(pattern: Any) -> int:
     """Return an upper bound of the bytes, packed or not, of a state like the pattern."""
-    return sum(np.asarray(leaf).nbytes * 101 // 100 + _OVERHEAD for leaf in _leaves(pattern, "").values())
+    return sum(np.asarray(leaf).nbytes * 101 // 100 + _OVERHEAD for leaf in _leaves(pattern).values())
 
 
 def unpacked(data: bytes, pattern: S, check: Callable[[S], None]) -> S:
@@ -223,8 +231,14 @@ def unpacked(data: bytes, pattern: S, check: Callable[[S], None]) -> S:
         if len(plain) > most:
             raise ValueError("it is too long")
         with zipfile.ZipFile(io.BytesIO(plain)) as members:
-            arrays = {name: _read(members, name, np.asarray(leaf)) for name, leaf in _leaves(pattern, "").items()}
-        found: S = _rebuild(arrays, pattern, "")
+            arrays = {name: _read(members, name, np.asarray(leaf)) for name, leaf in _leaves(pattern).items()}
+        values = {
+            name: tuple(arrays[f"{name}.{k}"] for k in range(len(like)))
+            if isinstance(like, tuple)
+            else (arrays[name] if isinstance(like, np.ndarray) else int(arrays[name]))
+            for name, like in vars(pattern).items()
+        }
+        found: S = type(pattern)(**values)
         check(found)
     except (zlib.error, zipfile.BadZipFile, KeyError, ValueError, TypeError, OSError, EOFError, RuntimeError) as error:
         raise InputError(f"the journal's last record cannot be read: {error}") from None
@@ -268,36 +282,15 @@ def _check_samples(state: State) -> None:
         raise ValueError("its smallest and largest values are out of order")
 
 
-SAMPLES: Final = Codec[State](lambda state: state.count, _check_samples, "samples")
+SAMPLES: Final = Codec[State](_check_samples, "samples")
 
 
-def _leaves(value: Any, name: str) -> dict[str, Any]:
+def _leaves(state: Any) -> dict[str, Any]:
+    """Return the arrays and numbers of a state by name."""
     leaves: dict[str, Any] = {}
-    for key, entry in _parts(value):
-        below = f"{name}{key}"
-        leaves |= {below: entry} if isinstance(entry, np.ndarray | int) else _leaves(entry, f"{below}.")
+    for name, value in vars(state).items():
+        leaves |= {f"{name}.{k}": part for k, part in enumerate(value)} if isinstance(value, tuple) else {name: value}
     return leaves
-
-
-def _rebuild(arrays: dict[str, Any], pattern: Any, name: str) -> Any:
-    values = []
-    for key, entry in _parts(pattern):
-        below = f"{name}{key}"
-        match entry:
-            case np.ndarray():
-                values.append(arrays[below])
-            case int():
-                values.append(int(arrays[below]))
-            case _:
-                values.append(_rebuild(arrays, entry, f"{below}."))
-    kind: Any = type(pattern)
-    return kind(*values) if is_dataclass(pattern) else kind(values)
-
-
-def _parts(value: Any) -> list[tuple[str, Any]]:
-    if is_dataclass(value):
-        return [(field.name, getattr(value, field.name)) for field in fields(value)]
-    return [(str(k), entry) for k, entry in enumerate(value)]
 
 
 _ALWAYS: Final = ("mean", "norm_mean", "norm_max", "probability", "probability_interval")
@@ -344,7 +337,7 @@ def _check_poses(state: PosesDone) -> None:
             raise ValueError(f"its {name} is not finite")
 
 
-POSES: Final = Codec[PosesDone](lambda state: state.count, _check_poses, "poses")
+POSES: Final = Codec[PosesDone](_check_poses, "poses")
 
 
 # the file --------------------------------------------------------------------------------------------------------------
@@ -402,10 +395,15 @@ def _unwritable(name: str, error: Exception) -> OutputError:
 
 @final
 class Journal(Generic[S]):
-    """Open journal, created by :func:`opened`."""
+    """Open journal, created by :func:`opened`.
+
+    Attributes:
+        name: Path of the file, as given.
+        saved: Number of samples, or of other counted things, in the last record.
+    """
 
     def __init__(self, name: str, descriptor: int, identity: Mapping[str, str], codec: Codec[S]) -> None:
-        self._name = name
+        self.name = name
         self._codec = codec
         self._place = os.path.realpath(name)
         self._descriptor = descriptor
@@ -413,26 +411,16 @@ class Journal(Generic[S]):
         self._opening = MAGIC + _record(json.dumps(self._identity).encode())
         self._end = 0
         self._states = 0
-        self._saved = 0
+        self.saved = 0
         self._begun = time.monotonic()
         self._due = self._begun + SHORTEST_PAUSE
-
-    @property
-    def name(self) -> str:
-        """Path of the file, as given."""
-        return self._name
-
-    @property
-    def saved(self) -> int:
-        """Number of samples, or of other counted things, in the last record."""
-        return self._saved
 
     def begin(self, start: S, *, resume: bool, tell: Callable[[str], None]) -> S:
         """Return the state to resume from, as in :func:`opened`."""
         size = os.fstat(self._descriptor).st_size
         if size < len(self._opening) and self._opening.startswith(self._read(0, size)):
             if resume:
-                tell(f"the journal {self._name} is empty; the run starts from the first sample")
+                tell(f"the journal {self.name} is empty; the run starts from the first sample")
             try:
                 self._append(self._opening)
                 self._flush_folder()
@@ -450,7 +438,7 @@ class Journal(Generic[S]):
 
     def save(self, state: S) -> None:
         """Add a record, unless the last one has the same count."""
-        if self._codec.count(state) == self._saved:
+        if state.count == self.saved:
             return
         begun = time.monotonic()
         record = _record(packed(state))
@@ -459,7 +447,7 @@ class Journal(Generic[S]):
         else:
             self._append(record)
         self._states += 1
-        self._saved = self._codec.count(state)
+        self.saved = state.count
         now = time.monotonic()
         pause = min(max(SHORTEST_PAUSE, (now - self._begun) / 100), LONGEST_PAUSE)
         self._due = now + max(pause, COST_OF_WRITING * (now - begun))
@@ -471,14 +459,14 @@ class Journal(Generic[S]):
     def _last_state(self, start: S, size: int, tell: Callable[[str], None]) -> S:
         """Return the last complete state; the next record overwrites what follows it."""
         if self._read(0, len(MAGIC)) != MAGIC:
-            raise InputError(f"{self._name} is not a journal of this version of precision-pin; the file is unchanged")
+            raise InputError(f"{self.name} is not a journal of this version of precision-pin; the file is unchanged")
         header = next(self._records(len(MAGIC), size, 1, LARGEST_IDENTITY), None)
         identity = None if header is None else _identity(header)
         if header is None or identity is None:
-            raise InputError(f"the beginning of the journal {self._name} is damaged; remove the file and start again")
+            raise InputError(f"the beginning of the journal {self.name} is damaged; remove the file and start again")
         changed = differences(identity, self._identity)
         if changed:
-            raise InputError(f"the journal {self._name} belongs to another run: {'; '.join(changed)}")
+            raise InputError(f"the journal {self.name} belongs to another run: {'; '.join(changed)}")
         self._end = len(MAGIC) + _HEAD.size + len(header)
         last = None
         for payload in self._records(self._end, size, MOST_RECORDS, largest(start)):
@@ -486,11 +474,11 @@ class Journal(Generic[S]):
             self._end += _HEAD.size + len(payload)
             self._states += 1
         state = start if last is None else unpacked(last, start, self._codec.check)
-        self._saved = self._codec.count(state)
+        self.saved = state.count
         if self._end < size:
             ignored = size - self._end
-            tell(f"the journal {self._name}: the last {ignored} bytes are incomplete or damaged and are ignored")
-        tell(f"the journal {self._name} holds the first {self._saved:,} {self._codec.unit}")
+            tell(f"the journal {self.name}: the last {ignored} bytes are incomplete or damaged and are ignored")
+        tell(f"the journal {self.name} holds the first {self.saved:,} {self._codec.unit}")
         return state
 
     def _records(self, offset: int, size: int, most: int, largest: int) -> Iterator[bytes]:
@@ -514,7 +502,7 @@ class Journal(Generic[S]):
             try:
                 piece = os.pread(self._descriptor, length, offset)
             except OSError as error:
-                raise InputError(f"cannot read the journal {self._name}: {error.strerror}") from None
+                raise InputError(f"cannot read the journal {self.name}: {error.strerror}") from None
             if not piece:
                 break
             pieces.append(piece)
@@ -561,12 +549,9 @@ class Journal(Generic[S]):
                 os.close(folder)
 
     def _lost(self, error: OSError) -> OutputError:
-        kept = (
-            f"; it holds the first {self._saved:,} {self._codec.unit}, from which the run can be resumed"
-            if self._saved
-            else ""
-        )
-        return OutputError(f"cannot write the journal {self._name}: {error.strerror or error}{kept}")
+        resumed = f"; it holds the first {self.saved:,} {self._codec.unit}, from which the run can be resumed"
+        kept = resumed if self.saved else ""
+        return OutputError(f"cannot write the journal {self.name}: {error.strerror or error}{kept}")
 
 
 def _identity(header: bytes) -> dict[str, str] | None:

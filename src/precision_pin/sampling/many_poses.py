@@ -65,6 +65,7 @@ from precision_pin.statistics import (
     check_confidence,
     clopper_pearson,
     quantile_ranks,
+    quantity_values,
 )
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
@@ -279,10 +280,8 @@ class _Run:
         plan = Plan(np.zeros(8), np.ones(8), work.specifications)
         layouts = [sampler.to_arrays(at) for at in models]
         single = Work(layouts[0], plan, work.model, work.seed, work.samples, False, packages())
-        urdf = self.error_model.chain.robot.file
-        read_from = {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **files}
         return {
-            **{name: text for name, text in identity(single, models[0].posture, read_from).items() if name != "pose"},
+            **{name: text for name, text in identity(single, models[0].posture, files).items() if name != "pose"},
             "the list of poses": digest((self.values, self.approaches)),
             "the error model at the last pose": digest(layouts[-1]),
             "confidence": repr(self.confidence),
@@ -319,6 +318,8 @@ class _Run:
             float(work.samples * len(specifications)), f"marking {work.samples:,} robots", "sample fewer of them"
         )
         kept = np.ones((len(specifications), work.samples), dtype=np.bool_)
+        rows = [spec.row for spec in specifications]
+        limits = np.array([[spec.limit] for spec in specifications])
         models, first_pose = self._models(slice(None)), 0
         while together := list(islice(models, MOST_TOGETHER)):
             layouts = sampler.to_arrays_at_poses(together)
@@ -327,11 +328,11 @@ class _Run:
                 count = min(_ROBOTS, work.samples - first)
                 for pose, layout in enumerate(layouts, start=first_pose):
                     errors = sampler.errors(layout, work.model, work.seed, first, count, pose=pose)
-                    kept[:, first : first + count] &= _inside(errors, specifications)
+                    kept[:, first : first + count] &= np.abs(quantity_values(errors))[rows] <= limits
                 return count * len(layouts)
 
-            tasks = [pool.submit(mark, first, layouts, first_pose) for first in range(0, work.samples, _ROBOTS)]
-            for task in tasks:
+            firsts = range(0, work.samples, _ROBOTS)
+            for task in [pool.submit(mark, first, layouts, first_pose) for first in firsts]:
                 step(task.result())
             first_pose += len(layouts)
         return tuple(kept.sum(axis=1).tolist())
@@ -356,18 +357,7 @@ def _poses(
     return values, names
 
 
-def _inside(errors: Array, specifications: Sequence[Specification]) -> NDArray[np.bool_]:
-    """Return which errors ``(6, N)`` keep each specification, ``(S, N)``."""
-    quantities = np.empty((8, errors.shape[1]))
-    quantities[list(COMPONENTS)] = np.abs(errors)
-    quantities[list(NORMS)] = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
-    rows, limits = zip(*((spec.row, spec.limit) for spec in specifications), strict=True)
-    return quantities[list(rows)] <= np.array(limits)[:, None]
-
-
 # groups --------------------------------------------------------------------------------------------------------------
-
-Counts = NDArray[np.int64]
 
 PILOTS: Final = (256, 1024)
 """Samples, the first of the run, for planning first the centres, then the spreads."""
@@ -485,7 +475,7 @@ class PoseGroup:
         variance = np.maximum(squares - sums * sums / self.count, 0.0) / max(self.count - 1, 1)
         return centre + sums / self.count, np.sqrt(variance)
 
-    def _quantile(self, cumulative: Counts, level: float, confidence: float) -> tuple[Array, Array, Array]:
+    def _quantile(self, cumulative: NDArray[np.int64], level: float, confidence: float) -> tuple[Array, Array, Array]:
         """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins."""
         # as :meth:`precision_pin.statistics.Distribution.quantile`: linear between the order statistics at rank 1 + (N
         # - 1) p, each placed in its bin by its rank
@@ -507,7 +497,7 @@ class PoseGroup:
         quantile = first + (position - below) * (second - first)
         return quantile.T, np.stack([end.T for end in ends], axis=1), (np.maximum(upper, second_upper) - lower).T
 
-    def _order_statistic(self, cumulative: Counts, rank: int) -> tuple[Array, Array, Array]:
+    def _order_statistic(self, cumulative: NDArray[np.int64], rank: int) -> tuple[Array, Array, Array]:
         """Return estimates of the rank-th smallest norms (from 1), ``(P, 2)``, and the edges of their bins."""
         if rank in (1, self.count):
             seen = self._lowest if rank == 1 else self._highest

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Final, Literal, final
 
 import numpy as np
@@ -28,10 +26,19 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel, origin_shares
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
-from precision_pin.sampling.blocks import PILOT, Work, check_samples, first_order_skewness, packages, planned, reach
+from precision_pin.sampling.blocks import (
+    PILOT,
+    Work,
+    check_samples,
+    first_order_skewness,
+    packages,
+    plan_by_pilot,
+    planned,
+    reach,
+)
 from precision_pin.sampling.journal import SAMPLES, Journal, check_saving, identity, opened
 from precision_pin.sampling.result import Correlated, MonteCarloResult, RelativeTo, Until
-from precision_pin.sampling.workers import Submitter, Workers, available_cores, chosen
+from precision_pin.sampling.workers import MOST_WORKERS, Submitter, Workers, available_cores, chosen, in_order
 from precision_pin.statistics import (
     QUANTITIES,
     Plan,
@@ -41,7 +48,6 @@ from precision_pin.statistics import (
     check_confidence,
     finish,
     observe,
-    quantity_values,
     start,
 )
 from precision_pin.statistics.plan import Specifications, listed_specifications
@@ -153,9 +159,7 @@ def monte_carlo(
         step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or do_nothing
         kept_in = None
         if journal is not None:
-            urdf = error_model.chain.robot.file
-            known = identity(work, at.posture, {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **(files or {})})
-            known["until"] = "; ".join(until)
+            known = {**identity(work, at.posture, files or {}), "until": "; ".join(until)}
             kept_in, state = stack.enter_context(
                 opened(journal, known, state, SAMPLES, resume=resume, tell=tell or do_nothing)
             )
@@ -213,7 +217,8 @@ def result_at(
     **found: Any,
 ) -> MonteCarloResult:
     """Return the result at a pose, completed from the model."""
-    chain, draws = error_model.chain, at.space.draws
+    chain, draws, names = error_model.chain, at.space.draws, layout.space.components
+    units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
     return MonteCarloResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
@@ -228,7 +233,9 @@ def result_at(
         sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
         correlations=Correlated.all_of(at.space),
         summary=summary,
-        makers=makers(layout, seed, summary),
+        makers={
+            unit: dict(zip(names, sampler.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units
+        },
         assumed=error_model.assumed,
         sources=len(error_model.sources),
         **found,
@@ -278,13 +285,6 @@ def _missed_target(text: str, found: Precision, samples: int) -> Finding:
     needed = found.needed(samples)
     about = "" if needed is None else f"; about {needed:,.3g} are needed"
     return Finding("warning", "W_UNTIL", f"{samples:,} samples do not reach the target {text}{about}")
-
-
-def makers(layout: SamplerArrays, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
-    """Return the parameters of the units with the largest errors."""
-    units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
-    names = layout.space.components
-    return {unit: dict(zip(names, sampler.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
 
 
 def model_at_pose(
@@ -344,42 +344,6 @@ def find_coarse_bins(summary: Summary) -> list[Finding]:
 # blocks merged in order and saved in a journal -----------------------------------------------------------------------
 
 
-def task_size(blocks: int, most: int) -> int:
-    """Return the blocks in a task: enough to keep a worker busy, few enough for regular progress."""
-    return min(most, max(1, blocks // 8))
-
-
-@final
-class Stream:
-    """Tasks submitted ahead of the awaited one, at most as many as the workers accept."""
-
-    def __init__(self, work: Work, workers: Workers, first_block: int, end_block: int, size: int) -> None:
-        self._work = work
-        self._workers = workers
-        self._size = size
-        self._next = first_block
-        self._end = end_block
-        self._futures: dict[int, Any] = {}
-
-    def result(self, block: int) -> Blocks:
-        """Wait for the task that begins with a block, the one after the previous task, and submit further tasks."""
-        self._forget_before(block)
-        while len(self._futures) < self._workers.most and self._next < self._end:
-            length = min(self._size, self._end - self._next)
-            self._futures[self._next] = self._workers.submit(self._work, self._next, length)
-            self._next += self._size
-        return self._workers.result(self._futures[block])
-
-    def result_under_way(self, block: int) -> Blocks | None:
-        """Wait for the task that begins with a block, None if not submitted; submit no further tasks."""
-        self._forget_before(block)
-        return self._workers.result(self._futures[block]) if block in self._futures else None
-
-    def _forget_before(self, block: int) -> None:
-        for known in [known for known in self._futures if known < block]:
-            del self._futures[known]
-
-
 @final
 class Sampling:
     """Run from a given state to the last sample."""
@@ -397,34 +361,40 @@ class Sampling:
         self, workers: Workers, blocks_in_a_task: int | None = None, enough: Callable[[State], bool] | None = None
     ) -> None:
         """Sample to the end, or to the first passed check, after 1, 2, 4, 8 … blocks whatever the workers."""
-        for end in self._check_blocks() if enough is not None else [self._work.blocks]:
-            if self._next_block() < end and self.state.count < self._work.samples:
+        blocks = self._work.blocks
+        checks = [] if enough is None else [2**k for k in range((blocks - 1).bit_length())]
+        for end in (*checks, blocks):
+            if self._next_block < end:
                 self._run_to(end, workers, blocks_in_a_task)
-            if enough is not None and self._next_block() == end and enough(self.state):
+            if enough is not None and self.state.count // BLOCK == end and enough(self.state):
                 break
         if self._journal is not None:
             self._journal.save(self.state)
 
-    def _check_blocks(self) -> list[int]:
-        blocks = self._work.blocks
-        return [*(2**k for k in range((blocks - 1).bit_length())), blocks]
-
     def _run_to(self, end: int, workers: Workers, blocks_in_a_task: int | None) -> None:
-        first = self._next_block()
-        size = blocks_in_a_task or task_size(end - first, workers.blocks_in_a_task)
-        stream = Stream(self._work, workers, first, end, size)
+        first = self._next_block
+        # tasks that keep a worker busy, yet enough of them for regular progress
+        size = blocks_in_a_task or min(workers.blocks_in_a_task, max(1, (end - first) // 8))
+        starts, under_way = iter(range(first, end, size)), dict[int, Any]()
         try:
-            while self._next_block() < end and self.state.count < self._work.samples:
-                found = stream.result(self._next_block())
-                self._add(found)
+            while self._next_block < end:
+                while len(under_way) < workers.most and (start := next(starts, None)) is not None:
+                    under_way[start] = workers.submit(self._work, start, min(size, end - start))
+                count = self._add_next(workers, under_way)
                 if self._journal is not None:
                     self._journal.save_if_due(self.state)
-                self._progress(found.count)
+                self._progress(count)
         except KeyboardInterrupt as interrupt:
             if self._journal is not None:
-                self._finish_running(stream)
+                # a running task that fails now fails again in the resumed run, which reports it
+                with suppress(Exception):
+                    while self._next_block in under_way:
+                        self._add_next(workers, under_way)
                 self._journal.save(self.state)
-                interrupt.add_note(self._saved_note(self._journal))
+                interrupt.add_note(
+                    f"the journal {self._journal.name} holds the first {self._journal.saved:,} of "
+                    f"{self._work.samples:,} samples"
+                )
             raise
         except OutputError:
             raise
@@ -433,28 +403,20 @@ class Sampling:
                 self._journal.save(self.state)
             raise
 
+    @property
     def _next_block(self) -> int:
-        return self.state.count // BLOCK
+        return -(-self.state.count // BLOCK)
 
-    def _add(self, found: Blocks) -> None:
+    def _add_next(self, workers: Workers, under_way: dict[int, Any]) -> int:
+        """Wait for the task that begins with the next block, add its samples, and return how many they are."""
+        block, begin = self._next_block, self.state.count
+        found: Blocks = workers.result(under_way[block])
         if self.errors is not None and found.errors is not None:
-            self.errors[:, self.state.count : self.state.count + found.count] = found.errors
+            self.errors[:, begin : begin + found.count] = found.errors
         self.state = found.add_to(self.state)
+        del under_way[block]
+        return found.count
 
-    def _finish_running(self, stream: Stream) -> None:
-        """Add the running tasks; one that fails now fails again in the resumed run, which reports it."""
-        with suppress(Exception):
-            while self.state.count < self._work.samples:
-                found = stream.result_under_way(self._next_block())
-                if found is None:
-                    return
-                self._add(found)
-
-    def _saved_note(self, journal: Journal[State]) -> str:
-        return f"the journal {journal.name} holds the first {journal.saved:,} of {self._work.samples:,} samples"
-
-
-MOST_THREADS: Final = 1024
 
 OnePose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 
@@ -516,26 +478,19 @@ def relative(
     known = check_items("findings", findings, Finding)
     check_flag("keep_samples", keep_samples)
     if threads is not None:
-        check_whole("threads", threads, 1, MOST_THREADS)
+        check_whole("threads", threads, 1, MOST_WORKERS)
     check_progress(progress)
     if keep_samples:
         check_kept(samples)
-    pair = _Pair(model_at_pose(error_model, pose), model_at_pose(error_model, other), model, int(seed))
-    plan = replace(pair.plan, specifications=listed)
+    ends = model_at_pose(error_model, pose), model_at_pose(error_model, other)
+    pair = _Pair(*ends, sampler.to_arrays(ends[0]), sampler.to_arrays(ends[1]), model, int(seed))
+    plan = pair.plan(listed)
     state, kept = start(plan), []
+    parts = (partial(pair.errors, first, min(BLOCK, int(samples) - first)) for first in range(0, int(samples), BLOCK))
     with ExitStack() as stack:
         step = stack.enter_context(progress_bar.progress(samples)) if progress is True else progress or do_nothing
-        workers = threads or available_cores()
-        pool = ThreadPoolExecutor(workers)
-        # after a failure or an interrupt the running blocks are awaited; each takes a fraction of a second
-        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
-        under_way: deque[Future[Array]] = deque()
-        firsts = iter(range(0, int(samples), BLOCK))
         # blocks are added in order, so that the sums do not depend on the threads
-        while state.count < samples:
-            while len(under_way) < 2 * workers and (first := next(firsts, None)) is not None:
-                under_way.append(pool.submit(pair.errors, first, min(BLOCK, int(samples) - first)))
-            block = under_way.popleft().result()
+        for block in stack.enter_context(closing(in_order(parts, threads or available_cores()))):
             state = observe(plan, state, block)
             if keep_samples:
                 kept.append(block)
@@ -555,7 +510,7 @@ def relative(
     add(found)
     joints, approach = error_model.chain.joint_names, pair.other.posture.approach
     return result_at(
-        error_model, pair.at, pose, summary, pair.layouts[0], int(seed), model,
+        error_model, pair.at, pose, summary, pair.layout, int(seed), model,
         relative_to=RelativeTo(
             label, dict(zip(joints, map(float, pair.other.posture.q), strict=True)), written_approach(joints, approach)
         ),
@@ -571,71 +526,55 @@ def relative(
 class _Pair:
     at: PoseModel
     other: PoseModel
+    layout: SamplerArrays
+    other_layout: SamplerArrays
     model: Literal["exact", "linear"]
     seed: int
 
     @cached_property
-    def layouts(self) -> tuple[SamplerArrays, SamplerArrays]:
-        """The arrays of both for the sampler."""
-        return sampler.to_arrays(self.at), sampler.to_arrays(self.other)
-
-    @property
     def is_same_pose(self) -> bool:
         """Whether both poses have the same joint values, so that draws of pose scope are shared."""
         return bool((self.at.posture.q == self.other.posture.q).all())
 
+    @cached_property
+    def shared(self) -> NDArray[np.bool_]:
+        """Mask ``(d,)`` of the numbers that a robot shares between the poses."""
+        scopes = (Scope.UNIT, Scope.POSE) if self.is_same_pose else (Scope.UNIT,)
+        draws = self.at.space.draws
+        sizes = [draw.law.size for draw in draws]
+        return np.repeat(np.array([draw.scope in scopes for draw in draws], dtype=np.bool_), sizes)
+
     def errors(self, first: int, count: int) -> Array:
         """Return the relative errors ``(6, count)`` of robots ``first … first + count - 1``."""
         pose, visit = (0, 1) if self.is_same_pose else (1, 0)
-        here, there = self.layouts
-        result: Array = sampler.errors(here, self.model, self.seed, first, count)
-        result -= sampler.errors(there, self.model, self.seed, first, count, pose=pose, visit=visit)
+        result: Array = sampler.errors(self.layout, self.model, self.seed, first, count)
+        result -= sampler.errors(self.other_layout, self.model, self.seed, first, count, pose=pose, visit=visit)
         return result
 
     @property
     def covariance(self) -> Array:
         """First-order covariance of the relative error, ``(6, 6)``."""
-        covariance = self.at.space.block_covariance
-        mask = self._shared.astype(float)
+        covariance, mask = self.at.space.block_covariance, self.shared.astype(float)
         difference = self.at.jacobian - self.other.jacobian
         total: Array = covariance.scaled(mask).between(difference, difference)
         for at in (self.at, self.other):
             total = total + covariance.scaled(1.0 - mask).between(at.jacobian, at.jacobian)
         return total
 
-    @property
-    def _shared(self) -> NDArray[np.bool_]:
-        """Mask ``(d,)`` of the numbers that a robot shares between the poses."""
-        draws = self.at.space.draws
-        is_shared = np.array([draw.scope in self._shared_scopes for draw in draws], dtype=np.bool_)
-        return np.repeat(is_shared, [draw.law.size for draw in draws])
-
-    @property
-    def _shared_scopes(self) -> tuple[Scope, ...]:
-        return (Scope.UNIT, Scope.POSE) if self.is_same_pose else (Scope.UNIT,)
-
-    @property
-    def plan(self) -> Plan:
-        """Centres and bins, from the first robots of the seed."""
-        skewness = self._skewness()
-        try:
-            pilot = quantity_values(self.errors(0, PILOT))
-        except InputError:
-            # the run itself reports the invalid robot, if it gets that far
-            mean = self.at.error_at_means - self.other.error_at_means
-            return replace(Plan.from_moments(mean, self.covariance), skewness=skewness)
-        here, there = (at.tangent[1] for at in (self.at, self.other))
-        slopes = np.where(self._shared, np.abs(here - there), np.abs(here) + np.abs(there))
-        plan = Plan.from_pilot(pilot, reach(self.at, self.layouts[0], slopes))
-        return replace(plan, skewness=skewness)
-
-    def _skewness(self) -> Array:
-        """Return the skewness of the quantities; draws that are not shared count at either pose."""
-        space, shared = self.at.space, self._shared
-        here, there = (at.tangent[1] for at in (self.at, self.other))
-        columns = np.where(shared, here - there, here)
-        own = [draw for draw in space.draws if draw.scope not in self._shared_scopes]
-        return first_order_skewness((*space.draws, *own), np.hstack([columns, -there[:, ~shared]]))
+    def plan(self, specifications: tuple[Specification, ...]) -> Plan:
+        """Return centres and bins, from the first robots of the seed."""
+        here, there, shared = self.at.tangent[1], self.other.tangent[1], self.shared
+        space = self.at.space
+        own = [draw for draw, rows in zip(space.draws, space.slices, strict=True) if not shared[rows].any()]
+        # draws that are not shared count at either pose
+        columns = np.hstack([np.where(shared, here - there, here), -there[:, ~shared]])
+        return plan_by_pilot(
+            lambda: self.errors(0, PILOT),
+            (self.at.error_at_means - self.other.error_at_means, self.covariance),
+            reach(self.at, self.layout, np.where(shared, np.abs(here - there), np.abs(here) + np.abs(there))),
+            first_order_skewness((*space.draws, *own), columns),
+            specifications,
+        )
 
 
 def _named(findings: Sequence[Finding], label: str) -> list[Finding]:

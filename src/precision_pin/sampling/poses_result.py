@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_name, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, UnknownNameError, visible
+from precision_pin.base.errors import Finding
 from precision_pin.base.record import Keys, Record
 from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
@@ -21,7 +21,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import grounds_at_each
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
-from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels, symbol
+from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.statistics import (
     COMPONENTS,
@@ -108,8 +108,7 @@ class PosesSpecification(Record):
     @property
     def _everywhere(self) -> dict[str, Any]:
         of_all = self.everywhere
-        entry = of_all and {"probability": of_all.probability, "interval": of_all.interval, "met": of_all.met}
-        return {"everywhere": entry} if entry else {}
+        return {"everywhere": of_all.encoded(("probability", "interval", "met"))} if of_all else {}
 
     @property
     def _worst_label(self) -> str:
@@ -120,10 +119,7 @@ class PosesSpecification(Record):
         return [
             {
                 "name": label,
-                "probability": result.probability,
-                "interval": result.interval,
-                "met": result.met,
-                "verdict": result.verdict,
+                **result.encoded(("probability", "interval", "met", "verdict")),
                 "judged": not result.grounds.not_judged,
             }
             for label, result in zip(self.labels, self.results, strict=True)
@@ -297,26 +293,8 @@ class PosesResult(Record, JsonResult):
         Raises:
             UnknownNameError: Another quantity.
         """
-        names = ("position", "attitude")
-        if quantity not in names:
-            raise UnknownNameError("quantity", quantity, names)
-        norm, written = names.index(quantity), f"{quantity}.norm"
-        judged = self.specification_results
         # late: matplotlib takes half a second to import
-        figures = import_module("precision_pin.sampling.figures")
-        shown = figures.ErrorAtPoses(
-            written,
-            title=f"{symbol(written)} of {visible(self.robot, 60)} at {self.poses:,} poses",
-            caption=f"N = {self.samples:,} at each pose, seed {self.seed}; bars: {100 * self.confidence:g} % intervals",
-            labels=pose_labels(self.names),
-            largest=float(self.norm_max[norm].max()),
-            quantiles={
-                level: (self.quantile_interval[rank, norm], self.quantile[rank, norm])
-                for rank, level in enumerate(LEVELS)
-            },
-            specifications=[(of.verdict, of.results) for of in judged if of.results[0].quantity.startswith(quantity)],
-        )
-        return figures.plot_poses(shown, axes)
+        return import_module("precision_pin.sampling.figures").plot_poses(self, quantity, axes)
 
     def between(self, one: int, other: int) -> Array:
         """Return the covariance ``(6, 6)`` between a robot's errors at two poses, from the tangent model.
